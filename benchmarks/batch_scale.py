@@ -21,10 +21,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from workbench.study.batch import Spread, chunk_sizes, on_this_computer, run_batch, run_chunk
 from workbench.study.cluster import spread_on
 from workbench.study.load import Study, load_study
-from workbench.study.store import place_for
+from workbench.study.store import Spread, chunk_sizes, on_this_computer, place_for, run_batch, run_chunk
 
 SCENARIO = """\
 format: 1

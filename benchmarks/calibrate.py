@@ -298,7 +298,7 @@ def _given_to_truth(row: Row, numbers: Mapping[str, float]) -> float:
         hypothesis.probability
         for hypothesis in _ranked(row, numbers)
         if hypothesis.verdict == word
-        and (word != "named" or effects in [set(names) for names in (hypothesis.effects, *hypothesis.non_identifiable)])
+        and (word != "named" or effects in [set(names) for names in (hypothesis.effects, *hypothesis.twins)])
     )
 
 

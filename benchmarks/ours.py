@@ -9,11 +9,10 @@ import numpy as np
 from workbench.control import PiSettings
 from workbench.core.run import Run
 from workbench.identify.fit import Fit, fit
-from workbench.identify.models import SpeedModel
-from workbench.identify.parameters import free_parameters
+from workbench.identify.model import SpeedModel, free_parameters
 from workbench.machines import DRIVES, default_hoist
 from workbench.machines.multibody import Driven, move
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
 from workbench.simulate.replay import simulate_replays
 
@@ -27,12 +26,12 @@ def log_of(case: Replay) -> Run:
     return Run("benchmark", case.time_s, signals, PAYLOAD_KG, HEIGHT_M)
 
 
-def read(case: Replay) -> Bench:
+def read(case: Replay) -> InverseSimulation:
     """The log made ready, as after reading a campaign; not part of a replay's time."""
-    return Bench(default_hoist(), [log_of(case)])
+    return InverseSimulation(default_hoist(), [log_of(case)])
 
 
-def replay(bench: Bench) -> Floats:
+def replay(bench: InverseSimulation) -> Floats:
     """Motor speed at the log's samples, rad/s."""
     states = simulate_replays(bench.machine, bench)[0]
     return np.asarray(states[:, len(bench.plant.positions)])
@@ -73,6 +72,6 @@ def speed_of(result: LoopResult) -> Floats:
     return result.run["speed_motor_rad_s"]
 
 
-def friction_fit(bench: Bench) -> Fit:
+def friction_fit(bench: InverseSimulation) -> Fit:
     """The guide's two levels and its slope, by output error of the motor speed."""
     return fit(SpeedModel(bench), free_parameters(bench.machine, bench.runs, list(FITTED)))

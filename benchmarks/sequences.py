@@ -256,11 +256,12 @@ def main() -> None:
     parser.add_argument("--machines", type=int, default=40)
     parser.add_argument("--cycles", type=int, default=CYCLES)
     parser.add_argument("--healthy", type=int, default=0, help="machines without a fault, beside them")
+    parser.add_argument("--first-seed", type=int, default=0, help="of the machines; of the healthy ones 1000 more")
     parser.add_argument("--keep", type=Path, help="file for the cycles; read where it is there")
     given = parser.parse_args()
     machines: list[Watched] = pickle.loads(given.keep.read_bytes()) if given.keep and given.keep.exists() else []
-    wanted = [("hoist" if i % 2 else "axis", i, 2 + (i // 2) % 2) for i in range(given.machines)]
-    wanted += [("hoist" if i % 2 else "axis", 1000 + i, 0) for i in range(given.healthy)]
+    wanted = [("hoist" if i % 2 else "axis", given.first_seed + i, 2 + (i // 2) % 2) for i in range(given.machines)]
+    wanted += [("hoist" if i % 2 else "axis", given.first_seed + 1000 + i, 0) for i in range(given.healthy)]
     for kind, seed, count in wanted[len(machines) :]:
         machines.append(simulated(kind, seed, given.cycles, count))
         if given.keep:

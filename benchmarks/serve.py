@@ -176,7 +176,7 @@ except OSError:
 def on_time(machine: Hoist, seconds: float) -> dict[str, Any]:
     """A status after so long at 1 kHz with a client in another process; peak memory of this one before and after."""
     with Served(machine, priority=True, watchdog_s=0.5) as served:
-        words = [sys.executable, "-c", _ECHO, str(served.port), str(served.session.plant.hold_nm)]
+        words = [sys.executable, "-c", _ECHO, str(served.port), str(served.session.plant.hold)]
         client = subprocess.Popen(words)
         time.sleep(2.0)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

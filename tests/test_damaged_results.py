@@ -19,11 +19,11 @@ from workbench.core.yaml_strict import readable_file
 from workbench.identify import identify as module
 from workbench.logs import Campaign
 from workbench.machines import default_hoist
-from workbench.reports.replay.report import _percent
-from workbench.study.findings import alarm, sentences, utilisation
+from workbench.study.conclude import alarm, sentences, utilisation
 from workbench.study.load import load_study
 from workbench.study.rows import INDEX, Row, check_whole, read_manifest, read_rows
 from workbench.study.store import Part
+from workbench.view.replay import _percent
 
 
 def test_a_result_knows_its_own_bytes(tmp_path):
@@ -75,7 +75,7 @@ def test_a_fit_that_breaks_down_is_one_sentence(monkeypatch):
     def breaks(*_: object) -> None:
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    for name in ("Bench", "friction_levels", "BalanceModel"):
+    for name in ("InverseSimulation", "friction_levels", "BalanceModel"):
         monkeypatch.setattr(module, name, lambda *_: None)
     monkeypatch.setattr(module, "free_parameters", lambda *_: [])
     monkeypatch.setattr(module, "fit", breaks)
@@ -113,7 +113,10 @@ def hunting(swings: float) -> Row:
 
 
 def test_a_loop_that_hunts_below_its_limits_is_pointed_out_where_runs_are_judged():
-    assert any("50 times a second of motion: the loop hunts" in said for said in sentences([hunting(350.0)], 1000.0))
+    assert any(
+        "The loop hunts" in said and "50 times a second of motion" in said
+        for said in sentences([hunting(350.0)], 1000.0)
+    )
     assert not any("hunts" in said for said in sentences([hunting(14.0)], 1000.0))
     lights = {use.what: use.light for use in utilisation([hunting(350.0)], default_hoist())}
     assert lights["torque swings"] == "red"

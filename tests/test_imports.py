@@ -27,7 +27,6 @@ LAYERS = [
     ("identify", "analysis"),
     ("study",),
     ("export", "testing", "serve"),
-    ("consequences",),
     ("diagnose",),
     ("blind", "watch"),
     ("view",),

@@ -20,8 +20,6 @@ from workbench.control import Events, PiSettings, Settings
 from workbench.core.errors import InputError, nearest
 from workbench.core.yaml_strict import Document
 from workbench.effects import check
-from workbench.face.loop import LoopAnalysis, given
-from workbench.face.tune import Tuning
 from workbench.identify.identify import Identification
 from workbench.identify.identify import identify as fit_machine
 from workbench.logs import Campaign
@@ -36,7 +34,6 @@ from workbench.references import (
     motor_speed_rad_s,
     plan_motion,
 )  # fmt: skip
-from workbench.reports.loop.case import loop_case
 from workbench.simulate.loop import NO_EVENTS, LoopCase, LoopResult, simulate_loop
 from workbench.simulate.lowpass import check_band
 from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
@@ -44,11 +41,12 @@ from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.study.compare import Comparison, why_unmatched
 from workbench.study.compare import compare as compare_rows
 from workbench.study.load import Study, changed, load_study, plan_study, read_standalone
+from workbench.study.loop_design import LoopAnalysis, Tuning, loop_case
 from workbench.study.rows import Row, read_rows
 from workbench.study.run import StudyResult, run_study
 
 if TYPE_CHECKING:
-    from workbench.diagnose.records import Diagnosis
+    from workbench.diagnose.diagnose import Diagnosis
 
 PathLike = str | os.PathLike[str]
 M = TypeVar("M", Hoist, LinearAxis, RotaryAxis)
@@ -247,7 +245,7 @@ def loop(
     free_length: stiffen the wire as its free length shortens.
     """
     Goal(ms_limit=ms_limit)
-    case = loop_case(machine, given(controller), payloads_kg, heights_m, scenario)
+    case = loop_case(machine, controller, payloads_kg, heights_m, scenario)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m, motion)
     effects = STIFFNESS_BY_LENGTH if free_length else NO_EFFECTS
     return LoopAnalysis(case, tuple(family(case.machine, case.settings, points, effects=effects)), ms_limit)
@@ -272,7 +270,7 @@ def tune(
     raise to stop. InputError, with the reason, for a goal out of reach.
     """
     goal = Goal(bandwidth_hz, ms_limit)
-    case = loop_case(machine, given(controller), payloads_kg, heights_m, scenario)
+    case = loop_case(machine, controller, payloads_kg, heights_m, scenario)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m)
     tuned = search_gains(case.machine, case.settings, points, case.trial(), goal, weights, tell=tell)
     return Tuning(case, weights, tuned)

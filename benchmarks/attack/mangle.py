@@ -241,9 +241,8 @@ def make_special(what: str, place: Path) -> None:
 @cache
 def finished_result() -> Path:
     """A small study's result, made once in a process and taken away at its end."""
-    from workbench.study.batch import run_batch
     from workbench.study.load import load_study
-    from workbench.study.store import place_for
+    from workbench.study.store import place_for, run_batch
 
     base = Path(tempfile.mkdtemp(prefix="attack-result-"))
     atexit.register(shutil.rmtree, base, ignore_errors=True)

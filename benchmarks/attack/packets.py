@@ -124,7 +124,7 @@ def attack(protocol: str, packets: int, seed: int) -> dict[str, Any]:
                 _send_tcp(served.port, data)
             if k % CHECKED_EVERY == CHECKED_EVERY - 1:
                 broken += _checked(served, limit)
-                session.set("reset", 1)
+                session.set({"reset": 1})
                 session.command(session.plant.hold)
         steps = session.counts["steps"]
         session.command(session.plant.hold)

@@ -183,8 +183,8 @@ def _upload(kind: str, content: bytes, folder: Path) -> Campaign:
 def _controller(content: bytes, folder: Path) -> Ended:
     """A controller's file, and the loop that it makes."""
     from workbench.analysis.family import family, operating_points
+    from workbench.control.settings import read_controller
     from workbench.machines import default_hoist
-    from workbench.reports.loop.case import read_controller
 
     (folder / "gains.yaml").write_bytes(content)
     settings = read_controller(folder / "gains.yaml")
@@ -194,10 +194,11 @@ def _controller(content: bytes, folder: Path) -> Ended:
 
 def _result(kind: str, content: bytes, folder: Path) -> Ended:
     """Report on a result with one file mangled, and compare it with the whole one. Of half, no hash is known."""
-    from workbench.reports.study import write_study_report
-    from workbench.study.compare import as_json, compare, judged, parse_limits, regressions
+    from workbench.study.compare import compare, judged, parse_limits, regressions
     from workbench.study.rows import read_rows
     from workbench.study.store import read_finished
+    from workbench.view.compare import as_json
+    from workbench.view.study import write_study_report
 
     whole, damaged = finished_result(), folder / "small"
     shutil.copytree(whole, damaged)

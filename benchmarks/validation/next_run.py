@@ -26,7 +26,7 @@ from workbench.diagnose.diagnose import chosen_effects
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search, SearchResult
 from workbench.diagnose.hypotheses.signatures import signatures_of
-from workbench.diagnose.isolation.isolability import isolability
+from workbench.diagnose.isolability import isolability
 from workbench.diagnose.isolation.planned import menu
 from workbench.logs import read_campaign
 from workbench.machines import kind_of

@@ -23,8 +23,8 @@ from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.effects import effects_for, of, sizes_of
 from workbench.machines import HOIST, Effects, Hoist, Memory, save_machine, with_correction
-from workbench.reports.loop.report import effect_sentences
 from workbench.symbolic.emit import evaluate
+from workbench.view.loop import effect_sentences
 
 POINT = OperatingPoint(4500.0, 10.0)
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
@@ -209,7 +209,7 @@ def test_the_loop_command_says_what_is_in_the_loop_and_what_is_not(tmp_path: Pat
 
 
 def _rule(machine: Hoist) -> PiSettings:
-    from workbench.reports.loop.case import usual_controller
+    from workbench.analysis.usual import usual_controller
 
     return usual_controller(machine)
 

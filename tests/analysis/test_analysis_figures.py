@@ -16,10 +16,19 @@ from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.loop import linear_loop
 from workbench.analysis.step import step_response
 from workbench.control import PiSettings
-from workbench.figures.loop import bode, gang_of_four, member_name, nyquist, steps
 from workbench.machines import with_values
-from workbench.reports.loop.case import LoopCaseFile
-from workbench.reports.loop.report import poles_in_s, sentences, table, write_loop
+from workbench.study.loop_design import DesignCase
+from workbench.view.loop import (
+    bode,
+    gang_of_four,
+    member_name,
+    nyquist,
+    poles_in_s,
+    sentences,
+    steps,
+    table,
+    write_loop,
+)
 
 MACHINE = with_values(ideal_hoist(), {"drive.speed_delay_s": 0.005, "drive.torque_lag_s": 0.004})
 SETTINGS = PiSettings(kp_nm_s_per_rad=40.0, ki_nm_per_rad=300.0, set_point_weight=0.8)
@@ -30,8 +39,8 @@ def members() -> list[Member]:
     return family(MACHINE, SETTINGS, operating_points(MACHINE, (0.0, 4500.0, 9000.0), (2.0, 20.0)))
 
 
-def case() -> LoopCaseFile:
-    return LoopCaseFile(MACHINE, SETTINGS, "of a test", (0.0, 4500.0, 9000.0), (2.0, 20.0), None)
+def case() -> DesignCase:
+    return DesignCase(MACHINE, SETTINGS, "of a test", (0.0, 4500.0, 9000.0), (2.0, 20.0), None)
 
 
 def lines(figure: Any, name: str) -> list[Any]:

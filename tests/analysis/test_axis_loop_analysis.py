@@ -21,8 +21,8 @@ from workbench.control import LinearCascade, RotaryCascade
 from workbench.core.errors import InputError
 from workbench.machines import with_values
 from workbench.references import Limits, Step, plan_motion
-from workbench.reports.loop.case import loop_case
-from workbench.reports.loop.report import as_json, sentences
+from workbench.study.loop_design import loop_case
+from workbench.view.loop import as_json, sentences
 
 POINT = OperatingPoint(0.0, 0.0)
 DT = 0.001
@@ -145,7 +145,7 @@ def test_the_controller_by_rule_is_stable_on_every_axis_with_a_sound_ms():
 
 
 def test_a_tuned_axis_has_the_bandwidth_asked_for_and_names_what_forbids_more():
-    case = loop_case(emps(), (CASCADE, "as given"), None, None, None)
+    case = loop_case(emps(), CASCADE, None, None, None)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m)
     tuned = tune(case.machine, case.settings, points, case.trial(), Goal(15.0))
     assert isinstance(tuned.winner.settings, LinearCascade)
@@ -176,7 +176,7 @@ def test_the_report_of_a_loop_speaks_the_axis_s_units():
     ("how", "problem"),
     [
         ({"payloads_kg": (100.0,)}, "carries no payload"),
-        ({"controller": (RotaryCascade(kp_nm_s_per_rad=1.0, ki_nm_per_rad=1.0), "as given")}, "kp_n_s_per_m"),
+        ({"controller": RotaryCascade(kp_nm_s_per_rad=1.0, ki_nm_per_rad=1.0)}, "kp_n_s_per_m"),
     ],
 )
 def test_what_an_axis_does_not_have_is_one_error(how: dict, problem: str):

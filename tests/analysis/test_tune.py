@@ -18,12 +18,12 @@ from workbench.analysis.step import load_step, step_response
 from workbench.analysis.tune import Goal, Score, Trial, Tuned, Weights, try_out, tune, usual_trial
 from workbench.cli import cli
 from workbench.control import Notch, PiSettings
+from workbench.control.settings import read_controller
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
 from workbench.machines import Hoist, save_machine, with_values
-from workbench.reports.loop.case import read_controller
-from workbench.reports.loop.tuning import controller_text, warning
 from workbench.study.scenario import Scenario
+from workbench.view.tune import controller_text, warning
 
 ROOT = Path(__file__).resolve().parents[2]
 BASE = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
@@ -293,7 +293,7 @@ def test_gains_for_an_ideal_drive_carry_a_warning_and_others_none(tmp_path: Path
 
 
 def test_a_scenario_gives_machine_controller_payloads_and_moves():
-    from workbench.reports.loop.case import load_case
+    from workbench.study.loop_design import load_case
 
     case = load_case(None, ROOT / "scenarios" / "payloads.yaml", None, None, None)
     assert case.payloads_kg == (0.0, 4500.0, 9000.0)
@@ -306,7 +306,7 @@ def test_a_scenario_gives_machine_controller_payloads_and_moves():
 
 
 def test_a_scenario_that_samples_its_machine_is_analysed_at_the_nominal_one():
-    from workbench.reports.loop.case import load_case
+    from workbench.study.loop_design import load_case
 
     case = load_case(None, ROOT / "scenarios" / "tolerances.yaml", None, None, None)
     assert case.machine.motor == ideal_hoist().motor

@@ -17,8 +17,8 @@ from workbench.analysis.usual import usual_controller
 from workbench.control import Events, PiSettings
 from workbench.core.errors import InputError
 from workbench.machines import with_values
-from workbench.reports.loop.case import loop_case
-from workbench.reports.loop.report import sentences
+from workbench.study.loop_design import loop_case
+from workbench.view.loop import sentences
 
 SLOW = {"drive.torque_lag_s": 0.004, "drive.speed_filter_s": 0.003, "drive.speed_delay_s": 0.002}
 MACHINE = with_values(ideal_hoist(), SLOW)

@@ -8,7 +8,7 @@ import pytest
 
 from workbench.analysis.tune import STEPS, TuneProgress
 from workbench.cli import progress
-from workbench.study.batch import Progress
+from workbench.study.store import Progress
 
 
 def test_lines_say_where_a_study_goes_on_and_how_fast_it_is(

@@ -21,10 +21,9 @@ import pytest
 
 from tests.support.batches import ROOT, RUNS, SCENARIO, environment
 from workbench.core.errors import InputError
-from workbench.study.batch import Progress, run_batch
 from workbench.study.cluster import OtherProgram, run_remote_chunk, spread_on, versions
 from workbench.study.load import Study, load_study
-from workbench.study.store import place_for
+from workbench.study.store import Progress, place_for, run_batch
 
 KEEPS_SIGNALS = f"""\
 {SCENARIO.replace("name: batch", "name: signals").replace(f"steps: {RUNS // 4}", "steps: 20")}

@@ -15,15 +15,15 @@ from tests.support.effect_machines import linear_axis
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import family, operating_points, weakest
 from workbench.analysis.tune import Goal
-from workbench.consequences import Consequences, as_json, consequences_of, consequences_table, small_study
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.figures.consequences import before_and_after
 from workbench.machines import Hoist, default_hoist, with_correction, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion, planned_kinds
 from workbench.simulate.loop import LoopCase, simulate_loop
+from workbench.study.consequences import Consequences, as_json, consequences_of, consequences_table, small_study
 from workbench.study.load import load_study
 from workbench.study.run import run_specs, run_study
+from workbench.view.consequences import before_and_after
 
 ROOT = Path(__file__).resolve().parents[2]
 INERTIA = 1.656  # kg m², drive and drum of the default machine at the motor shaft

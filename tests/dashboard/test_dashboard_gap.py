@@ -28,7 +28,7 @@ from workbench.dashboard.pages.gap import TAB
 from workbench.dashboard.server import SCRIPT
 from workbench.dashboard.work import VIEW, View, read_view, write_view
 from workbench.diagnose import diagnose as orchestration
-from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.diagnose import Diagnosis
 from workbench.effects import check
 from workbench.machines import load_machine
 
@@ -202,7 +202,7 @@ def test_the_answer_stands_first_and_each_tab_draws_its_own_figures_only(server,
 
 
 def test_the_figures_are_the_reports(server, monkeypatch, spring):
-    from workbench.reports.diagnosis.page import sections_of
+    from workbench.view.diagnosis import sections_of
 
     _, job = finished(server, monkeypatch, spring, "named")
     view, sections = read_view(View, job.file(VIEW)), sections_of(made_diagnosis_of("named"))

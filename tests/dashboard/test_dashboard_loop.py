@@ -14,13 +14,13 @@ from tests.support.dashboard_app import errors, figures, page
 from workbench.analysis.family import family, operating_points
 from workbench.analysis.loop import INPUTS, SHOWN
 from workbench.analysis.step import step_response
+from workbench.analysis.usual import usual_controller
 from workbench.control import PiSettings
 from workbench.dashboard.pages.loop import gain_steps, rule_settings
 from workbench.dashboard.pages.study_desk import usual_desk
 from workbench.dashboard.pages.study_form import desk_key
-from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four
 from workbench.machines import default_hoist, with_values
-from workbench.reports.loop.case import usual_controller
+from workbench.view.loop import HZ, RAD_S, bode, gang_of_four
 
 KP, KI, WEIGHT = "loop kp", "loop ki", "loop weight"
 KP_STEPS = gain_steps("kp", rule_settings(default_hoist()).kp)

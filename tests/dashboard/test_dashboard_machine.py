@@ -14,6 +14,7 @@ pytest.importorskip("streamlit")
 from tests.support.dashboard_app import errors, page
 from tests.support.log_campaign import AXIS, axis_columns, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
+from workbench.analysis.usual import usual_controller
 from workbench.core.run import Run
 from workbench.dashboard import campaigns
 from workbench.dashboard.pages import compare as kept
@@ -23,7 +24,6 @@ from workbench.figures.film import HEIGHT, VIRIDIS, film, film_data, look_of
 from workbench.figures.scene import Scene, scene_of
 from workbench.logs import read_campaign
 from workbench.machines import default_hoist
-from workbench.reports.loop.case import usual_controller
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.study.load import plan_study
 from workbench.study.run import run_study

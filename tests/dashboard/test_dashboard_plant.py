@@ -18,6 +18,7 @@ pytest.importorskip("streamlit")
 from benchmarks.serve import Client as UdpClient
 from benchmarks.serve import Served
 from tests.support.dashboard_app import errors, page
+from workbench.analysis.usual import usual_controller
 from workbench.core.errors import InputError
 from workbench.dashboard.pages.plant import WINDOWS
 from workbench.dashboard.plant import KEPT_S, PlantProcess
@@ -36,7 +37,6 @@ from workbench.figures.served import last_seconds, late_starts
 from workbench.machines import default_hoist
 from workbench.machines.files import machine_text
 from workbench.references import Limits, time_optimal
-from workbench.reports.loop.case import usual_controller
 from workbench.serve.plant import LivePlant
 from workbench.serve.serve import Wish
 from workbench.serve.session import Session
@@ -82,7 +82,7 @@ def test_the_built_in_client_holds_the_load_and_another_one_that_is_picked_up():
     session = new_session(clock)
     controller = Controller(HOIST, Wanted(PI))
     begun = driven(session, clock, controller, 1.0)[0]
-    session.set("payload_kg", 9000.0)
+    session.set({"payload_kg": 9000.0})
     (*_, last) = driven(session, clock, controller, 4.0)
     assert abs(last["speed_motor_rad_s"]) < 0.1
     assert height(last) == pytest.approx(height(begun), abs=0.05)
@@ -107,13 +107,13 @@ def test_the_built_in_client_begins_anew_after_the_brake_and_after_a_reset():
     session = new_session(clock)
     controller = Controller(HOIST, Wanted(PI))
     driven(session, clock, controller, 0.5)
-    session.set("brake_closed", 1)
+    session.set({"brake_closed": 1})
     stopped = driven(session, clock, controller, 0.5)[-1]
     assert stopped["is_brake_closed"]
-    session.set("brake_closed", 0)
+    session.set({"brake_closed": 0})
     freed = driven(session, clock, controller, 0.5)[-1]
     assert not freed["is_brake_closed"] and abs(freed["speed_motor_rad_s"]) < 0.2
-    session.set("reset", 1)
+    session.set({"reset": 1})
     again = driven(session, clock, controller, 0.2)
     assert again[0]["is_waiting"] and again[-1]["time_s"] == pytest.approx(0.2, abs=0.01)
     assert abs(again[-1]["speed_motor_rad_s"]) < 0.1
@@ -127,10 +127,10 @@ def test_who_commands_the_plant_himself_takes_it_from_the_built_in_client():
     session.command(400.0)
     with pytest.raises(OtherClientError):
         line.command(500.0)
-    assert session.torque_nm == 400.0
+    assert session.asked == 400.0
     line.release()
     line.command(300.0)
-    assert session.torque_nm == 300.0
+    assert session.asked == 300.0
 
 
 def test_rows_are_handed_out_once_and_begin_anew_after_a_reset():
@@ -138,7 +138,7 @@ def test_rows_are_handed_out_once_and_begin_anew_after_a_reset():
     session = new_session(clock)
     recorder = Recorder(OwnLine(session))
     line = OwnLine(session)
-    line.command(session.plant.hold_nm)
+    line.command(session.plant.hold)
     for _ in range(5):
         session.step()
         recorder.take(line.numbers())

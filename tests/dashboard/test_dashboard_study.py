@@ -36,12 +36,12 @@ from workbench.dashboard.pages.study_desk import (
     usual_desk,
 )
 from workbench.dashboard.server import OPTIONS, SCRIPT
-from workbench.figures.study import peak_torque_over_payload
 from workbench.machines import Hoist, default_hoist, with_values
 from workbench.metrics import find
 from workbench.study.load import load_study, plan_study, read_standalone, standalone_text
 from workbench.study.run import StudyResult, run_study
 from workbench.study.scenario import Scenario
+from workbench.view.study_figures import peak_torque_over_payload
 from workbench.view.style import GROUND, INK, for_dark
 
 KP, KI = "loop kp", "loop ki"

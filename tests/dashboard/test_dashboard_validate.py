@@ -17,11 +17,12 @@ from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_
 from tests.support.simulated_campaign import TRUTH, simulated_campaign
 from workbench.dashboard import campaigns, machines
 from workbench.dashboard.pages.validate import in_words
-from workbench.figures.identify import Estimate, estimates
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 from workbench.machines import Hoist
 from workbench.simulate.replay import replay_runs
+from workbench.view.identify import Shift as Estimate
+from workbench.view.identify import estimates
 
 BOX = "validate campaign"
 

@@ -14,12 +14,11 @@ from tests.support.log_campaign import AXIS, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.diagnose.readiness.checks import check_runs
-from workbench.diagnose.readiness.information import informative_band
-from workbench.diagnose.readiness.rigid import rigid_of
+from workbench.diagnose.readiness.checks import check_runs, rigid_of
+from workbench.diagnose.readiness.noise import informative_band
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import Hoist, with_values
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 
 RPM = 60.0 / (2.0 * math.pi)
@@ -270,7 +269,7 @@ def test_friction_that_follows_the_position_of_a_slow_run_is_no_wrong_sign(axis:
         return replace(first, name=name, signals={"position_m": position, "force_n": flipped * force})
 
     slow = replace(axis, runs=(run("quick", 0.0), run("slow", 0.015)))
-    bench = Bench(slow.machine, slow.runs)
+    bench = InverseSimulation(slow.machine, slow.runs)
     quick, bent = (rigid_of(bench, j) for j in range(2))
     assert quick.inertia == pytest.approx(1.0, abs=0.1) and bent.inertia is None
     check_runs(slow)
@@ -289,10 +288,10 @@ def test_the_band_of_an_axis_ends_where_its_motion_is_not_the_inputs_work(axis: 
         replace(run, signals={"position_m": run["position_m"] + moved, "force_n": run["force_n"] + mass * shaken})
         for mass in (95.1089, 0.0)
     )
-    whole = informative_band(Bench(axis.machine, [by_drive]), 0)
+    whole = informative_band(InverseSimulation(axis.machine, [by_drive]), 0)
     assert whole > 60.0
-    assert 20.0 < informative_band(Bench(axis.machine, [by_itself]), 0) < 33.0
+    assert 20.0 < informative_band(InverseSimulation(axis.machine, [by_itself]), 0) < 33.0
     light = replace(by_drive, signals={**by_drive.signals, "force_n": 0.5 * by_drive["force_n"]})
     late = replace(by_drive, signals={**by_drive.signals, "force_n": np.roll(by_drive["force_n"], 5)})
     for run_of_gap in (light, late):  # a gap is no reason to look away
-        assert informative_band(Bench(axis.machine, [run_of_gap]), 0) == pytest.approx(whole, rel=0.3)
+        assert informative_band(InverseSimulation(axis.machine, [run_of_gap]), 0) == pytest.approx(whole, rel=0.3)

@@ -13,18 +13,16 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.made_diagnosis import KINDS, VISCOUS, made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
-from workbench.cli.diagnose_show import show
 from workbench.cli.progress import stages as shown
+from workbench.cli.show import print_sections
 from workbench.core.errors import InputError
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import check, forget_users
 from workbench.machines import default_hoist, load_machine
-from workbench.reports.diagnosis.hypotheses import candidates_table
-from workbench.reports.diagnosis.progress import progress_words
+from workbench.view.diagnosis import brief_sections, candidates_table, progress_words
 
 OWN_EFFECT = '''\
 from workbench.effects import Parameter, effect
-from workbench.reports.diagnosis.progress import progress_words
 
 
 @effect(
@@ -211,7 +209,7 @@ def test_a_terminal_gets_a_bar_that_is_gone_at_the_end(
 
 
 def test_the_terminal_shows_the_set_that_is_alike_and_the_run_that_decides(capsys: pytest.CaptureFixture[str]):
-    show(made_diagnosis("pair", with_consequences=True), None)
+    print_sections(brief_sections(made_diagnosis("pair", with_consequences=True)))
     said = " ".join(capsys.readouterr().out.split())
     assert "These runs cannot tell it from carriage_mass_error" in said
     assert "A slow run tells friction_viscous from carriage_mass_error." in said
@@ -221,14 +219,14 @@ def test_the_terminal_shows_the_set_that_is_alike_and_the_run_that_decides(capsy
 
 
 def test_an_unknown_cause_is_said_to_be_a_measured_correction(capsys: pytest.CaptureFixture[str]):
-    show(made_diagnosis("unknown"), Path("out"))
+    print_sections(brief_sections(made_diagnosis("unknown")))
     said = " ".join(capsys.readouterr().out.split())
     assert "over the height of the carriage, as `measured_correction`" in said
     assert "no explanation" in said
 
 
 def test_the_terminal_says_why_a_cause_is_unknown(capsys: pytest.CaptureFixture[str]):
-    show(made_diagnosis("unknown"), None)
+    print_sections(brief_sections(made_diagnosis("unknown")))
     said = " ".join(capsys.readouterr().out.split())
     assert "- An unlisted effect explains more: friction_step. Weigh it among the candidates." in said
     assert "- The best hypothesis leaves 3.6 N m, 0.8 % of the input, beyond noise and what a model may miss." in said
@@ -236,7 +234,7 @@ def test_the_terminal_says_why_a_cause_is_unknown(capsys: pytest.CaptureFixture[
 
 def test_without_a_gap_the_terminal_claims_no_shrink_and_no_share_of_it(capsys: pytest.CaptureFixture[str]):
     d = made_diagnosis("no_gap")
-    show(d, None)
+    print_sections(brief_sections(d))
     said = " ".join(capsys.readouterr().out.split())
     assert "Nothing to shrink: on held-out runs" in said
     assert "factor" not in said

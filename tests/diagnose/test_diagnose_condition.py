@@ -13,10 +13,16 @@ from tests.identify.test_emps import RUNS as EMPS_RUNS
 from tests.support.simulated_campaign import SPEED_NOISE_RAD_S, TORQUE_NOISE_NM, simulated_campaign
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem, rms
-from workbench.diagnose.readiness.channel_noise import channel_noise, jitter_s, resolution, white_noise
-from workbench.diagnose.readiness.condition import clipped_share, condition, outliers
-from workbench.diagnose.readiness.lateness import lateness
-from workbench.diagnose.readiness.motion_noise import motion_noise, noises_of, noisier
+from workbench.diagnose.readiness.condition import clipped_share, condition, lateness, outliers
+from workbench.diagnose.readiness.noise import (
+    channel_noise,
+    jitter_s,
+    motion_noise,
+    noises_of,
+    noisier,
+    resolution,
+    white_noise,
+)
 from workbench.logs import Campaign, read_campaign
 
 EMPS = """\

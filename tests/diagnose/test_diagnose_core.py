@@ -37,7 +37,7 @@ from workbench.diagnose.hypotheses.settings import NOISE_KNOWN
 from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, loudest, signatures_of, start_of
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import noise_rms
 
 TURN = 2.0 * math.pi
@@ -312,8 +312,8 @@ def test_what_an_axis_noise_may_hide_speaks_for_no_cause(axis: Problem):
 def signature_by_file(problem: Problem, effect: Effect, values: dict[str, float]) -> Array:
     """What the prediction gains by the effect, through machine.yaml and the plain balance."""
     machine = problem.machine
-    worn = Bench(machine, problem.runs, problem.band_hz, active=of(machine, {effect.id: values})).balances()
-    bare = Bench(machine, problem.runs, problem.band_hz).balances()
+    worn = InverseSimulation(machine, problem.runs, problem.band_hz, active=of(machine, {effect.id: values})).balances()
+    bare = InverseSimulation(machine, problem.runs, problem.band_hz).balances()
     return np.concatenate(
         [(a.predicted - b.predicted)[rows] for a, b, rows in zip(worn, bare, problem.rows, strict=True)]
     )

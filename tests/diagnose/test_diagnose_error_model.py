@@ -85,7 +85,7 @@ def test_the_discrepancy_of_a_hoist_grows_with_the_torque_and_near_standstill(pr
     d = np.hypot(*model_error_of(problem.bench, problem.rows))
     speed = np.concatenate([np.abs(m.speed[r]) for m, r in zip(problem.bench.motions, problem.rows, strict=True)])
     torque = np.concatenate([np.abs(u[r]) for u, r in zip(problem.bench.measured, problem.rows, strict=True)])
-    assert np.all(d >= kind_of(problem.machine).discrepancy.load * torque - 1e-9)
+    assert np.all(d >= kind_of(problem.machine).model_error.load * torque - 1e-9)
     slow, fast = speed < 0.02 * problem.bench.scale, speed > 0.5 * problem.bench.scale
     if np.any(slow) and np.any(fast):
         assert np.mean(d[slow]) > np.mean(d[fast])

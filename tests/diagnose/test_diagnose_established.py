@@ -13,12 +13,12 @@ from tests.diagnose.test_diagnose_where import EMPS_RUNS
 from tests.support.searched_campaign import simulated_search
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import diagnose
+from workbench.diagnose.gap import delivered_of
 from workbench.diagnose.hypotheses.fit import fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.location.gap import delivered_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.verdict.answer import Hypothesis, shared
 from workbench.diagnose.verdict.constancy import constancies

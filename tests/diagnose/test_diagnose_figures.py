@@ -10,9 +10,20 @@ import pytest
 
 from tests.support.made_diagnosis import made_diagnosis
 from workbench.diagnose.unexplained.records import Curve
-from workbench.figures.diagnose_time import RunSeries, inputs, residuals, speeds
-from workbench.figures.diagnose_verdict import ALL, COLOURS, isolability, ranking, shrink_bars
-from workbench.figures.diagnose_where import curves, profiles, worth_a_panel
+from workbench.view.diagnosis_figures import (
+    ALL,
+    COLOURS,
+    RunSeries,
+    curves,
+    inputs,
+    isolability,
+    profiles,
+    ranking,
+    residuals,
+    shrink_bars,
+    speeds,
+    worth_a_panel,
+)
 from workbench.view.style import AFTER, BEFORE, LINES, REST, WINDOW
 
 WAYS = ("hoisting", "lowering")

@@ -10,8 +10,8 @@ import pytest
 from tests.support.searched_campaign import simulated_search
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection
-from workbench.diagnose.isolation.isolability import angle_between, groups, isolability, separations, smallest_amount
-from workbench.diagnose.isolation.isolability import best_signatures as signatures
+from workbench.diagnose.isolability import angle_between, groups, isolability, separations, smallest_amount
+from workbench.diagnose.isolability import best_signatures as signatures
 
 TRIED = (
     "torque_offset", "carriage_mass_error", "friction_viscous", "friction_viscous_asymmetric",

@@ -17,18 +17,16 @@ from tests.support.effect_machines import linear_axis, rotary_axis
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.diagnose.diagnose import diagnose
+from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.hypotheses import search
 from workbench.diagnose.hypotheses.free_parameters import Estimate, FreeParameter
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Signature, start_of
-from workbench.diagnose.readiness.checks import check_runs
-from workbench.diagnose.readiness.rigid import Rigid, as_well_shown
-from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.readiness.checks import Rigid, as_well_shown, check_runs
 from workbench.effects import Effect, effects_for, find, forget_users, load_effects, ranges_of
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, default_hoist, with_values
-from workbench.reports.diagnosis.as_json import to_json
+from workbench.view.diagnosis_json import to_json
 
 Values = Mapping[str, float]
 LOAD_N = 20.0  # constant, of the linear axis: what load-dependent friction and gear losses grow with
@@ -238,7 +236,7 @@ def test_a_third_cause_is_found_by_going_on_from_two():
     campaign = Campaign("made", Path("made"), nominal("hoist"), runs)
     d = diagnose(campaign, candidates=asked, most_effects=3, study=False)
     assert set(d.verdict.effects) == {*truth, "torque_scale"}, d.verdict.sentence
-    merits = [step.evidence for step in d.verdict.steps]
+    merits = [step.merit for step in d.verdict.steps]
     assert len(merits) == 3 and merits == sorted(merits)
 
 
@@ -265,7 +263,7 @@ def test_the_same_seed_gives_the_same_answer_to_the_last_digit():
 
 OWN = '''
 from workbench.effects import Parameter, effect
-from workbench.symbolic.expr import absolute, sqrt, where
+from workbench.trace.expr import absolute, sqrt, where
 
 @effect(
     place={"axis": "axis_force"}, subsystem="axis", regime="position",

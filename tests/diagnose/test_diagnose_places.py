@@ -13,12 +13,8 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.location.events import pulses_of
-from workbench.diagnose.location.evidence import Weigher
-from workbench.diagnose.location.loop import loop_of
-from workbench.diagnose.location.places import Placed, weighed
-from workbench.diagnose.location.recurrence import comes_back
-from workbench.diagnose.location.survey import Course, Survey, at_rows, survey_of
+from workbench.diagnose.location.places import Placed, Weigher, comes_back, pulses_of, weighed
+from workbench.diagnose.location.survey import Course, Survey, at_rows, loop_of, survey_of
 from workbench.logs import read_campaign
 
 
@@ -88,16 +84,16 @@ def test_a_force_is_given_to_the_part_it_acts_on(even: Survey, name: str):
 
 @pytest.fixture(scope="module")
 def struck(even: Survey) -> Placed:
-    """A blow of 1.5 s in the third run."""
+    """An impact of 1.5 s in the third run."""
     return weighed(with_force(even, lambda c: pulse_at(c, begin_of(even), 1.5) * (c is even.runs[2]), 1.5))
 
 
 def begin_of(survey: Survey) -> float:
-    """Of the blow: in the middle of what the third run shows in motion."""
+    """Of the impact: in the middle of what the third run shows in motion."""
     return float(np.median(survey.runs[2].at))
 
 
-def test_a_blow_in_one_run_is_an_event_at_its_time(even: Survey, struck: Placed):
+def test_an_impact_in_one_run_is_an_event_at_its_time(even: Survey, struck: Placed):
     assert struck.port.regime == "event"
     begins = begin_of(even)
     (pulse,) = struck.pulses
@@ -105,7 +101,7 @@ def test_a_blow_in_one_run_is_an_event_at_its_time(even: Survey, struck: Placed)
     assert begins - 1.0 < pulse.from_s < begins + 0.6 < begins + 0.9 < pulse.to_s < begins + 2.5
 
 
-def test_motor_signals_alone_do_not_say_what_a_blow_struck(struck: Placed):
+def test_motor_signals_alone_do_not_say_what_an_impact_struck(struck: Placed):
     assert struck.places[0].probability < 0.6
     assert len(struck.places) > 3
 
@@ -117,7 +113,7 @@ def test_noise_has_no_events(even: Survey):
     assert pulses is None or pulses.evidence.log - pulses.choices < weigher.nothing()
 
 
-def test_a_blow_at_every_start_is_no_event(even: Survey):
+def test_an_impact_at_every_start_is_no_event(even: Survey):
     assert weighed(with_force(even, FORCES["a brake"][2])).pulses == ()
 
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.emps_campaign import RUNS
-from workbench.diagnose.diagnose import diagnose
-from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.verdict.answer import Reason, ReasonKind
 from workbench.logs import read_campaign
 

@@ -19,21 +19,20 @@ from tests.support.effect_machines import rotary_axis
 from tests.support.made_diagnosis import KINDS, made_diagnosis
 from workbench.cli.campaign import chosen_candidates
 from workbench.core.errors import InputError
+from workbench.core.record import LogTraits
+from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.free_parameters import Estimate
-from workbench.diagnose.location.records import Window
-from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.location.where import Window
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Verdict
 from workbench.effects import check
 from workbench.effects.declare import SUBSYSTEMS
 from workbench.figures.place import for_dark_ground, marked_machine
 from workbench.machines import load_machine
-from workbench.reports.diagnosis import hypotheses, words
-from workbench.reports.diagnosis import page as diagnosis_page
-from workbench.reports.diagnosis import tables as report
-from workbench.reports.diagnosis.as_json import probabilities, to_json
-from workbench.reports.diagnosis.page import save_diagnosis_page, write_diagnosis
-from workbench.reports.diagnosis.series import own_values, series_of
-from workbench.simulate.driven import Bench, pooled_rms
+from workbench.simulate.driven import InverseSimulation, pooled_rms
+from workbench.view import diagnosis, diagnosis_figures
+from workbench.view.diagnosis import save_diagnosis_page, write_diagnosis
+from workbench.view.diagnosis_figures import series_of
+from workbench.view.diagnosis_json import probabilities, to_json
 
 FIXED = [
     "format", "campaign", "verdict", "effects", "ranking", "alike", "next_run", "where", "parameters",
@@ -172,7 +171,7 @@ def test_a_page_that_cannot_be_written_takes_the_numbers_with_it(tmp_path: Path,
         path.write_text("half a page")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(diagnosis_page, "save_diagnosis_page", interrupted)
+    monkeypatch.setattr(diagnosis, "save_diagnosis_page", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_diagnosis(lambda: made_diagnosis("named"), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
@@ -202,7 +201,7 @@ def test_the_page_says_the_answer_first_and_then_each_step(kind: str, tmp_path: 
     ]  # fmt: skip
     places = [page.index(step) for step in steps]
     assert places == sorted(places)
-    assert words.probability_sentence(d) in page
+    assert diagnosis.probability_sentence(d) in page
     assert ("measured_correction" in page) == (kind == "unknown")
     read = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert not re.search(r"\b(nan|inf|None)\b", read)
@@ -217,7 +216,7 @@ def test_the_page_shows_what_changes_in_the_control_study(tmp_path: Path):
 
 
 def test_a_candidate_that_broke_down_is_a_row_with_its_reason():
-    row = next(row for row in hypotheses.candidates_table(made_diagnosis("named")).rows if row[0] == "backlash")
+    row = next(row for row in diagnosis.candidates_table(made_diagnosis("named")).rows if row[0] == "backlash")
     assert row[-1] == "its fit broke down: ValueError: the step size fell to zero"
     assert row[1:6] == ["–"] * 5
 
@@ -232,7 +231,7 @@ def test_a_candidate_that_broke_down_is_a_row_with_its_reason():
 )
 def test_a_probability_says_what_it_means(p: float, said: str):
     d = with_verdict(made_diagnosis("named"), ranking=(Hypothesis("named", ("friction_viscous",), p),))
-    assert words.probability_sentence(d) == f"That probability means: {said}the missing physics would be just this."
+    assert diagnosis.probability_sentence(d) == f"That probability means: {said}the missing physics would be just this."
 
 
 def test_the_verdicts_section_says_what_speaks_for_another_cause_and_for_an_unknown_one(tmp_path: Path):
@@ -244,15 +243,15 @@ def test_the_verdicts_section_says_what_speaks_for_another_cause_and_for_an_unkn
 
 def test_a_report_without_a_gap_has_no_before_and_after(tmp_path: Path):
     d = made_diagnosis("no_gap")
-    assert report.shrink_table(d).heads == ("held out", "residual N m", "times the noise")
+    assert diagnosis.shrink_table(d).heads == ("held out", "residual N m", "times the noise")
     page = page_of(d, tmp_path)
     assert not re.search(r"\bbefore\b|After:|Yellow", page[page.index("7. How far") :])
 
 
 def test_a_gap_that_is_none_is_not_said_to_shrink():
-    said = words.shrink_sentence(made_diagnosis("no_gap"))
+    said = diagnosis.shrink_sentence(made_diagnosis("no_gap"))
     assert said.startswith("Nothing to shrink")
-    assert "by a factor of" in words.shrink_sentence(made_diagnosis("named"))
+    assert "by a factor of" in diagnosis.shrink_sentence(made_diagnosis("named"))
 
 
 def test_series_hold_the_balance_before_and_after():
@@ -281,21 +280,22 @@ def test_of_many_runs_those_with_most_of_the_energy_are_drawn_in_the_campaigns_o
 
 
 def test_a_phase_of_each_run_is_in_that_runs_prediction():
-    """machine.yaml holds the first run's phase; the others are predicted with their own."""
+    """`log` of machine.yaml holds each run's phase, and predicts it with its own."""
     d, phases = made_diagnosis("named"), (0.3, 2.0, 4.5)
     wave = {"amplitude_m": 0.15, "frequency_rad_s": 0.8, "phase_rad": phases[0]}
-    corrected = d.campaign.machine.model_copy(update={"effects": {"heave": wave}})
+    own = {run.name: {"heave": {"phase_rad": phase}} for run, phase in zip(d.campaign.runs, phases, strict=True)}
+    update = {"effects": {"heave": wave}, "log": LogTraits(of_runs=own)}
+    corrected = d.campaign.machine.model_copy(update=update)
     estimates = (Estimate("amplitude_m", 0.15, 0.01), Estimate("phase_rad", phases, (0.1, 0.1, 0.1)))
     heave = Candidate(("heave",), 1.0, 1.0, 1.0, 1.0, 0.5, {"heave": estimates}, True)
     verdict = Verdict("named", ("heave",), (Hypothesis("named", ("heave",), 1.0),), (), "Heave.")
     d = dataclasses.replace(d, candidates=(heave,), verdict=verdict, corrected=corrected)
-    assert own_values(d) == {"heave__phase_rad": phases}
     for run, drawn, phase in zip(d.campaign.runs, series_of(d), phases, strict=True):
-        machine = corrected.model_copy(update={"effects": {"heave": {**wave, "phase_rad": phase}}})
-        alone = Bench(machine, [run], d.gap.band_hz).balances()[0]
+        machine = corrected.model_copy(update={"effects": {"heave": {**wave, "phase_rad": phase}}, "log": LogTraits()})
+        alone = InverseSimulation(machine, [run], d.gap.band_hz).balances()[0]
         assert drawn.after is not None
         np.testing.assert_allclose(drawn.after, alone.predicted, atol=0.02)
-    assert ["heave", "phase_rad, run half", "2.00", "0.10"] in hypotheses.parameters_table(d).rows
+    assert ["heave", "phase_rad, run half", "2.00", "0.10"] in diagnosis.parameters_table(d).rows
     assert to_json(d)["parameters"]["heave"]["phase_rad"]["value"] == [0.3, 2.0, 4.5]
 
 
@@ -318,7 +318,7 @@ def test_candidates_are_checked_by_name():
 def test_hypotheses_without_a_chance_share_one_bar():
     rows = [Hypothesis("named", ("heave",), 0.99), Hypothesis("unknown", (), 0.0099), Hypothesis("no_gap", (), 0.0)]
     rows += [Hypothesis("named", (name,), 2e-5) for name in ("torque_scale", "wire_mass", "torque_offset")]
-    shown = hypotheses.ranking_table(rows, 8)
+    shown = diagnosis.ranking_table(rows, 8)
     assert [name for _, name, _ in shown] == ["heave", "unknown cause", "torque_scale", "3 others together"]
     assert shown[-1][2] == pytest.approx(4e-5)
 
@@ -326,26 +326,26 @@ def test_hypotheses_without_a_chance_share_one_bar():
 def test_a_row_of_the_ranking_has_the_names_of_its_twins():
     d = made_diagnosis("named")
     first, *rest = d.verdict.ranking
-    twin = dataclasses.replace(first, non_identifiable=(("heave",),))
+    twin = dataclasses.replace(first, twins=(("heave",),))
     d = dataclasses.replace(d, verdict=dataclasses.replace(d.verdict, ranking=(twin, *rest)))
     assert to_json(d)["ranking"][0]["twins"] == [["heave"]]
-    assert hypotheses.ranking_table(d.verdict.ranking, 8)[0][1] == "friction_viscous or heave"
-    stated = {row[0]: row[1] for row in hypotheses.candidates_table(d).rows}
-    assert stated["heave"] == stated["friction_viscous"] == hypotheses.percent(first.probability)
+    assert diagnosis.ranking_table(d.verdict.ranking, 8)[0][1] == "friction_viscous or heave"
+    stated = {row[0]: row[1] for row in diagnosis.candidates_table(d).rows}
+    assert stated["heave"] == stated["friction_viscous"] == diagnosis_figures.percent(first.probability)
 
 
 def test_only_what_was_fitted_or_broke_down_is_in_the_table():
     d = made_diagnosis("named")
-    assert [row[0] for row in hypotheses.candidates_table(d).rows] == ["friction_viscous", "heave", "backlash"]
-    assert [row[0] for row in hypotheses.candidates_table(d, brief=True).rows] == ["friction_viscous", "heave"]
+    assert [row[0] for row in diagnosis.candidates_table(d).rows] == ["friction_viscous", "heave", "backlash"]
+    assert [row[0] for row in diagnosis.candidates_table(d, brief=True).rows] == ["friction_viscous", "heave"]
     assert [candidate["effects"] for candidate in to_json(d)["candidates"]][2] == ["friction_stribeck"]
 
 
 def test_the_next_run_is_a_row_with_its_signals():
-    assert report.next_run_table(made_diagnosis("pair")).rows == [
+    assert diagnosis.next_run_table(made_diagnosis("pair")).rows == [
         ["half speed, two reversals", "9000", "tension_dead_line_n", "1.3", "7.4"]
     ]
-    assert report.next_run_table(made_diagnosis("named")).rows == []
+    assert diagnosis.next_run_table(made_diagnosis("named")).rows == []
 
 
 def test_of_many_windows_the_longest_are_listed_in_order_of_time():
@@ -353,7 +353,7 @@ def test_of_many_windows_the_longest_are_listed_in_order_of_time():
     assert d.where is not None
     windows = [Window("half", float(k), k + (0.9 if k % 2 and k < 12 else 0.2)) for k in range(16)]
     d = dataclasses.replace(d, where=dataclasses.replace(d.where, windows=tuple(windows)))
-    row = next(row for row in report.where_table(d).rows if row[0] == "half")
+    row = next(row for row in diagnosis.where_table(d).rows if row[0] == "half")
     assert row[2] == "1.0 to 1.9, 3.0 to 3.9, 5.0 to 5.9, 7.0 to 7.9, 9.0 to 9.9, 11.0 to 11.9; 10 shorter ones"
     assert len(to_json(d)["where"]["windows"]) == 16
 
@@ -361,27 +361,27 @@ def test_of_many_windows_the_longest_are_listed_in_order_of_time():
 def test_a_name_less_likely_than_not_says_how_likely_any_name_is():
     rows = (Hypothesis("named", ("heave",), 0.3), Hypothesis("named", ("wire_mass",), 0.25))
     d = with_verdict(made_diagnosis("named"), effects=("heave",), ranking=(*rows, Hypothesis("no_gap", (), 0.45)))
-    assert words.probability_sentence(d).endswith("In about 55 some effect would be missing, this one or another.")
+    assert diagnosis.probability_sentence(d).endswith("In about 55 some effect would be missing, this one or another.")
 
 
 def test_a_gap_that_stays_is_said_to_stay():
     d = made_diagnosis("unknown")
     d = dataclasses.replace(d, shrink=dataclasses.replace(d.shrink, after=d.shrink.before, factor=1.0))
-    assert words.shrink_sentence(d).startswith("It does not shrink: ")
+    assert diagnosis.shrink_sentence(d).startswith("It does not shrink: ")
 
 
 @pytest.mark.parametrize("kind", ["named", "unknown", "no_gap"])
 def test_the_plain_summary_names_no_effect_by_its_key_and_gives_the_size(kind: str):
     d = made_diagnosis(kind)
-    said = " ".join(words.plain_summary(d))
+    said = " ".join(diagnosis.plain_summary(d))
     assert "_" not in said
-    assert words.figures(d.shrink.after if kind != "unknown" else d.shrink.before) in said
+    assert diagnosis.figures(d.shrink.after if kind != "unknown" else d.shrink.before) in said
 
 
 def test_the_plain_summary_says_what_looks_the_same_in_these_runs():
     d = with_verdict(made_diagnosis("named"), alike=("heave",))
-    assert "or what looks the same in these runs: " in words.plain_summary(d)[-1]
-    assert "looks the same" not in " ".join(words.plain_summary(with_verdict(d, alike=())))
+    assert "or what looks the same in these runs: " in diagnosis.plain_summary(d)[-1]
+    assert "looks the same" not in " ".join(diagnosis.plain_summary(with_verdict(d, alike=())))
 
 
 @pytest.mark.parametrize("subsystem", SUBSYSTEMS)

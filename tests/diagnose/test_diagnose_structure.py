@@ -56,15 +56,15 @@ def test_nothing_left_is_no_share(problem: Problem):
     assert repeated_share(problem, np.zeros(problem.samples)) == pytest.approx(0.0)
 
 
-def test_a_blow_is_sudden_and_noise_is_not(problem: Problem):
+def test_an_impact_is_sudden_and_noise_is_not(problem: Problem):
     noise = np.random.default_rng(1).normal(size=problem.samples)
-    blow = np.where(np.arange(problem.samples) == problem.samples // 3, 100.0, 0.0)
+    impact = np.where(np.arange(problem.samples) == problem.samples // 3, 100.0, 0.0)
     assert sudden_share(problem, noise) == 0.0
-    assert sudden_share(problem, noise + blow) > 0.8
+    assert sudden_share(problem, noise + impact) > 0.8
 
 
-def test_a_blow_near_standstill_is_friction_and_not_sudden():
-    """An axis forth and back: the same blow, once at full speed and once while it turns."""
+def test_an_impact_near_standstill_is_friction_and_not_sudden():
+    """An axis forth and back: the same impact, once at full speed and once while it turns."""
     speed = np.sin(np.linspace(0.0, 4.0 * np.pi, 1001))
     motion, rows = SimpleNamespace(speed=speed), np.arange(len(speed))
     axis: Any = SimpleNamespace(inputs=len(speed), rows=[rows], bench=SimpleNamespace(motions=[motion]))

@@ -22,7 +22,7 @@ from workbench.diagnose.unexplained.unknown import Explained, explain, explained
 from workbench.diagnose.unexplained.words import span
 from workbench.logs import read_campaign
 from workbench.machines import Hoist, LinearAxis, kind_of, load_machine, save_machine
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.replay import replay_runs
 
 FAN_NM_S2, STEP_N, STEP_AT_M = 0.00156, 2640.3, 7.043  # of the labels of campaigns 32 and 33
@@ -177,7 +177,7 @@ def test_the_stiff_machines_columns_are_what_the_driven_one_gains(
     linear = columns_of(problem, rides, variable, at, 1.0) @ np.concatenate([forward, backward])
     curve = replace(rail[2].curves[0], over=over, acts_on=acts_on, at=at, forward=forward, backward=backward)
     benches = [
-        Bench(machine, problem.runs, problem.band_hz).balances()
+        InverseSimulation(machine, problem.runs, problem.band_hz).balances()
         for machine in (problem.machine, with_table(problem.machine, curve))
     ]
     gained = np.concatenate(

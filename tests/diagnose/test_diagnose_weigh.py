@@ -18,7 +18,9 @@ from hypothesis import strategies as st
 from tests.support.fitted_runs import fitted_to, made_by, rms
 from tests.support.noisy_runs import hoist_runs
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.evidence import MOST, Score, cost, score_of
+from workbench.diagnose.diagnose import either, sentence_of
+from workbench.diagnose.gap import folds_of, shrink_of
+from workbench.diagnose.hypotheses.evidence import MOST, Score, Weighed, cost, score_of
 from workbench.diagnose.hypotheses.fit import Fitted, covariance, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     FreeParameter,
@@ -31,10 +33,8 @@ from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_payload, fo
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import calibration
-from workbench.diagnose.shrink import folds_of, shrink_of
 from workbench.diagnose.verdict.answer import Hypothesis, rank
-from workbench.diagnose.verdict.judge import Judged, Weighed, alike, alternatives, groups_of
-from workbench.diagnose.words import either, sentence_of
+from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of
 from workbench.effects import find, ranges_of
 from workbench.machines import default_hoist
 
@@ -287,7 +287,7 @@ def test_twins_have_one_probability_for_both_names():
     told = [(("a",), 40.0), (("b",), 40.0), (("c",), 38.0), (("a", "d"), 30.0)]
     apart = rank(told, NO_EVIDENCE, NUMBERS)
     first, *rest = rank(told, NO_EVIDENCE, NUMBERS, [[("a",), ("b",)]])
-    assert (first.effects, first.non_identifiable) == (("a",), (("b",),))
+    assert (first.effects, first.twins) == (("a",), (("b",),))
     assert first.probability == pytest.approx(2.0 * apart[0].probability)
     assert ("b",) not in [row.effects for row in rest]
     assert {row.effects: row.probability for row in apart if row.effects not in [("a",), ("b",)]} == pytest.approx(

@@ -18,7 +18,7 @@ from workbench.engine import kernels
 from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.machines import HOIST, PLANTS, Hoist, default_hoist, kind_of
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
-from workbench.simulate.driven import Bench, pooled_rms
+from workbench.simulate.driven import InverseSimulation, pooled_rms
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.plant_model import PlantModel
 from workbench.symbolic.emit import evaluate
@@ -358,7 +358,7 @@ def campaigns() -> dict[str, tuple[Hoist, Run]]:
 
 
 def residual_rms(machine: Hoist, run: Run) -> float:
-    (balance,) = Bench(machine, [run]).balances()
+    (balance,) = InverseSimulation(machine, [run]).balances()
     return pooled_rms([balance.residual[balance.inside]])
 
 

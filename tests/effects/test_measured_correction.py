@@ -32,7 +32,7 @@ from workbench.machines import (
     with_correction,
 )
 from workbench.machines.files import machine_text
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
 from workbench.simulate.plant_model import plant_model
 from workbench.simulate.replay import simulate_replays
@@ -244,7 +244,7 @@ def test_balance_and_replay_see_the_table_as_they_see_the_effect(campaign: Path)
     from workbench.logs import read_campaign
 
     runs = read_campaign(campaign).runs
-    benches = [Bench(machine, runs) for machine in (HOIST, viscous_effect(HOIST), viscous_table(HOIST, 33))]
+    benches = [InverseSimulation(machine, runs) for machine in (HOIST, viscous_effect(HOIST), viscous_table(HOIST, 33))]
     plain, effect, table = (np.concatenate([b.residual[b.moving] for b in bench.balances()]) for bench in benches)
     rms = [float(np.sqrt(np.mean(residual**2))) for residual in (plain, effect, table)]
     assert rms[0] > 3.0 * rms[1]

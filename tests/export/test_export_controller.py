@@ -16,12 +16,13 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.structured_text import Block, parsed
 from workbench.control import FeedForward, Notch, PiSettings
+from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
-from workbench.export.controller import controller_files, settings_text
 from workbench.export.controller_program import CHECKS, checked, program_of, record_of
-from workbench.export.controller_text import ST, c_of, expression
-from workbench.export.drives import DRIVES, RampLimits, drive_settings
+from workbench.export.controller_text import ST, c_of, controller_files, expression
+from workbench.export.drives import DRIVES, RampLimits, drive_settings, settings_text
 from workbench.export.fmu import host_compiler
+from workbench.export.model import model_of
 from workbench.machines import default_hoist, with_values
 from workbench.simulate.loop import torque_limit_nm
 
@@ -315,25 +316,25 @@ def test_an_expression_keeps_its_value_in_both_languages(line: str, c: str, text
 
 
 def test_siemens_takes_newton_metres_and_milliseconds_of_one_motor():
-    made = {s.number: s for s in drive_settings("siemens-s120", PLAIN, HOIST).settings}
-    assert made["p1460"].value == pytest.approx(KP / 2.0) and made["p1460"].unit == "Nms/rad"
-    assert made["p1462"].value == pytest.approx(1000.0 * KP / KI) and made["p1462"].unit == "ms"
-    assert made["p1520"].value == pytest.approx(480.0 * 1.6)
+    made = drive_settings("siemens-s120", PLAIN, HOIST)["parameters"]
+    assert made["p1460"]["value"] == pytest.approx(KP / 2.0) and made["p1460"]["unit"] == "Nms/rad"
+    assert made["p1462"]["value"] == pytest.approx(1000.0 * KP / KI) and made["p1462"]["unit"] == "ms"
+    assert made["p1520"]["value"] == pytest.approx(480.0 * 1.6)
 
 
 def test_abb_takes_parts_of_nominal_torque_per_part_of_nominal_speed():
     """10 % speed error on the drive's own scale gives the torque that kp gives in SI."""
-    made = {s.number: s for s in drive_settings("abb-acs880", PLAIN, HOIST).settings}
+    made = drive_settings("abb-acs880", PLAIN, HOIST)["parameters"]
     motor = HOIST.motor
-    of_drive = made["25.02"].value * 0.1 * motor.nominal_torque_nm
+    of_drive = made["25.02"]["value"] * 0.1 * motor.nominal_torque_nm
     assert of_drive == pytest.approx(KP / motor.count * 0.1 * motor.nominal_speed_rad_s)
-    assert made["25.03"].value == pytest.approx(KP / KI)
+    assert made["25.03"]["value"] == pytest.approx(KP / KI)
 
 
 def test_a_ramp_with_rounding_takes_as_long_as_the_jerk_limited_reference():
     """MM440's t = (P1130 + P1131)/2 + step/P1082 P1120 against v/a + a/j, for a step that reaches full acceleration."""
     ramp = RampLimits(0.7, 0.6, 0.8)
-    made = {s.number: s.value for s in drive_settings("siemens-s120", PLAIN, HOIST, ramp=ramp).settings}
+    made = {n: row["value"] for n, row in drive_settings("siemens-s120", PLAIN, HOIST, ramp=ramp)["parameters"].items()}
     step_rpm = ramp.speed_m_s / HOIST.lift_m_per_rad * 60.0 / (2.0 * math.pi)
     takes = 0.5 * (made["p1130"] + made["p1131"]) + step_rpm / made["p1082"] * made["p1120"]
     assert takes == pytest.approx(0.7 / 0.6 + 0.6 / 0.8)
@@ -341,15 +342,32 @@ def test_a_ramp_with_rounding_takes_as_long_as_the_jerk_limited_reference():
 
 def test_inertia_fed_forward_is_the_torque_of_the_machine():
     settings = PiSettings(kp_nm_s_per_rad=KP, ki_nm_per_rad=KI, feed_forward=FeedForward(inertia=1.0))
-    made = {s.number: s.value for s in drive_settings("siemens-s120", settings, HOIST, 4500.0).settings}
+    made = {n: row["value"] for n, row in drive_settings("siemens-s120", settings, HOIST, 4500.0)["parameters"].items()}
     turning = 2 * 0.8 + 55.0 / 31.0**2 + 12500.0 * HOIST.lift_m_per_rad**2
     assert made["p0341"] * made["p0342"] * 2 == pytest.approx(turning)
 
 
 def test_a_weight_of_zero_is_a_set_point_filter_of_the_integral_time():
     settings = PiSettings(kp_nm_s_per_rad=KP, ki_nm_per_rad=KI, set_point_weight=0.0)
-    made = {s.number: s.value for s in drive_settings("siemens-s120", settings, HOIST).settings}
+    made = {n: row["value"] for n, row in drive_settings("siemens-s120", settings, HOIST)["parameters"].items()}
     assert made["p1416"] == pytest.approx(made["p1462"])
+
+
+class Later(PiSettings):
+    """With a term that an export has not learned yet."""
+
+    load_damping: float = 0.0
+
+
+def test_a_term_that_is_not_exported_is_refused_in_one_line_and_not_left_out():
+    later = Later(kp_nm_s_per_rad=KP, ki_nm_per_rad=KI, load_damping=0.3)
+    for form in ("c", "st", "yaml"):
+        with pytest.raises(InputError, match=r"controller.load_damping: is not exported; take it out"):
+            controller_files(form, later, HOIST)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="is not exported"):
+        model_of(HOIST, controller=later)
+    off = controller_files("c", later.model_copy(update={"load_damping": 0.0}), HOIST)
+    assert off == controller_files("c", PLAIN, HOIST)
 
 
 @pytest.mark.parametrize("drive", DRIVES)
@@ -361,7 +379,7 @@ def test_what_a_drive_does_otherwise_is_said(drive: str):
     for missing in ("set-point weight 0.7", "low-pass", "rate limit", "weight and friction"):
         assert missing in words, missing
     assert ("notch" in words.lower()) == (drive != "siemens-s120")
-    plain = " ".join(drive_settings(drive, PLAIN, with_values(HOIST, {"motor.count": 1})).differs)
+    plain = " ".join(drive_settings(drive, PLAIN, with_values(HOIST, {"motor.count": 1}))["differs"])
     assert "low-pass" not in plain and "one of" not in plain
 
 

@@ -25,7 +25,7 @@ from workbench.engine.stepped import observe
 from workbench.export import fmu as compiling
 from workbench.export.fmu import c_files, write_fmu, write_sources
 from workbench.export.model import Model, Start, model_of
-from workbench.export.variables import BASE, meaning_of, range_of
+from workbench.export.variables import meaning_of, range_of, symbols
 from workbench.machines import (
     KINDS,
     PLANTS,
@@ -48,7 +48,7 @@ from workbench.machines.kinds.two_inertia import (
 )
 from workbench.metrics import observer
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.loop import LoopCase, case_limits, simulate_loop
 from workbench.simulate.replay import simulate_replays
 
@@ -141,7 +141,7 @@ def described() -> dict[str, Model]:
 
 def replayed(machine: Hoist | Axis, run: Run, start_speed: float = 0.0) -> Array:
     """What `workbench replay` makes of a run: states (n, states)."""
-    return simulate_replays(machine, Bench(machine, [run], band_hz=1.0))[0]
+    return simulate_replays(machine, InverseSimulation(machine, [run], band_hz=1.0))[0]
 
 
 def torque_run(machine: Hoist, duration_s: float = 8.0) -> Run:
@@ -534,7 +534,7 @@ def test_every_parameter_has_a_meaning_a_range_and_a_known_unit():
     for model in described().values():
         for v in model.variables:
             assert v.meaning, v.name
-            assert v.unit == "" or v.unit in BASE, v.name
+            assert v.unit == "" or v.unit in symbols()["endings"].values(), v.name
 
 
 def test_without_a_compiler_there_is_one_clear_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

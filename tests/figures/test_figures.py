@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
-from workbench.figures.identify import correlation_matrix, level_history
-from workbench.figures.replay import friction_law, speed_comparison, torque_profiles, torque_residual
-from workbench.figures.study import harder_worked_nm, overview, peak_torque_over_payload, slack_stretches
 from workbench.references import planned_kinds
+from workbench.view.identify import correlation_matrix, friction_law, level_history
 from workbench.view.page import Section, save_page
+from workbench.view.replay import speed_comparison, torque_profiles, torque_residual
+from workbench.view.study_figures import harder_worked_nm, overview, peak_torque_over_payload, slack_stretches
 from workbench.view.style import LINES
 from workbench.view.thin import PASSES, STRAIGHT, straightened, thin
 

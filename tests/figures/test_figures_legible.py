@@ -9,10 +9,10 @@ import pytest
 
 from tests.support import axes
 from workbench.analysis.step import StepResponse
-from workbench.figures.loop import Step, _with_load
 from workbench.figures.place import marked_machine
 from workbench.machines import kind_of
 from workbench.references import by_name
+from workbench.view.loop import Step, _with_load
 from workbench.view.style import GROUND, LINES, SPARE, line, on_dark
 
 SHRINK = SimpleNamespace(before=8.2e-5, after=2e-5, noise=1.9e-5, unit="N m")

@@ -6,14 +6,19 @@ import numpy as np
 import pytest
 
 from workbench.core.run import Run
-from workbench.figures.panels import LEGEND_LINE, Panels
-from workbench.figures.pareto import pareto
-from workbench.figures.study_plane import envelope_nm, torque_speed_plane
-from workbench.figures.study_scatter import spread, tornado
-from workbench.figures.study_sweep import changing, metrics_over_axis
+from workbench.study.conclude import Correlation, fronts
 from workbench.study.labels import swept_axes
-from workbench.study.pareto import Correlation, fronts
 from workbench.study.rows import Row
+from workbench.view.panels import LEGEND_LINE, Panels
+from workbench.view.study_figures import (
+    changing,
+    envelope_nm,
+    metrics_over_axis,
+    pareto,
+    spread,
+    tornado,
+    torque_speed_plane,
+)
 
 JERK, KP = "sweep.limits.jerk_m_s3", "sweep.controller.kp_nm_s_per_rad"
 PEAK = "peak_torque_motor_nm"

@@ -53,9 +53,9 @@ def test_a_figure_of_plain_plotly_has_the_button_that_is_looked_for(chromium: Br
 
 
 def test_reports_and_studies_have_no_button_that_uploads(chromium: Browser, tmp_path: Path):
-    from workbench.figures.study_page import save_study_page
     from workbench.study.load import load_study
     from workbench.study.run import run_study
+    from workbench.view.study import save_study_page
 
     page = chromium.new_page()
     save_page([Section(figures=[(figure(), "")])], tmp_path / "report.html", "report")

@@ -14,14 +14,12 @@ from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.identify.fit import Fit, fit
-from workbench.identify.identify import identify
-from workbench.identify.iteration import friction_levels
-from workbench.identify.models import BalanceModel, SpeedModel
-from workbench.identify.parameters import free_parameters
+from workbench.identify.identify import friction_levels, identify
+from workbench.identify.model import BalanceModel, SpeedModel, free_parameters
 from workbench.logs import Campaign
 from workbench.machines import HOIST as HOIST_KIND
 from workbench.machines import Hoist, LinearAxis, default_hoist, get_value, with_values
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.loop import LoopCase, simulate_loop
 
 NOMINAL = default_hoist()
@@ -85,7 +83,7 @@ def campaign(truth: Hoist, rng: np.random.Generator, noise: float = 1.0) -> list
 
 
 def fitted(runs: list[Run], keys: tuple[str, ...] | None = None, machine: Hoist = NOMINAL) -> Fit:
-    return fit(BalanceModel(Bench(machine, runs)), free_parameters(machine, runs, keys))
+    return fit(BalanceModel(InverseSimulation(machine, runs)), free_parameters(machine, runs, keys))
 
 
 @dataclass(frozen=True)
@@ -179,7 +177,7 @@ def test_levels_alone_are_found_without_bias(levels_only, key):
 
 def test_the_papers_iteration_settles_and_gets_each_level_within_10_per_cent(levels_only):
     for d in levels_only[:3]:
-        levels = friction_levels(Bench(NOMINAL, d.runs))
+        levels = friction_levels(InverseSimulation(NOMINAL, d.runs))
         assert levels.settled
         assert (levels.forward[0], levels.backward[0]) == (6000.0, 4500.0)
         assert levels.forward[-1] == pytest.approx(7100.0, rel=0.1)
@@ -191,7 +189,7 @@ def test_the_papers_iteration_settles_and_gets_each_level_within_10_per_cent(lev
 def test_the_papers_iteration_gets_the_sum_of_levels_though_the_machine_is_off_nominal(draws):
     """Weight and offset shift the two levels against each other; their sum is free of both."""
     for d in draws[:6]:
-        levels = friction_levels(Bench(NOMINAL, d.runs))
+        levels = friction_levels(InverseSimulation(NOMINAL, d.runs))
         truth = sum(float(get_value(d.truth, key)) for key in LEVELS)
         assert levels.settled
         assert levels.forward[-1] + levels.backward[-1] == pytest.approx(truth, rel=0.1)
@@ -200,7 +198,7 @@ def test_the_papers_iteration_gets_the_sum_of_levels_though_the_machine_is_off_n
 def test_the_iteration_starts_anywhere_and_ends_at_the_same_levels(levels_only):
     runs = levels_only[0].runs
     far = with_values(NOMINAL, {LEVELS[0]: 1000.0, LEVELS[1]: 12000.0})
-    near, other = friction_levels(Bench(NOMINAL, runs)), friction_levels(Bench(far, runs))
+    near, other = friction_levels(InverseSimulation(NOMINAL, runs)), friction_levels(InverseSimulation(far, runs))
     assert other.settled
     assert other.forward[-1] == pytest.approx(near.forward[-1], rel=2e-3)
     assert other.backward[-1] == pytest.approx(near.backward[-1], rel=2e-3)
@@ -220,7 +218,7 @@ def test_the_speed_model_finds_the_levels_too(levels_only):
     """The paper's own figure: simulated against measured speed, from a log whose torque is beyond doubt."""
     truth = levels_only[0].truth
     runs = campaign(truth, np.random.default_rng(3), noise=0.0)[2:3]
-    values = fit(SpeedModel(Bench(NOMINAL, runs)), free_parameters(NOMINAL, runs, LEVELS)).values()
+    values = fit(SpeedModel(InverseSimulation(NOMINAL, runs)), free_parameters(NOMINAL, runs, LEVELS)).values()
     assert values[LEVELS[0]] == pytest.approx(7100.0, rel=0.02)
     assert values[LEVELS[1]] == pytest.approx(3900.0, rel=0.02)
 

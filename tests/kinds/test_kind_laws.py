@@ -48,13 +48,14 @@ def faults(kind: Kind) -> list[str]:
         symbol: key for symbol, key in kind.plant.parameters.items() if isinstance(key, str) and key != "payload_kg"
     }
     by_parameters, by_places = rates_by(kind, list(keys)), rates_by(kind, list(kind.plant.places))
+    exact = {value.key for value in kind.values if value.exact}
     prior, sentences = {value.key for value in kind.base}, []
     for number, key in enumerate(keys.values()):
         moves = by_parameters[:, :, number]
-        if not np.any(moves) or key in kind.held:
+        if not np.any(moves) or key in exact:
             continue
         if key not in prior:
-            sentences.append(f"{key} moves the machine and has no prior: a BaseValue, or name it in `held`")
+            sentences.append(f"{key} moves the machine and has no prior: declare its Value, or say why it is exact")
         for at, of in zip(moves, by_places, strict=True):
             left = at - of @ np.linalg.lstsq(of, at, rcond=None)[0]
             if np.linalg.norm(left) > 1e-6 * np.linalg.norm(at):
@@ -69,8 +70,12 @@ def test_every_parameter_that_moves_the_machine_has_a_prior_and_a_place(kind: Ki
 
 
 @EVERY
-def test_what_is_held_has_no_prior_and_is_in_machine_yaml(kind: Kind):
-    assert set(kind.held) <= set(kind.symbols) - {value.key for value in kind.base}
+def test_a_value_has_one_declaration_and_a_prior_or_a_reason(kind: Kind):
+    keys = [value.key for value in kind.values]
+    assert len(set(keys)) == len(keys) and set(kind.symbols) - {"payload_kg"} <= set(keys)
+    for value in kind.values:
+        assert bool(value.exact) != bool(value.tolerance or value.spread == "factor"), value.key
+        assert not (value.exact and value.free), value.key
 
 
 def rigid_inertia(kind: Kind) -> float:
@@ -87,7 +92,7 @@ def rigid_inertia(kind: Kind) -> float:
 @EVERY
 def test_the_declared_inertias_are_that_of_the_energy(kind: Kind):
     machine, p = kind.example(), kind.plant.values(kind.example(), PAYLOAD_KG)
-    rough = 0.02 if kind.lever else 1e-6  # a hoist's sheave is left out of its controller's feed-forward
+    rough = 0.02 if kind.transmission else 1e-6  # a hoist's sheave is left out of its controller's feed-forward
     assert kind.rigid(machine, PAYLOAD_KG).inertia == pytest.approx(rigid_inertia(kind), rel=1e-5)
     assert kind.looped.total_inertia(machine, PAYLOAD_KG) == pytest.approx(rigid_inertia(kind), rel=rough)
     if kind.looped.inertia is not None:
@@ -117,9 +122,9 @@ def test_the_declared_friction_is_what_an_even_motion_loses(kind: Kind):
 
 def test_a_kind_whose_inertia_has_no_prior_is_found_out():
     boom = KINDS["slew_boom"]
-    silent = replace(boom, base=tuple(value for value in boom.base if "inertia" not in value.key))
+    silent = replace(boom, values=tuple(value for value in boom.values if "inertia" not in value.key))
     assert faults(silent) == [
-        "boom.inertia_kg_m2 moves the machine and has no prior: a BaseValue, or name it in `held`"
+        "boom.inertia_kg_m2 moves the machine and has no prior: declare its Value, or say why it is exact"
     ]
 
 

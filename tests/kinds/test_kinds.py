@@ -14,7 +14,7 @@ import pytest
 from tests.support.effect_machines import MACHINES
 from workbench.core.run import Run
 from workbench.effects import effects_for
-from workbench.identify.parameters import fittable
+from workbench.identify.model import fittable
 from workbench.machines import KINDS, PLANTS, Axis, Hoist, Kind, kind_of, of_kind, studied, value_names
 from workbench.machines.files import RECORDS
 
@@ -51,7 +51,7 @@ def test_the_record_names_what_the_plant_and_the_machine_have(kind):
     assert kind.plant.input in kind.signals.names or set(kind.drive.parts) <= set(kind.signals.names)
     assert {port.place for port in kind.ports.values()} <= set(kind.plant.places)
     assert kind.plant.input.endswith(f"_{kind.drive.suffix}")
-    keys = {*kind.sensor, *kind.free, *(value.key for value in kind.base), *kind.sized_by_runs}
+    keys = {*kind.sensor, *kind.free, *(value.key for value in kind.values)}
     assert keys <= {*value_names(machine), *fittable(machine)}
     assert set(kind.free) <= set(fittable(machine))
     for value in kind.base:

@@ -21,10 +21,11 @@ from tests.support import log_openers
 from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
-from workbench.logs.formats import OWN, UPLOADED, Limits, LogFormat, formats, page, suffixes, worker
-from workbench.logs.formats.confined import landlock_version
-from workbench.logs.formats.declared import Opened
+from workbench.logs.formats import known, worker
+from workbench.logs.formats.declared import OWN, UPLOADED, Limits, LogFormat, Opened
+from workbench.logs.formats.known import suffixes
 from workbench.logs.formats.opening import open_log
+from workbench.logs.formats.worker import landlock_version
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = Limits(rows=10_000, bytes=1_000_000, seconds=1.0, memory_bytes=300_000_000)
@@ -38,7 +39,7 @@ def add(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LogFormat]:
         made = replace(made, **more)  # type: ignore[arg-type]
         monkeypatch.setattr(
             "workbench.logs.formats.known.FORMATS",
-            [*(log_format for log_format in formats() if log_format.name != made.name), made],
+            [*(log_format for log_format in known.FORMATS if log_format.name != made.name), made],
         )
         return made
 
@@ -71,10 +72,10 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
 
     (folder / "runs.yaml").write_text(RUNS.replace("lift.csv", "lift.odd"))
     (folder / "runs" / "lift.odd").touch()
-    with pytest.raises(InputError, match=r"save the log as \.csv, \.parquet, \.mat, \.mf4, \.tdms or \.made"):
+    with pytest.raises(InputError, match=r"save the log as \.csv, \.mat, \.mf4, \.parquet, \.tdms or \.made"):
         read_campaign(folder)
 
-    assert "- **made-up** (`.made`): arrays that numpy has saved." in page.section()
+    assert "- **made-up** (`.made`): arrays that numpy has saved." in known.section()
     for name in ("workbench.dashboard.campaigns", "workbench.cli.options", "workbench.cli.replay"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     from workbench.cli.replay import command
@@ -103,8 +104,8 @@ def test_no_two_formats_share_a_suffix():
 
 def test_the_docs_say_what_is_declared():
     text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-    assert page.section() in text
-    assert page.written(text) == text
+    assert known.section() in text
+    assert known.written(text) == text
 
 
 # Parsed apart
@@ -162,7 +163,7 @@ def test_a_worker_reads_on_after_an_error_and_is_made_anew_after_a_crash(tmp_pat
     for opener in (log_openers.stumble, log_openers.crash):
         refusal(tmp_path, add, opener)
         with open_log(good) as log:
-            assert len(log.read(["time_s"]).columns["time_s"]) == 500
+            assert len(log.read(["time_s"])["time_s"]) == 500
 
 
 def test_a_log_that_is_left_unread_does_not_spoil_the_next(tmp_path):
@@ -180,7 +181,7 @@ def test_several_threads_read_at_once(tmp_path):
 
     def read() -> None:
         with open_log(good) as log:
-            lengths.append(len(log.read(["time_s"]).columns["time_s"]))
+            lengths.append(len(log.read(["time_s"])["time_s"]))
 
     threads = [threading.Thread(target=read) for _ in range(4)]
     for thread in threads:
@@ -215,10 +216,11 @@ def test_ctrl_c_ends_the_reader_and_its_worker(tmp_path):
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from pathlib import Path\n"
         "from tests.support import log_openers\n"
-        "from workbench.logs.formats import LogFormat, known, worker\n"
+        "from workbench.logs.formats import known, worker\n"
+        "from workbench.logs.formats.declared import LogFormat\n"
         "from workbench.logs.formats.opening import open_log\n"
         "known.FORMATS.append(LogFormat('made-up', ('.made',), log_openers.sleep, about=''))\n"
-        "one = worker._taken(); worker._given_back(one); print(one.process.pid, flush=True)\n"
+        "one = worker._taken(); one.close(); print(one.process.pid, flush=True)\n"
         "with open_log(Path(sys.argv[1])): pass\n"
     )
     reader = subprocess.Popen(

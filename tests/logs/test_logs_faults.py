@@ -264,7 +264,7 @@ def test_the_stretches_before_and_behind_a_hole_are_used_each_as_a_run(tmp_path)
     assert np.array_equal(second["speed_motor_rad_s"], columns["speed_motor_rad_s"][400:])
     said = "samples are missing from 3 s to 3.99 s; the stretches before and behind are used, each as a run"
     assert first.notes[0] == second.notes[0] == said
-    way_m = kind_of(default_hoist()).lever_of(default_hoist()) * np.trapezoid(
+    way_m = kind_of(default_hoist()).transmission_of(default_hoist()) * np.trapezoid(
         columns["speed_motor_rad_s"][:401], dx=0.01
     )
     assert second.start_position_m == pytest.approx(first.start_position_m + way_m, abs=1e-6)

@@ -14,9 +14,9 @@ from tests.support.noisy_runs import hoist_runs
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.logs import read_campaign
+from workbench.logs.formats.declared import Channel, at_times
 from workbench.logs.formats.drive_csv import split_unit
 from workbench.logs.formats.opening import open_log
-from workbench.logs.formats.rates import Channel, at_times
 from workbench.logs.importing import read_channels
 from workbench.logs.mapping import propose, quantity_of, score, unit_of
 from workbench.machines import KINDS, TIME, default_hoist, save_machine
@@ -135,7 +135,7 @@ def test_formats_of_the_extra_are_read_by_a_campaign_without_an_import(name: str
     WRITERS[name](tmp_path / name)
     with open_log(tmp_path / name) as log:
         table = log.read(log.names[:2])
-    assert all(len(column) >= 900 for column in table.columns.values())
+    assert all(len(column) >= 900 for column in table.values())
     assert "gain" not in log.names
     if name != "a.mat":
         assert log.names[0] == TIME

@@ -89,7 +89,7 @@ def test_a_formula_of_an_mdf_channel_runs_nothing(tmp_path: Path):
                 open_log(file).__enter__()
         else:
             with open_log(file) as log:
-                assert log.read(["torque"]).columns["torque"] == pytest.approx(2.0 * counts + np.sqrt(counts))
+                assert log.read(["torque"])["torque"] == pytest.approx(2.0 * counts + np.sqrt(counts))
     assert not made.exists()
 
 
@@ -100,7 +100,7 @@ def test_an_index_beside_a_tdms_file_is_not_opened(tmp_path: Path):
         writer.write_segment([ChannelObject("drive", "torque", values, properties={"wf_increment": 0.01})])
     (tmp_path / "lift.tdms_index").write_text(SECRET)
     with open_log(file) as log:
-        assert np.array_equal(log.read(["torque"]).columns["torque"], values)
+        assert np.array_equal(log.read(["torque"])["torque"], values)
 
 
 # One opener for whatever is read

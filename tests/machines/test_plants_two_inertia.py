@@ -126,7 +126,7 @@ def test_within_the_play_the_motor_turns_alone():
     free = t < 0.98 * crossing
     assert s[free, 0] + b / 2.0 == pytest.approx(u * t[free] ** 2 / (2.0 * 0.02), rel=1e-3, abs=1e-6)
     assert np.max(np.abs(s[free, 3])) < 1e-3
-    assert np.max(s[~free, 3]) > 0.1  # the blow
+    assert np.max(s[~free, 3]) > 0.1  # the impact
 
 
 def test_a_flank_pushes_and_never_pulls():

@@ -21,12 +21,12 @@ from workbench.dashboard.pages.study_desk import START
 from workbench.machines import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
 from workbench.metrics.metric import largest
-from workbench.reports.study import figures_of
-from workbench.study import tables
-from workbench.study.findings import sentences
+from workbench.study.conclude import sentences
 from workbench.study.load import plan_study
 from workbench.study.rows import Row
 from workbench.study.store import read_finished
+from workbench.view import study as tables
+from workbench.view.study import figures_of
 
 SCENARIO = """\
 format: 1
@@ -41,11 +41,12 @@ outputs: {signals: none}
 """
 SWEEP = "sweep: {controller.kp_nm_s_per_rad: [15, 31]}\n"
 SAMPLE = "sample: {count: 32, values: {machine.carriage.mass_kg: {distribution: uniform, low: 7000, high: 9000}}}\n"
-# Numbers of its own, from sums that the compiled loop keeps already.
+# Numbers of its own, from accumulators that the compiled loop keeps already.
 DRUM = LoopMetric(
     name="peak_drum_torque_nm", unit="N m", label="drum torque peak", better="lower", visible=10.0,
     definition="largest torque of the drum, one motor's torque times the ratio", shown_in="kN m", scale=1e-3,
-    sums=find("peak_torque_motor_nm").sums, finish=lambda sums, p, duration: sums[0] * p.ratio,  # type: ignore[attr-defined]
+    accumulators=find("peak_torque_motor_nm").accumulators,  # type: ignore[attr-defined]
+    finish=lambda a, p, duration: a[0] * p.ratio,
 )  # fmt: skip
 LONGEST = RunMetric(
     name="longest_move_s", unit="s", label="longest move", better="lower", visible=1e-3,
@@ -198,7 +199,8 @@ def test_sums_of_a_declaration_run_on_a_trace() -> None:
 
     fastest = LoopMetric(
         name="fastest_rad_s", unit="rad/s", label="largest motor speed", better=None, visible=1e-3,
-        definition="largest speed of the motor", finish=as_summed(0), sums=largest(lambda s, p: s["speed_motor_rad_s"]),
+        definition="largest speed of the motor", finish=as_summed(0),
+        accumulators=largest(lambda s, p: s["speed_motor_rad_s"]),
     )  # fmt: skip
     assert measure(trace(speed_motor_rad_s=np.linspace(1.0, 7.0, 100)), P, Observer([fastest], ())) == {
         "fastest_rad_s": 7.0

@@ -143,8 +143,8 @@ def test_peak_power_is_torque_times_speed_by_sign():
 
 
 def test_sums_that_several_metrics_read_are_kept_once():
-    starts = {id(m.sums): len(m.sums.start) for m in observer().metrics}
-    assert observer().size == sum(starts.values()) < sum(len(m.sums.start) for m in observer().metrics)
+    starts = {id(m.accumulators): len(m.accumulators.start) for m in observer().metrics}
+    assert observer().size == sum(starts.values()) < sum(len(m.accumulators.start) for m in observer().metrics)
 
 
 def lifted(**values: float) -> dict[str, float]:

@@ -38,9 +38,9 @@ from workbench.references import (
 )
 from workbench.references.limits import Step
 from workbench.references.time_optimal import shortest_move, shortest_ramp
-from workbench.reports.study import conclusions
 from workbench.study.scenario import json_schema
 from workbench.study.store import read_finished
+from workbench.view.study import conclusions
 from workbench.view.style import label, line
 
 LIMITS = Limits(0.7, 0.5, 1.0)

@@ -15,10 +15,9 @@ import pytest
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.reports.study import conclusions, figures_of, run_tables, what_was_run, write_study_report
-from workbench.study.batch import run_batch
 from workbench.study.load import load_study
-from workbench.study.store import Finished, place_for, read_finished
+from workbench.study.store import Finished, place_for, read_finished, run_batch
+from workbench.view.study import conclusions, figures_of, run_tables, what_was_run, write_study_report
 
 SCENARIO = """\
 format: 1
@@ -171,7 +170,7 @@ def test_a_sweep_of_gains_shows_what_changes_and_leaves_out_what_does_not(result
 
 def test_a_sample_has_its_spread_and_what_it_hangs_on(results) -> None:
     result = read_finished(results(SAMPLE))
-    assert titles(result) == ["Spread of the results", "What the torque peak per motor hangs on"]
+    assert titles(result) == ["Spread of the results", "What the torque peak per motor depends on"]
     tornado = figures_of(result)[1][0]
     assert all(-1.0 <= value <= 1.0 for trace in tornado.data for value in trace.x)
     assert len(run_tables(result.rows)[0].rows) == 4 * 5  # 128 runs: quantiles of each payload and reference

@@ -85,7 +85,7 @@ def test_whatever_is_taken_leaves_the_plant_finite():
             session = session_of()
             for point in session.inputs if which is None else [session.inputs[which]]:
                 if point.kind == "number":
-                    session.set(point.name, getattr(point, end))
+                    session.set({point.name: getattr(point, end)})
             for _ in range(300):
                 session.command(session.asked)
                 session.step()
@@ -177,7 +177,7 @@ def test_time_that_was_left_out_is_flagged_and_counted():
     assert session.order({"get": ["skipped_s", "is_skipped"]})["get"] == pytest.approx(
         {"skipped_s": 3.0, "is_skipped": 1}
     )
-    session.set("reset", 1)
+    session.set({"reset": 1})
     session.command(session.plant.hold)
     assert not session.flags & BITS["skipped"]
 
@@ -190,13 +190,13 @@ def test_a_wire_that_carries_more_than_its_breaking_load_is_told_until_reset():
     for k in range(1500):
         if k == 100:
             assert not session.flags & BITS["overload"]
-            session.set("slack_m", 3.0)  # the carriage falls until the wire catches it
+            session.set({"slack_m": 3.0})  # the carriage falls until the wire catches it
         session.command(session.plant.hold)
         session.step()
         largest = max(largest, session.plant.signal("tension_drum_n"), session.plant.signal("tension_dead_line_n"))
         assert bool(session.flags & BITS["overload"]) == (largest > breaks_at), k
     assert largest > breaks_at and any("breaking load" in line for line in said)
-    session.set("reset", 1)
+    session.set({"reset": 1})
     assert not session.flags & BITS["overload"]
 
 

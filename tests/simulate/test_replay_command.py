@@ -190,7 +190,7 @@ def test_a_full_disk_leaves_no_folder(
         with open("/dev/full", "w") as stream:
             stream.write("x")
 
-    monkeypatch.setattr("workbench.reports.replay.page.save_replay_page", onto_a_full_disk)
+    monkeypatch.setattr("workbench.view.replay.save_replay_page", onto_a_full_disk)
     done = workbench("replay", campaign, "--out", tmp_path / "out")
     assert done.status == 2
     assert "out: no results written: No space left on device" in done.err

@@ -9,7 +9,7 @@ from workbench.control import PiSettings
 from workbench.core.run import Run
 from workbench.effects import effects_for, parts, ranges_of, searchable
 from workbench.machines import LinearAxis, default_hoist, with_values
-from workbench.simulate.driven import Bench, changed
+from workbench.simulate.driven import InverseSimulation, changed
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.replay import replay_runs
 
@@ -42,7 +42,7 @@ def runs() -> list[Run]:
 
 
 def test_the_driven_simulation_gives_back_the_torque_of_the_closed_loop(runs):
-    for balance in Bench(MACHINE, runs).balances():
+    for balance in InverseSimulation(MACHINE, runs).balances():
         residual = balance.residual[balance.inside]
         assert np.sqrt(np.mean(residual**2)) < 0.2  # N m of 600: what a log at 100 Hz does not show
         assert np.max(np.abs(balance.residual[balance.moving])) < 1.0
@@ -50,7 +50,7 @@ def test_the_driven_simulation_gives_back_the_torque_of_the_closed_loop(runs):
 
 def test_the_carriage_of_the_driven_simulation_moves_as_in_the_closed_loop():
     result = simulate_loop([LoopCase("fast", MACHINE, 9000.0, 6.0, SETTINGS, reference(100.0, 20.0))])[0]
-    (balance,) = Bench(MACHINE, [logged(result.run)]).balances()
+    (balance,) = InverseSimulation(MACHINE, [logged(result.run)]).balances()
     assert balance.states[:, 1] == pytest.approx(result.run["position_carriage_m"], abs=2e-3)
     assert balance.states[:, 3] == pytest.approx(result.run["speed_carriage_m_s"], abs=5e-3)
 
@@ -58,8 +58,8 @@ def test_the_carriage_of_the_driven_simulation_moves_as_in_the_closed_loop():
 def test_every_part_of_the_effects_predicts_what_the_whole_does(runs):
     """Every effect at work alone: in the smallest part that has it, and with none left out."""
     active = searchable(MACHINE, runs)
-    whole = Bench(MACHINE, runs, 1.7, active)
-    by_parts = Bench(MACHINE, runs, 1.7, active, parts(MACHINE, runs))
+    whole = InverseSimulation(MACHINE, runs, 1.7, active)
+    by_parts = InverseSimulation(MACHINE, runs, 1.7, active, parts(MACHINE, runs))
     at_work: list[dict[str, float]] = [{}]
     for effect in effects_for("hoist").values():
         if not effect.on_sensor:
@@ -75,16 +75,16 @@ def test_every_part_of_the_effects_predicts_what_the_whole_does(runs):
 
 
 def test_a_bench_of_runs_of_unequal_length_balances_each_as_alone(runs):
-    for together, run in zip(Bench(MACHINE, runs).balances(), runs, strict=True):
+    for together, run in zip(InverseSimulation(MACHINE, runs).balances(), runs, strict=True):
         band = together.band_hz
-        (alone,) = Bench(MACHINE, [run], band).balances()
+        (alone,) = InverseSimulation(MACHINE, [run], band).balances()
         assert len(together.residual) == len(run.time_s)
         assert together.predicted == pytest.approx(alone.predicted, abs=0.02)
         assert np.array_equal(together.moving, alone.moving)
 
 
 def test_a_force_that_the_model_lacks_shows_in_the_residual_with_its_size(runs):
-    bench = Bench(MACHINE, runs)
+    bench = InverseSimulation(MACHINE, runs)
     weaker = [changed(p, {"F_up": p.F_up - 1000.0}) for p in bench.base]
     for balance in bench.balances(weaker):
         up = balance.moving & (balance.motion.speed > 0.5 * np.max(balance.motion.speed))
@@ -99,7 +99,7 @@ def sensed(runs: list[Run], gain: float, offset: float) -> list[Run]:
 
 def test_gain_and_offset_of_the_torque_sensor_are_taken_out(runs):
     machine = with_values(MACHINE, {"sensors.torque_gain": 1.02, "sensors.torque_offset_nm": 12.0})
-    bench = Bench(machine, sensed(runs, 1.02, 12.0))
+    bench = InverseSimulation(machine, sensed(runs, 1.02, 12.0))
     assert all(np.sqrt(np.mean(b.residual[b.inside] ** 2)) < 0.2 for b in bench.balances())
     result = replay_runs(machine, sensed(runs, 1.02, 12.0))
     assert result.speed_rmse_percent == pytest.approx(replay_runs(MACHINE, runs).speed_rmse_percent, rel=1e-3)
@@ -147,7 +147,7 @@ def axis_run(noise: float = 0.0) -> tuple[LinearAxis, Run]:
 
 def test_the_balance_of_an_axis_is_its_equation_with_the_speed_derived_from_position():
     machine, run = axis_run()
-    (balance,) = Bench(machine, [run]).balances()
+    (balance,) = InverseSimulation(machine, [run]).balances()
     away = balance.inside & (np.abs(balance.motion.speed) > 0.05)  # from the reversal, where friction jumps
     assert np.max(np.abs(balance.residual[away])) < 0.3  # N of 80
     assert balance.states.shape == (8000, 0)

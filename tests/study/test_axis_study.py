@@ -10,12 +10,11 @@ import pytest
 
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
-from workbench.figures.study_page import study_figures
-from workbench.study.decide import decision_table, verdict
-from workbench.study.findings import sentences
+from workbench.study.conclude import sentences
+from workbench.study.decide import verdict
 from workbench.study.load import load_study
 from workbench.study.run import StudyResult, peak_limit, run_study
-from workbench.study.tables import run_table
+from workbench.view.study import decision_table, run_table, runs_figure, start_figure
 
 TEXT = """
 name: axis
@@ -74,7 +73,7 @@ def test_tables_and_verdict_of_an_axis_are_in_newtons_and_millimetres():
 
 
 def test_figures_show_position_error_speed_and_force():
-    whole, start = study_figures(result())
+    whole, start = runs_figure(result()), start_figure(result())
     assert [whole.layout[f"yaxis{n}"].title.text.split("<br>")[0] for n in ("", 2, 3, 4)] == [
         "position", "tracking error", "velocity", "force",
     ]  # fmt: skip

@@ -20,10 +20,9 @@ from tests.support.batches import RUNS, SCENARIO, chunks_of, environment, part_o
 from workbench.cli.study import command
 from workbench.core.errors import InputError
 from workbench.simulate.loop import LoopCase, LoopResult
-from workbench.study.batch import Progress, on_this_computer, run_batch
 from workbench.study.load import Study, load_study
 from workbench.study.rows import read_rows
-from workbench.study.store import LOCK, Chunk, locked, place_for
+from workbench.study.store import LOCK, Chunk, Progress, locked, on_this_computer, place_for, run_batch
 
 SMALL = SCENARIO.replace(f"steps: {RUNS // 4}", "steps: 75").replace("name: batch", "name: three")
 

@@ -15,30 +15,34 @@ from workbench.core.errors import InputError
 from workbench.dashboard.pages.study_desk import scenario_of, usual_desk
 from workbench.machines import default_hoist, shipped_hoist
 from workbench.metrics import View, shown_in
-from workbench.study.answer import Answer, answer_of, read_answer, write_answer
-from workbench.study.ask import QUESTIONS
-from workbench.study.bound import from_the_bound
+from workbench.study.beside import ELASTOMER, QUESTIONS, RINGING, beside, damping_sentence, on_another_damping
+from workbench.study.conclude import (
+    Answer,
+    alarm,
+    answer_of,
+    from_the_bound,
+    read_answer,
+    sentences,
+    utilisation,
+    write_answer,
+)
 from workbench.study.decide import (
     ALIKE,
-    BEST,
     Candidate,
     Decision,
     Given,
     choices,
     criteria_for,
-    criteria_table,
-    decision_table,
     decisions,
     take_sentences,
     verdict,
     weight_that_turns,
 )
-from workbench.study.findings import alarm, sentences, utilisation
 from workbench.study.load import Study, changed, load_study, plan_study
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, peak_limit, run_specs, run_study
 from workbench.study.scenario import CriterionBlock
-from workbench.study.side import ELASTOMER, RINGING, beside, damping_sentence, on_another_damping
+from workbench.view.study import BEST, criteria_table, decision_table
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCES = ("trapezoid", "ruckig", "ruckig_equal_time", "ruckig_least_peak", "optimal")
@@ -168,7 +172,7 @@ def test_who_breaks_a_limit_is_out_and_where_all_do_none_is_taken():
     (none,) = take_sentences(
         [decided(result().study, rows, given={"peak_torque_motor_nm": CriterionBlock(most=100.0)})]
     )
-    assert none.startswith("Take none of them at 9000 kg: ") and "at most 100 N m" in none
+    assert none.startswith("Take none of these at 9000 kg: ") and "at most 100 N m" in none
 
 
 def test_a_run_that_hunts_fails_or_ends_elsewhere_is_never_taken():
@@ -347,12 +351,14 @@ def test_the_sentence_on_damping_compares_the_wire_assumed_with_one_that_rings()
     scenario = load_study(ROOT / "scenarios" / "payloads.yaml").scenario
     said = damping_sentence(scenario, default_hoist())
     assert said is not None
-    assert "at 9000 kg, at damping ratio 0.02, a wire that rings, in place of the 0.63 assumed" in said
+    assert (
+        "with damping ratio 0.02 (a wire that rings) instead of the 0.63 assumed, at 9000 kg, the trapezoid has" in said
+    )
     ringing = damping_sentence(scenario, shipped_hoist("lightly_damped"))
     assert ringing is not None
-    assert "at damping ratio 0.63, the paper's assumption of c/k = 0.1 s, in place of the 0.016" in ringing
+    assert "with damping ratio 0.63 (the paper's assumption of c/k = 0.1 s) instead of the 0.016" in ringing
     peaks = [
-        [float(x) for x in re.findall(r"peak per motor ([\d.]+) N m \(else ([\d.]+)\)", text)[0]]
+        [float(x) for x in re.findall(r"peak per motor ([\d.]+) instead of ([\d.]+) N m", text)[0]]
         for text in (said, ringing)
     ]
     assert peaks[0] == pytest.approx(peaks[1][::-1], abs=1.5)  # 0.02 and 0.016: nearly each other's wire
@@ -364,7 +370,7 @@ def test_every_study_says_how_far_its_answer_hangs_on_the_damping(name):
     said = on_another_damping(study)
     assert said is not None
     swings = study.machine.kind == "hoist"
-    assert bool(re.search(r"at damping ratio 0\.\d+, .* in place of the 0\.\d+ assumed, ", said)) == swings
+    assert bool(re.search(r"with damping ratio 0\.\d+ \(.*\) instead of the 0\.\d+ assumed", said)) == swings
     assert said.startswith("The answer depends" if swings else "No damping is assumed: the axis is one stiff inertia")
 
 
@@ -379,13 +385,13 @@ def test_two_inertias_say_how_far_their_answer_hangs_on_the_damping_of_the_coupl
     for damping, (ratio, other) in {
         stiff.coupling.damping_nm_s_per_rad: (
             0.5 * own,
-            f"ratio {ELASTOMER:.2g}, a coupling with an elastomer spider",
+            f"ratio {ELASTOMER:.2g} (a coupling with an elastomer spider)",
         ),
-        0.05: (0.5 * own * 12.5, f"at damping ratio {RINGING:.2g}, a coupling that rings"),
+        0.05: (0.5 * own * 12.5, f"with damping ratio {RINGING:.2g} (a coupling that rings)"),
     }.items():
         text = said[damping]
         assert text is not None and "on the coupling's damping: " in text and other in text
-        assert f"in place of the {ratio:.2g} assumed, " in text and "settling time" in text
+        assert f"instead of the {ratio:.2g} assumed" in text and "settling time" in text
 
 
 def test_the_bound_is_below_every_motion_of_its_time_and_names_the_pair_that_is_free():

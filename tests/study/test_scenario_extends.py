@@ -8,8 +8,7 @@ import pytest
 
 from tests.support.scenario_text import GOOD, write
 from workbench.core.errors import InputError
-from workbench.study.layers import LONGEST_CHAIN
-from workbench.study.load import load_study
+from workbench.study.load import LONGEST_CHAIN, load_study
 
 ROOT = Path(__file__).resolve().parents[2]
 

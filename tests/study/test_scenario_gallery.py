@@ -17,8 +17,8 @@ from tests.support.scenario_text import GOOD
 from workbench.cli.schema import command
 from workbench.core.yaml_strict import load, loads
 from workbench.machines.files import machine_text
+from workbench.study.conclude import fronts
 from workbench.study.load import Study, load_study
-from workbench.study.pareto import fronts
 from workbench.study.rows import Row
 from workbench.study.run import run_specs
 from workbench.study.scenario import KINDS, Scenario, json_schema

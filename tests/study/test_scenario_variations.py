@@ -17,8 +17,7 @@ from tests.support.scenario_text import study_of
 from workbench.machines import default_hoist
 from workbench.study.grid import RunSpec, plan_runs
 from workbench.study.run import run_specs
-from workbench.study.scenario import Scenario
-from workbench.study.sweep import Distribution, RangeBlock, SampleBlock, distributions, draws
+from workbench.study.scenario import Distribution, RangeBlock, SampleBlock, Scenario, distributions, draws
 
 SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,199}")
 BASE: dict[str, Any] = {

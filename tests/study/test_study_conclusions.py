@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from workbench.metrics import fixed_columns, metrics
-from workbench.study import tables
-from workbench.study.findings import sentences
+from workbench.study.conclude import rank_correlations, sentences
 from workbench.study.labels import drawn_columns, field_label, metric_label, run_in_words, swept_axes
-from workbench.study.pareto import rank_correlations
 from workbench.study.rows import Row
-from workbench.study.tables import run_table
+from workbench.view import study as tables
+from workbench.view.study import run_table
 
 LIMIT = 768.0
 JERK, ACCELERATION = "sweep.limits.jerk_m_s3", "sweep.limits.acceleration_m_s2"
@@ -139,7 +138,7 @@ def test_the_scatter_is_said_with_its_quantiles_and_what_it_hangs_on():
     (text,) = [sentence for sentence in sentences(rows, LIMIT) if "median" in sentence]
     assert f"{np.median(peaks):.0f} N m in the median" in text
     assert f"{np.quantile(peaks, 0.05):.0f} to {np.quantile(peaks, 0.95):.0f} N m in nine of ten" in text
-    assert text.endswith("it goes with carriage mass (rank correlation +1.00).")
+    assert text.endswith("it depends most on carriage mass (rank correlation +1.00).")
 
 
 def test_rank_correlation_is_that_of_scipy_with_ties():

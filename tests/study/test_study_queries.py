@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from workbench.study.batch import run_batch
 from workbench.study.load import load_study
 from workbench.study.rows import read_rows
-from workbench.study.store import place_for
+from workbench.study.store import place_for, run_batch
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")

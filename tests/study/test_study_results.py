@@ -16,15 +16,13 @@ from click.testing import CliRunner
 
 from workbench.cli.study import command
 from workbench.core.errors import InputError
-from workbench.figures.study_page import save_study_page
 from workbench.metrics import fixed_columns
-from workbench.study.batch import run_batch
-from workbench.study.findings import sentences
+from workbench.study.conclude import sentences
 from workbench.study.load import Study, load_study
 from workbench.study.rows import Row, index_table, read_rows
 from workbench.study.run import StudyResult, run_study
-from workbench.study.store import Chunk, SavedRuns, place_for
-from workbench.study.tables import run_table
+from workbench.study.store import Chunk, SavedRuns, place_for, run_batch
+from workbench.view.study import run_table, save_study_page
 
 SCENARIO = """\
 format: 1
@@ -253,8 +251,8 @@ def row(payload: float, kind: str, **changes: float) -> Row:
 def test_slack_and_the_torque_limit_are_said_when_they_occur() -> None:
     rows = [row(0.0, "ruckig", slack_time_s=0.31, slack_events=2.0, peak_torque_motor_nm=768.0)]
     said = " ".join(sentences(rows, 768.0))
-    assert "The torque limit of 768 N m per motor is reached: 0kg_ruckig." in said
-    assert "The wire goes slack: 0kg_ruckig; longest 0.31 s (0kg_ruckig)" in said
+    assert "The torque limit of 768 N m per motor is reached: 0 kg, ruckig." in said
+    assert "The wire goes slack: 0 kg, ruckig; longest 0.31 s (0 kg, ruckig)" in said
     assert "slack" not in " ".join(sentences([row(0.0, "ruckig")], 768.0))
 
 

@@ -12,7 +12,7 @@ from workbench.core.run import Array, Run
 from workbench.effects import of
 from workbench.machines import Axis, Hoist, kind_of, save_machine
 from workbench.references import Limits, Step, plan_motion
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 
 RATE_HZ = 500.0
 
@@ -35,7 +35,7 @@ def planned(machine: Hoist | Axis, name: str, way: float, speed: float, rate_hz:
 def driven(machine: Hoist | Axis, runs: Sequence[Run], noise: Mapping[str, float], seed: int = 1) -> list[Run]:
     """The runs with the input that they take on the machine, its effects at work, and white noise on each signal."""
     rng = np.random.default_rng(seed)
-    bench = Bench(machine, runs, active=of(machine))
+    bench = InverseSimulation(machine, runs, active=of(machine))
     driven_runs = []
     for run, (taken, _) in zip(runs, bench.predict([bench.base])[0], strict=True):
         signals = {**run.signals, bench.plant.input: taken}

@@ -14,8 +14,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.logs.formats import Limits
-from workbench.logs.formats.declared import Opened
+from workbench.logs.formats.declared import Limits, Opened
 
 NAMES = ("time_s", "torque_motor1_nm", "torque_motor2_nm", "speed_motor_rad_s")
 

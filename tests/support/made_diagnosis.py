@@ -12,22 +12,23 @@ import numpy as np
 
 from tests.support.log_campaign import csv_text
 from tests.support.simulated_campaign import simulated_campaign
-from workbench.consequences import consequences_of
 from workbench.core.run import Array
+from workbench.diagnose.diagnose import Diagnosis
+from workbench.diagnose.gap import Gap, Shrink, delivered_of
 from workbench.diagnose.hypotheses.free_parameters import Estimate
-from workbench.diagnose.isolation.records import Isolability, NextRun
-from workbench.diagnose.location.gap import delivered_of
-from workbench.diagnose.location.records import Gap, Profile, Where, Window
-from workbench.diagnose.readiness.records import Condition, RunCondition
-from workbench.diagnose.records import Diagnosis
-from workbench.diagnose.shrink import Shrink
+from workbench.diagnose.isolability import Isolability
+from workbench.diagnose.isolation.next_run import NextRun
+from workbench.diagnose.location.profiles import Profile
+from workbench.diagnose.location.where import Where, Window
+from workbench.diagnose.readiness.condition import Condition, RunCondition
 from workbench.diagnose.unexplained.records import Curve, Unknown
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, Verdict
 from workbench.effects import effects_for
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import Axis, Hoist, default_hoist, plant_of, with_correction
-from workbench.simulate.driven import Balance, Bench, pooled_rms
+from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms
 from workbench.simulate.replay import replay_runs
+from workbench.study.consequences import consequences_of
 from workbench.view.words import words_of
 
 Values = Mapping[str, Mapping[str, float]]
@@ -64,7 +65,7 @@ def made_diagnosis(kind: str, with_consequences: bool = False) -> Diagnosis:
     curve = _curve() if kind == "unknown" else None
     if curve is not None:
         corrected = with_correction(nominal, curve.over, curve.acts_on, curve.at, curve.forward, curve.backward)
-    before, after = (Bench(machine, campaign.runs).balances() for machine in (nominal, corrected))
+    before, after = (InverseSimulation(machine, campaign.runs).balances() for machine in (nominal, corrected))
     gap, shrink = _gap(campaign, before, after, kind), _shrink(campaign, before, after, corrected)
     consequences, why = None, "not asked for"
     if with_consequences:

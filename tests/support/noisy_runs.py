@@ -13,7 +13,7 @@ from workbench.core.run import Run
 from workbench.effects import logged, of
 from workbench.machines import Axis, Hoist
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.loop import LoopCase, simulate_loop
 
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
@@ -84,7 +84,7 @@ def axis_runs(machine: Axis, seed: int = 1, noise: float = 1.0) -> tuple[Run, ..
         still = Run(
             name, time, dict(zip(names, (np.zeros_like(time), position, speed), strict=True)), start_time_s=start
         )
-        bench = Bench(true, [still])
+        bench = InverseSimulation(true, [still])
         taken = bench.predict([bench.base])[0][0][0]
         run = logged(replace(still, signals={**still.signals, names[0]: taken}), of(machine))
         signals = {

@@ -93,11 +93,11 @@ def motions(
     """name -> the driven coordinate's speed at the controller's samples, all equally long; the same of its position,
     where the loop follows that."""
     loop = kind_of(machine).looped
-    per_way = loop.per_way(machine)
+    per_displacement = loop.per_displacement(machine)
     profiles = {name: plan.sample(sample_time_s, length_s) for name, plan in plans.items()}
     n = min(len(profile.speed_m_s) for profile in profiles.values())
-    positions = {name: (profile.position_m * per_way)[:n] for name, profile in profiles.items()}
-    speeds = {name: (profile.speed_m_s * per_way)[:n] for name, profile in profiles.items()}
+    positions = {name: (profile.position_m * per_displacement)[:n] for name, profile in profiles.items()}
+    speeds = {name: (profile.speed_m_s * per_displacement)[:n] for name, profile in profiles.items()}
     return speeds, positions if loop.position_loop else {}
 
 

@@ -168,7 +168,7 @@ def _terms(problem: Problem) -> dict[str, Array]:
         sign, ones = np.sign(v), np.ones(len(rows))
         top = max(float(np.max(np.abs(v), initial=0.0)), 1e-300)
         turn = kind_of(problem.machine)
-        height = run.start_position_m + turn.lever_of(problem.machine) * (x - bench.motions[j].position[0])
+        height = run.start_position_m + turn.transmission_of(problem.machine) * (x - bench.motions[j].position[0])
         angle = x / float(problem.machine.gearbox.ratio) if turn.dead_line is not None else x
         cold = np.exp(-(run.start_time_s + t[rows] - t[0]) / WARM_S)
         terms = {

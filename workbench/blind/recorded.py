@@ -23,7 +23,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.effects import effects_for, find, logged, of, sizes_of
 from workbench.machines import get_value, kind_of, save_machine, with_values
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 
 SOURCE = "recorded"
 TURN = 2.0 * np.pi
@@ -217,7 +217,7 @@ def _by_law(rng: np.random.Generator, known: Recording, name: str) -> Bent:
 
 def _required(known: Recording, chosen: Mapping[str, Mapping[str, float]]) -> list[Array]:
     """Of each run, (n,): the input that the motion requires with effects, less that without them."""
-    ailing = Bench(known.machine, known.runs, known.band_hz, of(known.machine, chosen))
+    ailing = InverseSimulation(known.machine, known.runs, known.band_hz, of(known.machine, chosen))
     both = zip(ailing.predict([ailing.base])[0], known.bench.predict([known.bench.base])[0], strict=True)
     gain, _ = kind_of(known.machine).sensor_of(known.machine)
     return [gain * (with_it - without) for (with_it, _), (without, _) in both]

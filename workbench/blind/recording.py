@@ -19,7 +19,7 @@ from workbench.effects import effects_for, sizes_of
 from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import Axis, get_value, kind_of, with_values
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 
 KINDS = ("hoist", "axis-linear", "axis-rotary")
 FEW, LONG_S = 4, 12.0  # fewer runs are cut into parts where they are that long
@@ -39,8 +39,8 @@ class Recording:
     band_hz: float
 
     @cached_property
-    def bench(self) -> Bench:
-        return Bench(self.machine, self.runs, self.band_hz)
+    def bench(self) -> InverseSimulation:
+        return InverseSimulation(self.machine, self.runs, self.band_hz)
 
     @property
     def kind(self) -> str:
@@ -58,7 +58,7 @@ class Recording:
 
     def residual(self, machine: Any, runs: Sequence[Run]) -> Array:
         """Measured less predicted input, low-passed to the recording's band, of the samples that count."""
-        balances = Bench(machine, runs, self.band_hz).balances()
+        balances = InverseSimulation(machine, runs, self.band_hz).balances()
         return np.concatenate([b.residual[rows] for b, rows in zip(balances, self.moving, strict=True)])
 
     @cached_property

@@ -10,7 +10,7 @@ import click
 from workbench.cli.options import campaign_argument, effects_option
 
 if TYPE_CHECKING:
-    from workbench.diagnose.records import Diagnosis
+    from workbench.diagnose.diagnose import Diagnosis
 
 
 @click.command(name="diagnose")
@@ -68,10 +68,10 @@ def command(
     status is 0 for every verdict.
     """
     from workbench.cli.campaign import chosen_candidates, load_campaign
-    from workbench.cli.diagnose_show import show
     from workbench.cli.progress import stages as shown
-    from workbench.cli.show import print_notes
+    from workbench.cli.show import print_notes, print_sections
     from workbench.core.whole_folder import check_free
+    from workbench.view.diagnosis import brief_sections, write_diagnosis
 
     if out is not None:
         check_free(out)
@@ -101,7 +101,11 @@ def command(
         if out is None:
             diagnosis = run()
         else:
-            from workbench.reports.diagnosis.page import write_diagnosis
-
             diagnosis = write_diagnosis(run, out, stages.writing)
-    show(diagnosis, out)
+    click.echo()
+    print_sections(brief_sections(diagnosis))
+    if out is None:
+        click.echo("\nNothing is written without --out.")
+    else:
+        click.echo(f"\nReport: {out / 'diagnose.html'}\nMachine: {out / 'machine.yaml'}")
+        click.echo(f"Numbers: {out / 'diagnosis.json'}")

@@ -35,12 +35,13 @@ def command(controller: Path, form: str, drive: str, out: Path, machine: Path | 
     include a list of what its controller does differently. If CONTROLLER is a scenario, its limits give the ramp.
     """
     from workbench.cli.show import print_text
+    from workbench.control.settings import read_controller
     from workbench.core.errors import InputError
-    from workbench.core.whole_folder import check_free
+    from workbench.core.whole_folder import check_free, whole_folder
     from workbench.effects import check
-    from workbench.export.controller import controller_files, ramp_of, write_controller
+    from workbench.export.controller_text import controller_files
+    from workbench.export.drives import ramp_of
     from workbench.machines import STUDIED, default_hoist, load_machine, of_kind, studied
-    from workbench.reports.loop.case import read_controller
 
     check_free(out)
     settings, ramp = read_controller(controller), ramp_of(controller)
@@ -53,7 +54,9 @@ def command(controller: Path, form: str, drive: str, out: Path, machine: Path | 
     if not 0.0 <= payload < float("inf"):
         raise InputError(f"{payload:g} kg, expected 0 or more", place="payload_kg")
     files = controller_files(form, settings, hoist, payload, drive, ramp)  # type: ignore[arg-type]
-    write_controller(files, out)
+    with whole_folder(out) as folder:
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="utf-8")
     if form == "yaml":
         click.echo(files["drive_parameters.yaml"])
     print_text([f"{hoist.name}, samples of {1e3 * settings.sample_time_s:g} ms: {', '.join(sorted(files))}."])

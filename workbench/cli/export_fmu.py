@@ -57,11 +57,11 @@ def command(
     for this computer, compiled by its own C compiler.
     """
     from workbench.cli.show import print_text
+    from workbench.control.settings import read_controller
     from workbench.effects import check
     from workbench.export.fmu import write_fmu
     from workbench.export.model import Start, model_of
     from workbench.machines import default_hoist, load_machine
-    from workbench.reports.loop.case import read_controller
 
     settings = None if controller is None else read_controller(controller)
     built_in = str(machine) == "default" and not machine.exists()

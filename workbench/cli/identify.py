@@ -34,33 +34,33 @@ def command(
     from workbench.cli.campaign import load_campaign
     from workbench.cli.show import print_notes, print_table, print_text
     from workbench.core.whole_folder import check_free
-    from workbench.reports.identify import report
+    from workbench.view import identify as view
     from workbench.view.words import brief_notes
 
     if out is not None:
         check_free(out)
     read = load_campaign(campaign, runs, machine, band)
     if list_keys:
-        print_table(report.keys_table(read))
+        print_table(view.keys_table(read))
         return
     from workbench.identify.identify import identify
 
     keys = None if free is None else [key.strip() for key in free.split(",")]
 
-    def run() -> report.Identification:
+    def run() -> view.Identification:
         return identify(read, free=keys, band_hz=band)
 
     if out is None:
         identification = run()
     else:
-        from workbench.reports.identify.page import write_identification
+        from workbench.view.identify import write_identification
 
         identification = write_identification(run, out)
     print_notes(brief_notes(read))
-    print_table(report.table(identification.fit))
+    print_table(view.table(identification.fit))
     click.echo()
-    print_table(report.measures_table(identification), note=False)
-    print_text(["", *report.sentences(identification)])
+    print_table(view.measures_table(identification), note=False)
+    print_text(["", *view.sentences(identification)])
     if out is None:
         click.echo("\nNothing is written without --out.")
     else:

@@ -53,8 +53,8 @@ def command(
     from workbench.cli.show import print_table, print_text
     from workbench.core.whole_folder import check_free, whole_folder
     from workbench.machines import NO_EFFECTS
-    from workbench.reports.loop import report
-    from workbench.reports.loop.case import load_case
+    from workbench.study.loop_design import load_case
+    from workbench.view import loop as report
 
     if out is not None:
         check_free(out)

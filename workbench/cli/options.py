@@ -18,7 +18,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 def campaign_argument(command: Command) -> Command:
     """CAMPAIGN, and the sentence of the help that says what it is, with the log formats that are read."""
-    from workbench.logs.formats import listed
+    from workbench.logs.formats.known import listed
 
     folder = f"a folder with machine.yaml, runs.yaml and logs ({listed()})"
     command.__doc__ = f"{(command.__doc__ or '').rstrip()}\n\n    CAMPAIGN is {folder}.\n    "
@@ -54,7 +54,7 @@ def _load(context: click.Context, option: click.Parameter, files: tuple[Path, ..
 
 def numbers_or_none(text: str | None, parameter: str) -> tuple[float, ...] | None:
     """The numbers of an option such as `0,4500,9000`; None where it is not given."""
-    from workbench.reports.loop.case import numbers
+    from workbench.study.loop_design import numbers
 
     return None if text is None else numbers(text, parameter)
 

@@ -15,7 +15,7 @@ import click
 if TYPE_CHECKING:
     from workbench.analysis.tune import TuneProgress
     from workbench.diagnose.progress import Progress as DiagnoseProgress
-    from workbench.study.batch import Progress, Tell
+    from workbench.study.store import Progress, Tell
 
 LINE_EVERY_S = 10.0
 Show = Callable[[str, int, int | None], None]  # a sentence, what is done, and of how many
@@ -130,7 +130,7 @@ class Stages:
 
     def tell(self, progress: DiagnoseProgress) -> None:
         """Receives the progress of the diagnosis."""
-        from workbench.reports.diagnosis.progress import progress_words
+        from workbench.view.diagnosis import progress_words
 
         self._at(progress_words(progress), progress.stage.value + 1)
 

@@ -25,8 +25,8 @@ def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | 
     from workbench.cli.campaign import load_campaign
     from workbench.cli.show import print_notes, print_table, print_text
     from workbench.core.whole_folder import check_free
-    from workbench.reports.replay import report
     from workbench.simulate.replay import replay_runs
+    from workbench.view import replay as view
     from workbench.view.words import brief_notes
 
     if out is not None:
@@ -35,11 +35,11 @@ def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | 
     if out is None:
         result = replay_runs(read.machine, read.runs, band)
     else:
-        from workbench.reports.replay.page import write_replay
+        from workbench.view.replay import write_replay
 
         result = write_replay(lambda: replay_runs(read.machine, read.runs, band), read, out)
     print_notes(brief_notes(read))
-    print_table(report.table(read.machine, result))
-    print_text(["", *report.sentences(read.machine, result)])
+    print_table(view.table(read.machine, result))
+    print_text(["", *view.sentences(read.machine, result)])
     if out is not None:
         click.echo(f"\nFigures: {out / 'replay.html'}\nNumbers: {out / 'replay.json'}")

@@ -13,8 +13,8 @@ import click
 def command(results: Path, out: Path | None) -> None:
     """Write the report of RESULTS, a folder written by `workbench study`: one HTML file that needs no network."""
     from workbench.cli.show import print_text
-    from workbench.reports.study import conclusions, write_study_report
     from workbench.study.store import read_finished
+    from workbench.view.study import conclusions, write_study_report
 
     result = read_finished(results)
     path = out or results / "report.html"

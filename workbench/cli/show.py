@@ -6,10 +6,14 @@ import re
 import shutil
 import textwrap
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import click
 
 from workbench.core.table import Table
+
+if TYPE_CHECKING:
+    from workbench.view.page import Section
 
 WIDTH = 98
 PIPE_WIDTH = 100
@@ -50,6 +54,20 @@ def filled(text: str, first: str = "", then: str = "") -> str:
         tied, min(_width(), WIDTH), initial_indent=first, subsequent_indent=then, break_long_words=False
     )  # fmt: skip
     return whole.replace(TIE, " ")
+
+
+def print_sections(sections: Sequence[Section]) -> None:
+    """Headings, sentences, points and tables of sections; figures are for the page."""
+    for number, section in enumerate(sections):
+        if number and (section.heading or section.tables):
+            click.echo()
+        if section.heading:
+            click.secho(section.heading, bold=True)
+        print_text(section.sentences)
+        for point in section.points:
+            click.echo(filled(point, "- ", "  "))
+        for table in section.tables:
+            print_table(table)
 
 
 def print_notes(notes: Sequence[str]) -> None:

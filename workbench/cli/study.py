@@ -13,9 +13,8 @@ from workbench.cli.options import effects_option
 from workbench.core.errors import InputError
 
 if TYPE_CHECKING:
-    from workbench.study.batch import Spread, Tell
     from workbench.study.load import Study
-    from workbench.study.store import ResultFolder
+    from workbench.study.store import ResultFolder, Spread, Tell
 
 MOST_ON_PAGE = 60
 MOST_IN_TABLE = 40
@@ -70,7 +69,7 @@ def _out_folders(studies: Sequence[Study], files: Sequence[Path], out: Path | No
 def _spread(cluster: str | None) -> Iterator[Spread]:
     """Where chunks are run: on this computer, or on a cluster while the block runs."""
     if cluster is None:
-        from workbench.study.batch import on_this_computer
+        from workbench.study.store import on_this_computer
 
         yield on_this_computer
         return
@@ -81,9 +80,9 @@ def _spread(cluster: str | None) -> Iterator[Spread]:
 
 
 def _run(study: Study, place: ResultFolder, spread: Spread, tell: Tell) -> None:
-    from workbench.figures.study_page import save_study_page
-    from workbench.study.answer import ANSWER, write_answer
-    from workbench.study.batch import run_batch
+    from workbench.study.conclude import ANSWER, write_answer
+    from workbench.study.store import run_batch
+    from workbench.view.study import save_study_page
 
     # Curves of more runs than this are a tangle, and a page of megabytes.
     fits = study.scenario.outputs.signals != "none" and len(study.specs) <= MOST_ON_PAGE
@@ -93,19 +92,18 @@ def _run(study: Study, place: ResultFolder, spread: Spread, tell: Tell) -> None:
 
 def _report(study: Study, place: ResultFolder) -> None:
     from workbench.cli.show import print_table, print_text
-    from workbench.study import tables
-    from workbench.study.answer import answer, read_answer
-    from workbench.study.decide import decision_table
+    from workbench.study.conclude import answer, read_answer
     from workbench.study.labels import swept_axes
     from workbench.study.rows import read_rows
+    from workbench.view.study import decision_table, extremes_table, quantile_table, run_table
 
     rows = read_rows(place.folder)
     if len(rows) <= MOST_IN_TABLE:
-        print_table(tables.run_table(rows))
+        print_table(run_table(rows))
     else:
-        print_table(tables.quantile_table(rows))
+        print_table(quantile_table(rows))
         click.echo()
-        print_table(tables.extremes_table(rows, swept_axes(rows)))
+        print_table(extremes_table(rows, swept_axes(rows)))
         click.echo(f"Each of the {len(rows)} runs has its line in the index.")
     if (decision := decision_table(rows)) is not None:
         click.echo()

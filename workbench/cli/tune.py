@@ -56,8 +56,8 @@ def command(
     from workbench.analysis.tune import Goal, tune
     from workbench.cli.progress import tuning
     from workbench.cli.show import filled, print_table, print_text
-    from workbench.reports.loop import tuning as report
-    from workbench.reports.loop.case import load_case
+    from workbench.study.loop_design import load_case
+    from workbench.view import tune as report
 
     if reject and bandwidth is not None:
         raise click.UsageError("--bandwidth and --reject are two goals; give one of them")

@@ -58,3 +58,12 @@ def brake_torque(s: Any, p: Any) -> Scalar:
 
 
 BRAKE = Effects({"motor_torque_nm": [brake_torque]}, ("T_brake", "t_release", "t_close"))
+
+
+def switched_brake_torque(s: Any, p: Any) -> Scalar:
+    """As `brake_torque`, of a brake that somebody closes (1) and opens (0) while the plant runs."""
+    return -(p.brake_closed * p.T_brake * clip(s.w / BRAKE_SPEED, -1.0, 1.0))
+
+
+SWITCHED_BRAKE = Effects({"motor_torque_nm": [switched_brake_torque]}, ("brake_closed", "T_brake"))
+BRAKE_TORQUES = 2.0  # of all motors' nominal torque together, where nothing says how strong the brake is

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from workbench.core.errors import InputError
 from workbench.core.record import Frequency, KiGain, KpGain, RateLimit, Record, TrackingTime
+from workbench.core.yaml_strict import Document, load, validate
 from workbench.machines import KINDS
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)]
@@ -233,6 +236,24 @@ else:
         | Annotated[RotaryCascade, Tag("rotary")],
         Discriminator(form_of),
     ]
+
+
+def read_settings(path: Path) -> Settings:
+    """The `controller` block of a file, of any kind of machine: an output of tune, or a scenario."""
+    document = load(path)
+    block = document.data.get("controller") if isinstance(document.data, dict) else None
+    if not isinstance(block, dict):
+        raise InputError("holds no block 'controller'", file=path)
+    inside = {place[1:]: line for place, line in document.lines.items() if place[:1] == ("controller",)}
+    return validate(FORMS[form_of(block)], Document(document.file, block, inside))
+
+
+def read_controller(path: Path) -> PiSettings:
+    """The same of a hoist. InputError where it is an axis'."""
+    settings = read_settings(path)
+    if not isinstance(settings, PiSettings):
+        raise InputError(f"holds an axis' controller, kind {settings.kind!r}; expected a hoist's", file=path)
+    return settings
 
 
 def tracking_rate(settings: Any) -> float:

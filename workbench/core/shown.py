@@ -28,15 +28,15 @@ MOST_LISTED = 4
 # The record's class, by its name -> where its view stands. Imported when a record is first shown.
 VIEWS = {
     "Campaign": "workbench.view.logs:CAMPAIGN",
-    "Comparison": "workbench.face.study:COMPARISON",
-    "Diagnosis": "workbench.face.diagnose:VIEW",
-    "Identification": "workbench.face.identify:VIEW",
-    "LoopAnalysis": "workbench.face.loop:VIEW",
+    "Comparison": "workbench.view.compare:VIEW",
+    "Diagnosis": "workbench.view.diagnosis:VIEW",
+    "Identification": "workbench.view.identify:VIEW",
+    "LoopAnalysis": "workbench.view.loop:VIEW",
     "LoopResult": "workbench.face.simulate:VIEW",
-    "ReplayResult": "workbench.face.replay:VIEW",
+    "ReplayResult": "workbench.view.replay:VIEW",
     "Run": "workbench.view.logs:RUN",
-    "StudyResult": "workbench.face.study:VIEW",
-    "Tuning": "workbench.face.tune:VIEW",
+    "StudyResult": "workbench.view.study:VIEW",
+    "Tuning": "workbench.view.tune:VIEW",
 }
 NO_PANDAS = "to_pandas() needs pandas, which is optional; pip install pandas"
 

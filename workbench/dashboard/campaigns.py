@@ -28,7 +28,7 @@ from workbench.dashboard.session import new_work_folder, work_folder
 from workbench.dashboard.uploads import Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
 from workbench.effects import check
 from workbench.logs import Campaign, read_campaign
-from workbench.logs.formats import suffixes
+from workbench.logs.formats.known import suffixes
 
 if TYPE_CHECKING:
     from streamlit.runtime.uploaded_file_manager import UploadedFile

@@ -97,11 +97,11 @@ class OwnLine:
     def seen(self) -> Numbers:
         with self._session.lock:
             plant = self._session.plant
-            return numbers_of(plant.time_s, plant.torque_nm, dict(plant.signals), self._session.flags)
+            return numbers_of(plant.time_s, plant.at_work, dict(plant.signals), self._session.flags)
 
     def numbers(self) -> Numbers:
         with self._session.lock:  # held shortly: the next step waits for it
-            seen, asked, payload = self.seen(), self._session.torque_nm, self._session.plant.payload_kg
+            seen, asked, payload = self.seen(), self._session.asked, self._session.plant.value("m_p")
         return {**seen, TORQUE: asked, "payload_now_kg": payload}
 
     def command(self, torque_nm: float) -> None:

@@ -135,7 +135,7 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
 
 def table(shown: Table) -> None:
     """A report's table with its note; heads with their units."""
-    from workbench.study import arrow
+    from workbench.study import rows as arrow
 
     columns = {head: arrow.texts([powers(text.strip()) for text in texts]) for head, texts in shown.by_column.items()}
     align = {column.line: st.column_config.TextColumn(alignment=column.align) for column in shown.columns}

@@ -26,7 +26,7 @@ from workbench.view.page import Section
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from workbench.diagnose.records import Diagnosis
+    from workbench.diagnose.diagnose import Diagnosis
 
 VIEW = "view.json"
 CSV, REPORT = "index.csv", "report.html"  # of a batch
@@ -86,14 +86,13 @@ def diagnosis(
     """Diagnoses the campaign in `folder`, called `name`. InputError for one that cannot be diagnosed."""
     from workbench.diagnose.diagnose import diagnose
     from workbench.diagnose.progress import Progress, Stage
-    from workbench.reports.diagnosis.page import write_diagnosis
-    from workbench.reports.diagnosis.progress import progress_words, share_done
+    from workbench.view.diagnosis import progress_words, write_diagnosis
 
     def said(progress: Progress) -> None:
-        tell(progress_words(progress), round(PARTS * share_done(progress)), PARTS)
+        tell(progress_words(progress), round(PARTS * progress.share_done), PARTS)
 
     def written(sentence: str) -> None:  # the last stage, which a diagnosis leaves to whoever writes it down
-        tell(sentence, round(PARTS * share_done(Progress(Stage.WRITE))), PARTS)
+        tell(sentence, round(PARTS * Progress(Stage.WRITE).share_done), PARTS)
 
     def diagnosed() -> Diagnosis:
         campaign = replace(read_campaign(folder, confined=True, check_effects=check), name=name)
@@ -107,8 +106,8 @@ def diagnosis(
 def view_of(d: Diagnosis) -> View:
     """The runs are replayed for the figures."""
     from workbench.figures.place import marked_machine
-    from workbench.reports.diagnosis import words
-    from workbench.reports.diagnosis.page import sections_of
+    from workbench.view import diagnosis as words
+    from workbench.view.diagnosis import sections_of
 
     sections = sections_of(d)
     for figure, _ in sections["verdict"].figures:  # for a place of half the page's width
@@ -132,7 +131,7 @@ def view_of(d: Diagnosis) -> View:
 
 def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
     """The gap over the one variable that explains it best, for a place of half the page's width."""
-    from workbench.figures import diagnose_where
+    from workbench.view import diagnosis_figures as diagnose_where
     from workbench.view.words import direction_names, words_of
 
     profiles = [] if d.where is None else [p for p in d.where.profiles if diagnose_where.worth_a_panel(p)]
@@ -155,7 +154,7 @@ def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
 
 def _numbers(d: Diagnosis) -> list[Number]:
     from workbench.core.names import powers
-    from workbench.reports.diagnosis import words
+    from workbench.view import diagnosis as words
     from workbench.view.words import words_of
 
     s, w = d.shrink, words_of(d.campaign.machine)
@@ -220,11 +219,10 @@ def batch(out: Path, tell: Teller, scenario: str) -> None:
     """
     from pyarrow.csv import write_csv
 
-    from workbench.reports.study import write_study_report
-    from workbench.study.batch import Progress, run_batch
     from workbench.study.load import load_study
     from workbench.study.rows import INDEX, read_table
-    from workbench.study.store import place_for, read_finished
+    from workbench.study.store import Progress, place_for, read_finished, run_batch
+    from workbench.view.study import write_study_report
 
     begun = time.monotonic()
 

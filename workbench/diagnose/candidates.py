@@ -8,12 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.diagnose.hypotheses.evidence import Weighed
 from workbench.diagnose.hypotheses.fit import Fitted, estimates
 from workbench.diagnose.hypotheses.free_parameters import Scalar
 from workbench.diagnose.hypotheses.held_out import folds_by_payload, folds_by_run, held_out
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Candidate
-from workbench.diagnose.verdict.judge import Judged, Weighed
+from workbench.diagnose.verdict.judge import Judged
 
 SCORED = 5  # hypotheses whose held-out score is computed
 FAR = 3.0  # tolerances
@@ -32,7 +33,7 @@ def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar])
             Candidate(
                 effects=hypothesis.names,
                 gain=hypothesis.gain,
-                evidence=hypothesis.evidence,
+                merit=hypothesis.evidence,
                 residual_rms=hypothesis.fit.rms(problem.inputs),
                 held_out_rms=unseen[0] if unseen else None,
                 explained=float(

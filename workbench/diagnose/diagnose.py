@@ -3,38 +3,176 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
-from workbench.consequences import consequences_of
 from workbench.core.errors import InputError, nearest
+from workbench.core.shown import Shown
 from workbench.diagnose.candidates import candidates as candidate_rows
+from workbench.diagnose.gap import Delivered, Gap, Shrink, delivered_of, folds_of, gap_of, shrink_of
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
 from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.search import SearchResult, searched
 from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
-from workbench.diagnose.isolation.isolability import isolability
-from workbench.diagnose.isolation.next_run import next_run
-from workbench.diagnose.location.gap import delivered_of, gap_of
-from workbench.diagnose.location.records import Delivered
-from workbench.diagnose.location.where import where_of
+from workbench.diagnose.isolability import Isolability, isolability
+from workbench.diagnose.isolation.next_run import NextRun, next_run
+from workbench.diagnose.location.where import Where, where_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.progress import Progress, Stage, Tell
 from workbench.diagnose.readiness.checks import check_runs
-from workbench.diagnose.readiness.condition import condition
-from workbench.diagnose.readiness.information import informative_band
-from workbench.diagnose.readiness.motion_noise import motion_noise
-from workbench.diagnose.records import Diagnosis
+from workbench.diagnose.readiness.condition import Condition, condition
+from workbench.diagnose.readiness.noise import informative_band, motion_noise
 from workbench.diagnose.remainder import remainder_of
-from workbench.diagnose.shrink import folds_of, shrink_of
+from workbench.diagnose.unexplained.records import Unknown
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
-from workbench.diagnose.verdict.answer import Left, Verdict, shared
+from workbench.diagnose.verdict.answer import Candidate, Left, Remainder, Verdict, shared
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged_to_help, steps
-from workbench.diagnose.words import sentence_of
 from workbench.effects import Effect, effects_for
 from workbench.logs import Campaign
-from workbench.machines import kind_of
-from workbench.simulate.replay import replay_runs
+from workbench.machines import Axis, Hoist, kind_of
+from workbench.simulate.replay import ReplayResult, replay_runs
+from workbench.study.consequences import Consequences, consequences_of
 from workbench.study.load import Study
+
+MOSTLY = {
+    "speed": "with speed",
+    "low_speed": "near standstill",
+    "acceleration": "with acceleration",
+    "load": "with the load",
+    "position": "with position",
+    "time": "over time",
+    "start": "after each start",
+    "periodic": "periodically",
+}  # regime of a remainder -> how it shows
+
+
+def listed(names: Names) -> str:
+    """a; a and b; a, b and c."""
+    *rest, last = names
+    return f"{', '.join(rest)} and {last}" if rest else last
+
+
+def either(names: Names, twins: Sequence[Names]) -> str:
+    """a; a or b, one cause by two names in these runs; and with what they share: …, and c."""
+    if not twins:
+        return listed(names)
+    others = list(dict.fromkeys(name for twin in twins for name in twin if name not in names))
+    shared = [name for name in names if all(name in twin for twin in twins)]
+    own = [name for name in names if name not in shared]
+    count = {1: "two", 2: "three"}.get(len(others), "several")
+    text = f"{' or '.join([*own, *others])}, one cause by {count} names in these runs"
+    return f"{text}, and {listed(tuple(shared))}" if shared else text
+
+
+def sentence_of(judged: Judged, shrink: Shrink, rest: Remainder, also: Names, tabled: bool = False) -> str:
+    """The first sentence of the report: the answer, its probability, and the reduction of the gap.
+
+    tabled: whether the corrected machine contains the measured force of an unknown cause.
+    """
+    unit = shrink.unit
+    sure = judged.ranking[0].probability
+    size = f"{shrink.before:.2g} {unit} rms on runs held out, noise {shrink.noise:.2g} {unit}"
+    if judged.word == "no_gap":
+        return f"No gap: within its tolerances the model explains these runs ({size}; {chance(sure)})."
+    if judged.word == "unknown":
+        # Rivals are weighed beside what may be named: one of them may well explain it.
+        which = "listed effect" if any(hypothesis.rival for hypothesis in judged.weighed) else "effect of the library"
+        head = f"The gap ({size}) has a cause that no {which} explains ({chance(sure)})"
+        if sure < 0.5:  # a listed cause is likelier, and the fits do not find it
+            head = (
+                f"No {which} as it was fitted explains the gap ({size}); {chance(sure)} that its cause is none of them"
+            )
+        return (
+            f"{head}; "
+            + (
+                f"with its measured force, which is in the corrected machine, {shrink.after:.2g} {unit} are left"
+                if tabled
+                else "no table of it keeps what it promises, so the machine holds none"
+            )
+            + "."
+        )
+    same = judged.of_answer
+    text = f"The gap comes from {either(judged.names, same)} ({chance(sure)}): "
+    text += (
+        f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}, noise {shrink.noise:.2g}"
+    )
+    text += f". It explains {_percent(1.0 - rest.share)} of the gap's energy beyond noise"
+    if rest.rms > 0.0:
+        text += (
+            f"; {rest.rms:.2g} {unit} remain, {rest.percent_of_input:.2g} % of the input, "
+            + (f"mostly {MOSTLY[rest.regime]}, " if rest.relevant and rest.regime in MOSTLY else "")
+            + ("enough to change a conclusion" if rest.relevant else "too little to change a conclusion")
+        )
+    if others := [name for name in also if not any(name in names for names in same)]:
+        it = "it" if len(judged.names) == 1 else "one of them"
+        text += f"; these runs cannot tell {it} from {', '.join(others)}"
+    return text + "."
+
+
+def _percent(share: float) -> str:
+    """A share of the energy in per cent, with enough digits near 100."""
+    if share >= 0.9999:
+        return "over 99.99 %"
+    return f"{100.0 * share:.2f} %" if share > 0.99 else f"{100.0 * share:.0f} %"
+
+
+def chance(probability: float) -> str:
+    """A probability in words; above 0.99 it is not given exactly."""
+    return "probability over 0.99" if probability > 0.99 else f"probability {probability:.2f}"
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
+    """The results of a diagnosis, in the order of its steps. corrected: the machine for replay and study."""
+
+    campaign: Campaign
+    seed: int
+    condition: Condition
+    gap: Gap
+    delivered: Delivered
+    where: Where | None
+    candidates: tuple[Candidate, ...]
+    isolability: Isolability
+    verdict: Verdict
+    next_run: NextRun | None
+    shrink: Shrink
+    corrected: Hoist | Axis
+    refitted: Hoist | Axis
+    unknown: Unknown | None
+    consequences: Consequences | None
+    why_no_consequences: str
+    search: SearchResult = field(repr=False, compare=False)
+    judged: Judged = field(repr=False, compare=False)
+    warnings: tuple[str, ...] = ()
+    replays: tuple[ReplayResult, ReplayResult] | None = field(default=None, repr=False, compare=False)
+
+    def replayed(self) -> tuple[ReplayResult, ReplayResult]:
+        """Both machines driven by the logs: refitted within the tolerances, and corrected."""
+        if self.replays is not None:
+            return self.replays
+        runs, band = self.campaign.runs, self.gap.band_hz
+        before = replay_runs(self.refitted, runs, band)
+        return before, before if self.corrected == self.refitted else replay_runs(self.corrected, runs, band)
+
+    @property
+    def chosen(self) -> Candidate | None:
+        """The candidate that the verdict names."""
+        named = self.verdict.word == "named"
+        return next((c for c in self.candidates if named and set(c.effects) == set(self.verdict.effects)), None)
+
+    def __repr__(self) -> str:
+        """The answer in a few lines; `table()` and `plot()` show the rest."""
+        likeliest = sorted(self.verdict.ranking, key=lambda row: -row.probability)[:3]
+        shrink = self.shrink
+        lines = [
+            f"Diagnosis of {self.campaign.name}",
+            f"  {self.verdict.sentence}",
+            *(f"  {row.probability:.2f} {' + '.join(row.effects) or row.verdict}" for row in likeliest),
+            f"  held-out residual: {shrink.before:.3g} to {shrink.after:.3g} {shrink.unit}, noise {shrink.noise:.3g}",
+        ]
+        if self.where is not None:
+            lines.append(f"  where: {self.where.subsystem}, {self.where.regime}")
+        return "\n".join(lines)
+
 
 BASELINES = ("tolerances", "nominal")
 
@@ -45,9 +183,9 @@ def diagnose(
     baseline: str = "tolerances",
     candidates: Sequence[str] | None = None,
     most_effects: int = MOST_EFFECTS,
+    quick: bool = False,
     seed: int = 0,
     band_hz: float | None = None,
-    quick: bool = False,
     study: bool = True,
     scenario: Study | None = None,
     tell: Tell | None = None,
@@ -56,8 +194,7 @@ def diagnose(
 
     baseline: "tolerances" refits the base parameters with their tolerances as priors, "nominal" keeps them.
     candidates: ids of the effects to weigh, None for the listed ones of the machine's kind. most_effects: largest
-    number of effects at once; each further one is searched beside the best hypotheses so far, as long as it is worth
-    its parameters. quick: single effects only, and no second search. study:
+    number of effects at once, 1 to 3; each further one is searched beside the best hypotheses so far. study:
     whether to compute the changes in the control study. scenario: a user's study, whose moves, limits, payloads and
     controller these are computed with. tell: receives the progress. The same seed gives the same
     answer. InputError if the runs cannot be diagnosed.
@@ -155,6 +292,7 @@ def diagnose(
         search=search,
         judged=judged,
         warnings=tuple(warnings),
+        replays=(refitted_replay, replayed),
     )
 
 
@@ -189,6 +327,3 @@ def _open(judged: Judged, also: Sequence[Names]) -> list[Names]:
     rest = list(also)
     rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
     return list(dict.fromkeys([*first, *rest]))
-
-
-__all__ = ["BASELINES", "SearchResult", "chosen_effects", "diagnose"]

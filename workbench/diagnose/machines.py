@@ -61,7 +61,7 @@ def refitted_machine(problem: Problem, base_keys: Mapping[str, Scalar], fitted: 
         },
     )
     allowances = dict(machine.allowances)
-    for trace in kind_of(machine).traces:
+    for trace in kind_of(machine).nuisances:
         ranges = _ranges(problem, trace.effect)
         if trace.effect not in machine.effects and any(
             r.vanishes_at is not None and setting.get(r.symbol, r.vanishes_at) != r.vanishes_at for r in ranges

@@ -1,4 +1,4 @@
-"""The progress of a diagnosis, as records. The words are in reports/diagnosis/progress.py."""
+"""The progress of a diagnosis, as records. The words are in view/diagnosis.py."""
 
 from __future__ import annotations
 
@@ -39,6 +39,12 @@ class Progress:
     step: int = 0
     steps: int = 0
     effects: tuple[str, ...] = ()
+
+    @property
+    def share_done(self) -> float:
+        """The share of the work that is done, 0 to 1: by stages, and within the search by its steps."""
+        within = (self.step - 1) / self.steps if self.steps else 0.0
+        return (self.stage.value + within) / len(Stage)
 
 
 Tell = Callable[[Progress], None]

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import math
 
+from workbench.diagnose.gap import Shrink
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.settings import RELEVANT_PERCENT
 from workbench.diagnose.location.places import placed
-from workbench.diagnose.location.profiles import Explained, OnTop, basis, best_of, share_of
-from workbench.diagnose.location.variables import variables
+from workbench.diagnose.location.profiles import Explained, OnTop, basis, best_of, share_of, variables
 from workbench.diagnose.location.where import free_of, regime_of
-from workbench.diagnose.shrink import Shrink
 from workbench.diagnose.verdict.answer import Remainder
 from workbench.diagnose.verdict.judge import input_rms
 from workbench.machines import kind_of

@@ -154,7 +154,7 @@ def parts(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
     machine of the kind has; then all that is a force or a torque and keeps no state."""
     kind, sizes = kind_of(machine), sizes_of(machine, runs)
     everything = tuple(effect for effect in effects_for(kind.name).values() if not effect.on_sensor)
-    traces = {trace.effect for trace in kind.traces if trace.fitted}
+    traces = {trace.effect for trace in kind.nuisances if trace.fitted}
     forces = {port.place for port in kind.ports.values()}
 
     def of_these(wanted: Callable[[Effect], bool]) -> Part:

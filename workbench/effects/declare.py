@@ -32,7 +32,7 @@ from typing import Any, Literal
 
 from workbench.core.errors import InputError, nearest
 from workbench.machines import KINDS, PLACES, Sizes
-from workbench.machines.kind import UNIT_SIZES
+from workbench.machines.declare import UNIT_SIZES
 from workbench.symbolic.expr import Scalar
 
 SENSOR_PLACES: Mapping[str, str] = {

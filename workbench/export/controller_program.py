@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 
 from workbench.control import PiSettings, feed_forward, full_pi, loop_values
+from workbench.control.events import BRAKE_TORQUES
 from workbench.control.pi import load_inertia, swing_of
 from workbench.control.settings import low_pass_gain, notch_coefficients
+from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.engine.stepped import Step
 from workbench.machines import HOIST, Hoist
@@ -29,7 +31,6 @@ RECORD_SAMPLES = 400
 SPEED_MARGIN = 1.5  # of the largest speed: what is still taken as one
 SPEED_NOISE = 0.02  # of the largest speed: what a measured speed may jump beside its motion
 STATE_TORQUES = 1e6  # of the torque limit: what a memory or a wanted torque may come to
-BRAKE_TORQUES = 2.0  # of all motors' nominal torque: what a brake may add to the motors' torque
 LOADS = 4.0  # of the load's weight: what a wire may pull whose breaking load is not stated
 
 
@@ -106,60 +107,89 @@ class Record:
     fastest_rad_s: float
 
 
+TERMS = {  # what the program does; a term that is none of these, and switched on, is refused
+    "controller": ("kind", "sample_time_s", "kp_nm_s_per_rad", "ki_nm_per_rad", "set_point_weight", "anti_windup",
+                   "tracking_time_s", "torque_rate_limit_nm_per_s", "low_pass_hz", "notch", "feed_forward"),
+    "controller.feed_forward": ("inertia", "weight", "friction", "wire"),
+}  # fmt: skip
+
+
+def check_exported(settings: PiSettings) -> None:
+    """InputError, in one line, for a term of the controller that is switched on and that no export knows."""
+    for block, record in (("controller", settings), ("controller.feed_forward", settings.feed_forward)):
+        for name, field in type(record).model_fields.items():
+            off = field.get_default(call_default_factory=True)
+            if name not in TERMS[block] and getattr(record, name) != off:
+                raise InputError("is not exported; take it out of the controller block", place=f"{block}.{name}")
+
+
+class _Writer:
+    """Collects a program, block by block."""
+
+    def __init__(self) -> None:
+        self.numbers: list[Number] = []
+        self.memory: list[str] = []
+        self.reset: list[str] = []
+        self.step: list[tuple[str, tuple[str, ...]]] = []
+
+    def number(self, name: str, value: float, meaning: str) -> None:
+        self.numbers.append(Number(name, float(value), meaning))
+
+    def keep(self, **memory: str) -> None:
+        """What is kept from sample to sample, with what a reset makes of it."""
+        self.memory += memory
+        self.reset += [f"{name} = {value}" for name, value in memory.items()]
+
+    def block(self, title: str, *lines: str) -> None:
+        self.step.append((title, lines))
+
+
 def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) -> Program:
-    """The controller on a machine, with the machine's torque limits and feed-forward."""
-    dt, limits, ff = settings.sample_time_s, torque_limits(machine), settings.feed_forward
-    numbers = [
-        Number("sample_time_s", dt, "time from call to call"),
-        Number("kp", settings.kp_nm_s_per_rad, "proportional gain, N m s/rad"),
-        Number("ki", settings.ki_nm_per_rad, "integral gain, N m/rad"),
-        Number("set_point_weight", settings.set_point_weight, "of the reference in the proportional part"),
-        Number("torque_limit_nm", limits["u_all"], "largest torque of all motors together"),
-        Number("torque_limit_one_failed_nm", limits["u_one"], "largest torque after one motor failed"),
-    ]
-    numbers += _plausible(machine, payload_kg, dt)
-    memory, reset = ["integral_nm"], ["integral_nm = torque_hold_nm"]
+    """The controller on a machine, with the machine's torque limits and feed-forward. InputError: `check_exported`."""
+    check_exported(settings)
+    dt, limits, share, w = settings.sample_time_s, torque_limits(machine), settings.feed_forward.weight, _Writer()
+    w.number("sample_time_s", dt, "time from call to call")
+    w.number("kp", settings.kp_nm_s_per_rad, "proportional gain, N m s/rad")
+    w.number("ki", settings.ki_nm_per_rad, "integral gain, N m/rad")
+    w.number("set_point_weight", settings.set_point_weight, "of the reference in the proportional part")
+    w.number("torque_limit_nm", limits["u_all"], "largest torque of all motors together")
+    w.number("torque_limit_one_failed_nm", limits["u_one"], "largest torque after one motor failed")
+    w.numbers += _plausible(machine, payload_kg, dt)
+    w.keep(integral_nm="torque_hold_nm")
     limit = ["largest = where(motor_failed, torque_limit_one_failed_nm, torque_limit_nm)"]
     if machine.drive.field_weakening:
-        numbers.append(Number("weakening_speed_rad_s", limits["w_weak"], "above it the limit falls as 1/speed"))
+        w.number("weakening_speed_rad_s", limits["w_weak"], "above it the limit falls as 1/speed")
         # No division by zero on either branch: SEL and where compute both.
         limit.append("largest = largest * min(weakening_speed_rad_s / max(abs(speed), 1e-9), 1.0)")
-    steps: list[tuple[str, tuple[str, ...]]] = [
-        ("largest torque at this speed", tuple(limit)),
-        ("PI", ("wanted = kp * (set_point_weight * reference - speed) + integral_nm",)),
-    ]
-    if ff.weight > 0.0:
-        numbers.append(Number("weight_share", ff.weight, "of the holding torque that is fed forward"))
-        reset = ["hold_nm = torque_hold_nm", "integral_nm = torque_hold_nm * (1.0 - weight_share)"]
-        memory.append("hold_nm")
+    w.block("largest torque at this speed", *limit)
+    w.block("PI", "wanted = kp * (set_point_weight * reference - speed) + integral_nm")
+    if share > 0.0:
+        w.number("weight_share", share, "of the holding torque that is fed forward")
+        w.memory.append("hold_nm")
+        w.reset = ["hold_nm = torque_hold_nm", "integral_nm = torque_hold_nm * (1.0 - weight_share)"]
     if settings.notch is not None:
-        b0, b1, b2, a1, a2 = notch_coefficients(settings.notch, dt)
-        for name, value in zip(("b0", "b1", "b2", "a1", "a2"), (b0, b1, b2, a1, a2), strict=True):
-            numbers.append(Number(name, value, f"notch at {settings.notch.frequency_hz:g} Hz"))
-        memory += ["z1", "z2"]
-        reset += ["z2 = (b2 - a2) * integral_nm", "z1 = (b1 - a1) * integral_nm + z2"]
-        lines = (
+        names, values = ("b0", "b1", "b2", "a1", "a2"), notch_coefficients(settings.notch, dt)
+        for name, value in zip(names, values, strict=True):
+            w.number(name, value, f"notch at {settings.notch.frequency_hz:g} Hz")
+        w.memory += ["z1", "z2"]
+        w.reset += ["z2 = (b2 - a2) * integral_nm", "z1 = (b1 - a1) * integral_nm + z2"]
+        w.block(
+            "notch, direct form II transposed",
             "cut = b0 * wanted + z1",
             "z1 = b1 * wanted - a1 * cut + z2",
             "z2 = b2 * wanted - a2 * cut",
             "wanted = cut",
         )
-        steps.append(("notch, direct form II transposed", lines))
     if settings.low_pass_hz is not None:
-        numbers.append(
-            Number("low_pass_gain", low_pass_gain(settings.low_pass_hz, dt), f"low-pass at {settings.low_pass_hz:g} Hz")
-        )
-        memory.append("smooth")
-        reset.append("smooth = integral_nm")
-        steps.append(("low-pass", ("smooth = smooth + low_pass_gain * (wanted - smooth)", "wanted = smooth")))
-    steps += _fed_forward(settings, machine, payload_kg, numbers, memory, reset)
+        gain = low_pass_gain(settings.low_pass_hz, dt)
+        w.number("low_pass_gain", gain, f"low-pass at {settings.low_pass_hz:g} Hz")
+        w.keep(smooth="integral_nm")
+        w.block("low-pass", "smooth = smooth + low_pass_gain * (wanted - smooth)", "wanted = smooth")
+    _feed_forward(w, settings, machine, payload_kg)
     torque = ["torque = min(max(wanted, -largest), largest)"]
     if settings.torque_rate_limit_nm_per_s is not None:
-        numbers.append(
-            Number("torque_step_nm", settings.torque_rate_limit_nm_per_s * dt, "largest change from call to call")
-        )
-        memory.append("torque_before")
-        reset.append("torque_before = torque_hold_nm")
+        w.number("torque_step_nm", settings.torque_rate_limit_nm_per_s * dt, "largest change from call to call")
+        w.keep(torque_before="torque_hold_nm")
         torque += [
             "torque = min(max(torque, torque_before - torque_step_nm), torque_before + torque_step_nm)",
             "torque_before = torque",
@@ -167,9 +197,19 @@ def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) ->
         ]
     else:
         torque.append("command = torque")
-    steps.append(("limits", tuple(torque)))
-    steps.append(("integral and anti-windup", _integral(settings, numbers)))
-    return Program(tuple(numbers), tuple(memory), tuple(reset), tuple(steps), dt)
+    w.block("limits", *torque)
+    push, gain_of = "reference - speed", "sample_time_s * ki * "
+    integral = [f"integral_nm = integral_nm + {gain_of}(reference - speed)"]
+    if settings.anti_windup == "conditional":
+        push = f"where((wanted - torque) * ({push}) > 0.0, 0.0, {push})"
+        integral = [f"push = {push}", f"integral_nm = integral_nm + {gain_of}push"]
+    elif settings.anti_windup == "back_calculation":
+        rate = settings.tracking_rate_per_s
+        w.number("tracking_rate_per_s", rate, "how fast the integral runs back at a limit")
+        push = f"ki * ({push}) + tracking_rate_per_s * (torque - wanted)"
+        integral = [f"push = {push}", "integral_nm = integral_nm + sample_time_s * push"]
+    w.block("integral and anti-windup", *integral)
+    return Program(tuple(w.numbers), tuple(w.memory), tuple(w.reset), tuple(w.step), dt)
 
 
 def _plausible(machine: Hoist, payload_kg: float, dt: float) -> list[Number]:
@@ -191,88 +231,54 @@ def _plausible(machine: Hoist, payload_kg: float, dt: float) -> list[Number]:
     ]
 
 
-def _fed_forward(
-    settings: PiSettings, machine: Hoist, payload_kg: float, numbers: list[Number], memory: list[str], reset: list[str]
-) -> list[tuple[str, tuple[str, ...]]]:
+def _feed_forward(w: _Writer, settings: PiSettings, machine: Hoist, payload_kg: float) -> None:
     """The lines of the feed-forward; its numbers are those of `control.feed_forward` for unit inputs."""
-    ff = settings.feed_forward
+    ff, dt, plant = settings.feed_forward, settings.sample_time_s, vars(HOIST.plant.values(machine, payload_kg))
 
     def torque(inertia: float, friction: float, reference: float, acceleration: float) -> float:
-        p = {
-            **vars(HOIST.plant.values(machine, payload_kg)),
-            "ff_J": inertia,
-            "ff_w": 0.0,
-            "ff_F": friction,
-            "T_hold": 0.0,
-        }
+        p = {**plant, "ff_J": inertia, "ff_w": 0.0, "ff_F": friction, "T_hold": 0.0}
         return float(feed_forward(SimpleNamespace(**p), reference, acceleration))
 
     parts: list[str] = []
     if ff.inertia > 0.0:
-        numbers.append(Number("inertia_kg_m2", torque(ff.inertia, 0.0, 0.0, 1.0), "fed forward, at the motor shaft"))
-        memory.append("reference_before")
-        reset.append("reference_before = 0.0")
+        w.number("inertia_kg_m2", torque(ff.inertia, 0.0, 0.0, 1.0), "fed forward, at the motor shaft")
+        w.keep(reference_before="0.0")
         parts += [
             "acceleration = (reference - reference_before) / sample_time_s",
             "wanted = wanted + inertia_kg_m2 * acceleration",
             "reference_before = reference",
         ]
-        if ff.through_the_wire:
-            parts += _behind_the_wire(settings, machine, payload_kg, numbers, memory, reset)
+    if ff.through_the_wire:  # as `control.pi.behind_the_wire`: takes off what the load's swing leaves to later
+        p = SimpleNamespace(**plant)
+        squared, damping = swing_of(p)
+        swinging = ff.inertia * ff.wire * float(load_inertia(p))
+        slow = float(1.0 + dt * damping / 2.0 + dt * dt * squared / 4.0)
+        w.number("swinging_kg_m2", swinging, "carriage and payload as the wire passes them on, at the motor shaft")
+        w.number("swing_per_s2", float(squared), "stiffness of the wire over the load's mass")
+        w.number("swing_damping_per_s", float(damping), "damping of the wire over the load's mass")
+        w.number("swing_slow", slow, "of the midpoint rule")
+        w.keep(stretch="0.0", stretch_rate="0.0")
+        parts += [
+            "push = acceleration - swing_per_s2 * stretch",
+            "mean_rate = (stretch_rate + sample_time_s * push / 2.0) / swing_slow",
+            "mean_stretch = stretch + sample_time_s * mean_rate / 2.0",
+            "carried = swing_per_s2 * mean_stretch + swing_damping_per_s * mean_rate",
+            "wanted = wanted - swinging_kg_m2 * (acceleration - carried)",
+            "stretch = stretch + sample_time_s * mean_rate",
+            "stretch_rate = 2.0 * mean_rate - stretch_rate",
+        ]
     if ff.weight > 0.0:
         parts.append("wanted = wanted + weight_share * hold_nm")
     if ff.friction > 0.0:
-        up, down = torque(0.0, ff.friction, 1.0, 0.0), -torque(0.0, ff.friction, -1.0, 0.0)
-        numbers.append(Number("friction_hoisting_nm", up, "fed forward while the reference hoists"))
-        numbers.append(Number("friction_lowering_nm", down, "fed forward while the reference lowers"))
+        for name, way, word in (("hoisting", 1.0, "hoists"), ("lowering", -1.0, "lowers")):
+            friction = way * torque(0.0, ff.friction, way, 0.0)
+            w.number(f"friction_{name}_nm", friction, f"fed forward while the reference {word}")
         parts.append(
             "wanted = wanted + where(reference > 0.0, friction_hoisting_nm, "
             "where(reference < 0.0, -friction_lowering_nm, 0.0))"
         )
-    return [("feed-forward", tuple(parts))] if parts else []
-
-
-def _behind_the_wire(
-    settings: PiSettings, machine: Hoist, payload_kg: float, numbers: list[Number], memory: list[str], reset: list[str]
-) -> list[str]:
-    """The lines of `control.pi.behind_the_wire`, which takes off what the load's swing leaves to later."""
-    p = SimpleNamespace(**vars(HOIST.plant.values(machine, payload_kg)))
-    dt, ff, (squared, damping) = settings.sample_time_s, settings.feed_forward, swing_of(p)
-    swinging = ff.inertia * ff.wire * float(load_inertia(p))
-    numbers += [
-        Number("swinging_kg_m2", swinging, "carriage and payload as the wire passes them on, at the motor shaft"),
-        Number("swing_per_s2", float(squared), "stiffness of the wire over the load's mass"),
-        Number("swing_damping_per_s", float(damping), "damping of the wire over the load's mass"),
-        Number("swing_slow", float(1.0 + dt * damping / 2.0 + dt * dt * squared / 4.0), "of the midpoint rule"),
-    ]
-    memory += ["stretch", "stretch_rate"]
-    reset += ["stretch = 0.0", "stretch_rate = 0.0"]
-    return [
-        "push = acceleration - swing_per_s2 * stretch",
-        "mean_rate = (stretch_rate + sample_time_s * push / 2.0) / swing_slow",
-        "mean_stretch = stretch + sample_time_s * mean_rate / 2.0",
-        "carried = swing_per_s2 * mean_stretch + swing_damping_per_s * mean_rate",
-        "wanted = wanted - swinging_kg_m2 * (acceleration - carried)",
-        "stretch = stretch + sample_time_s * mean_rate",
-        "stretch_rate = 2.0 * mean_rate - stretch_rate",
-    ]
-
-
-def _integral(settings: PiSettings, numbers: list[Number]) -> tuple[str, ...]:
-    if settings.anti_windup == "conditional":
-        return (
-            "push = where((wanted - torque) * (reference - speed) > 0.0, 0.0, reference - speed)",
-            "integral_nm = integral_nm + sample_time_s * ki * push",
-        )
-    if settings.anti_windup == "none":
-        return ("integral_nm = integral_nm + sample_time_s * ki * (reference - speed)",)
-    numbers.append(
-        Number("tracking_rate_per_s", settings.tracking_rate_per_s, "how fast the integral runs back at a limit")
-    )
-    return (
-        "push = ki * (reference - speed) + tracking_rate_per_s * (torque - wanted)",
-        "integral_nm = integral_nm + sample_time_s * push",
-    )
+    if parts:
+        w.block("feed-forward", *parts)
 
 
 # The reference of a record, of the largest speed: until which part of it, level, slope from 0.05 on.

@@ -1,4 +1,5 @@
-"""The controller's program as C99, as IEC 61131-3 structured text and as PLCopen XML, with self-tests on its record."""
+"""The controller's files: its program as C99, as IEC 61131-3 structured text and as PLCopen XML, with self-tests on its
+record; or a drive's parameters."""
 
 from __future__ import annotations
 
@@ -6,10 +7,12 @@ import ast
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from workbench import __version__
+from workbench.control import PiSettings
 from workbench.export.controller_program import (
     AGREES,
     CHECKS,
@@ -20,8 +23,10 @@ from workbench.export.controller_program import (
     RIPPLE,
     RIPPLES,
     Program,
-    Record,
+    checked,
 )
+from workbench.export.drives import RampLimits, drive_settings, settings_text
+from workbench.machines import Hoist
 
 COMPARED = 20  # samples between two torques that the self-test in structured text compares
 INPUTS = ("speed_reference_rad_s", "speed_motor_rad_s", "motor_failed")
@@ -111,40 +116,49 @@ ST = Language(
 )
 
 
-@dataclass(frozen=True)
-class Declared:
-    """A variable of the function block."""
-
-    name: str
-    kind: str
-    meaning: str = ""
-    start: str = ""
-
-
-def _sections(program: Program) -> dict[str, list[Declared]]:
-    """The variables of the block by section."""
+def _sections(program: Program) -> dict[str, list[dict[str, str]]]:
+    """The variables of the function block by section: name, type, meaning and first value of each."""
     reasons = "; ".join(f"{check.reason} {check.meaning}" for check in CHECKS)
     takes_over = "takes over a load that torque_hold_nm holds, without a bump, ends a fault; TRUE in the first call"
-    return {
+    held = "a check failed: the last torque is held until a reset; wire it to the brake"
+    rows: dict[str, list[tuple[str, ...]]] = {
         "VAR_INPUT": [
-            Declared("reset", "BOOL", takes_over), Declared("torque_hold_nm", "LREAL"), Declared(INPUTS[0], "LREAL"),
-            Declared(INPUTS[1], "LREAL"), Declared(INPUTS[2], "BOOL", "one motor gives no torque"),
+            ("reset", "BOOL", takes_over), ("torque_hold_nm", "LREAL"), (INPUTS[0], "LREAL"), (INPUTS[1], "LREAL"),
+            (INPUTS[2], "BOOL", "one motor gives no torque"),
         ],
         "VAR_OUTPUT": [
-            Declared("torque_motor_nm", "LREAL"), Declared("limited", "BOOL", "the command is at a limit"),
-            Declared("fault", "BOOL", "a check failed: the last torque is held until a reset; wire it to the brake"),
-            Declared("fault_reason", "INT", f"0 none; {reasons}"),
+            ("torque_motor_nm", "LREAL"), ("limited", "BOOL", "the command is at a limit"), ("fault", "BOOL", held),
+            ("fault_reason", "INT", f"0 none; {reasons}"),
         ],
-        "VAR CONSTANT": [Declared(n.name, "LREAL", n.meaning, st_number(n.value)) for n in program.numbers],
+        "VAR CONSTANT": [(n.name, "LREAL", n.meaning, st_number(n.value)) for n in program.numbers],
         "VAR": [
-            *(Declared(name, "LREAL") for name in (*program.memory, "speed_before", *program.locals, "most_nm")),
-            Declared("fresh", "BOOL"),
+            *((name, "LREAL") for name in (*program.memory, "speed_before", *program.locals, "most_nm")),
+            ("fresh", "BOOL"),
         ],
     }  # fmt: skip
+    columns = ("name", "kind", "meaning", "start")
+    return {
+        section: [dict(zip(columns, (*row, "", "")[:4], strict=True)) for row in variables]
+        for section, variables in rows.items()
+    }
 
 
-def controller_texts(form: str, title: str, program: Program, record: Record, version: str) -> dict[str, str]:
-    """File name -> text, of the form `c` or `st`. title: it goes into comments and ends none."""
+def controller_files(
+    form: Literal["st", "c", "yaml"],
+    settings: PiSettings,
+    machine: Hoist,
+    payload_kg: float = 0.0,
+    drive: str = "generic",
+    ramp: RampLimits | None = None,
+) -> dict[str, str]:
+    """File name -> text. InputError for a term of the controller that is not exported."""
+    if form == "yaml":
+        return {"drive_parameters.yaml": settings_text(drive_settings(drive, settings, machine, payload_kg, ramp))}
+    program, record = checked(settings, machine, payload_kg)
+    name = machine.name.replace("*", " ").replace("\n", " ")  # ends no comment
+    title = f"Sampled PI speed controller for {name}, by workbench {__version__}"
+    columns = (record.reference_rad_s, record.speed_rad_s, record.motor_failed, record.torque_nm)
+    rows = list(zip(*(map(float, column) for column in columns), strict=True))
     c = c_of(program)
     environment = Environment(
         loader=PackageLoader("workbench", "export/controller_templates"), undefined=StrictUndefined,
@@ -153,30 +167,16 @@ def controller_texts(form: str, title: str, program: Program, record: Record, ve
     environment.filters |= {
         "c": lambda text: expression(text, c), "c_line": lambda line: assignment(line, c, "="),
         "st": lambda text: expression(text, ST), "st_line": lambda line: assignment(line, ST, ":="),
-        "lreal": st_number,
+        "lreal": st_number, "repr": repr,
     }  # fmt: skip
     values: dict[str, Any] = {
-        "title": title, "version": version, "program": program, "record": record, "rows": _rows(record),
+        "title": title, "version": __version__, "program": program, "record": record, "rows": rows,
         "checks": CHECKS, "hold": HOLD, "result": RESULT, "sections": _sections(program), "profile": PROFILE,
         "follows": FOLLOWS, "ripple": RIPPLE, "turn": 2.0 * math.pi * RIPPLES, "compared": COMPARED,
         "expected": record.torque_nm[COMPARED - 1 :: COMPARED].tolist(), "tolerance_nm": AGREES * record.largest_nm,
+        "inputs": INPUTS,
     }  # fmt: skip
     values["body"] = environment.get_template("body.st").render(values)
-    names = {
-        "c": ("speed_controller.h", "speed_controller.c", "speed_controller_test.c"),
-        "st": ("speed_controller.st", "speed_controller.xml", "speed_controller_test.st"),
-    }
-    return {name: environment.get_template(name).render(values) for name in names[form]}
-
-
-def record_csv(record: Record) -> str:
-    """The test record as a table; its first line after the header is the first step after the reset."""
-    lines = [f"# reset with torque_hold_nm {record.hold_nm!r}", ",".join((*INPUTS, "torque_motor_nm"))]
-    lines += [f"{r!r},{w!r},{int(f)},{u!r}" for r, w, f, u in _rows(record)]
-    return "\n".join(lines) + "\n"
-
-
-def _rows(record: Record) -> list[tuple[float, float, float, float]]:
-    """Reference, speed, whether a motor has failed, torque, by sample."""
-    columns = (record.reference_rad_s, record.speed_rad_s, record.motor_failed, record.torque_nm)
-    return list(zip(*(map(float, column) for column in columns), strict=True))
+    endings = {"c": (".h", ".c", "_test.c"), "st": (".st", ".xml", "_test.st")}[form]
+    names = [f"speed_controller{ending}" for ending in endings]
+    return {name: environment.get_template(name).render(values) for name in ("test_record.csv", *names)}

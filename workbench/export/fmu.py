@@ -24,7 +24,7 @@ from workbench import __version__
 from workbench.core.errors import InputError, nearest
 from workbench.core.templates import render
 from workbench.export.model import Model
-from workbench.export.variables import BASE, DISPLAYED, Variable, over_time, unit_of
+from workbench.export.variables import Variable, exponents, symbols
 
 FmiVersion = Literal["2.0", "3.0"]
 SOURCES = ("model.c", "core.c")  # beside the interface's own file
@@ -69,13 +69,13 @@ def write_fmu(
 
 def c_files(version: FmiVersion) -> tuple[str, ...]:
     """The files that are compiled."""
-    return (interface_file(version), *SOURCES)
+    return (f"fmi{version[0]}.c", *SOURCES)
 
 
 def write_sources(model: Model, folder: Path, version: FmiVersion) -> None:
     """The C files of a model, all that are needed but the standard's own headers."""
     folder.mkdir(parents=True)
-    for name in ("core.c", "core.h", "model.h", interface_file(version)):
+    for name in ("core.c", "core.h", "model.h", c_files(version)[0]):
         (folder / name).write_text((WRITTEN_BY_HAND / name).read_text(encoding="utf-8"), encoding="utf-8")
     for name, text in model.code.items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -102,21 +102,15 @@ def _zip(folder: Path, out: Path) -> None:
 # The description.
 
 
-def interface_file(version: FmiVersion) -> str:
-    """The C file of the interface."""
-    return f"fmi{version[0]}.c"
-
-
 def model_description(model: Model, version: FmiVersion) -> str:
     """modelDescription.xml, checked in tests against the standard's schema."""
-    named = {
-        causality: [v.name for v in model.variables if v.causality == causality]
-        for causality in ("output", "calculatedParameter")
-    }
-    slopes_of = [f"der({name})" for name in model.states]
+    first = 1 if version == "2.0" else 0  # FMI 2.0 counts variables from 1, FMI 3.0 names their references
+    slopes = [f"der({name})" for name in model.states]
+    outputs = [v.name for v in model.variables if v.causality == "output"]
     # To be computed before the first step.
-    wanted = {*named["output"], *named["calculatedParameter"], *model.states, *slopes_of}
-    units = sorted({_unit(v) for v in model.variables} - {""})
+    held = [v.name for v in model.variables if v.causality == "calculatedParameter"]
+    wanted = {*outputs, *held, *model.states, *slopes}
+    displayed, units = symbols()["displayed"], sorted({v.unit for v in model.variables} - {""})
     return render(
         f"export/description/fmi{version[0]}.xml",
         model=model,
@@ -125,13 +119,15 @@ def model_description(model: Model, version: FmiVersion) -> str:
             "variableNamingConvention": "structured",
         },
         files=c_files(version),
-        units=[(unit, BASE[unit], DISPLAYED.get(unit)) for unit in units],
+        units=[(unit, exponents(unit), displayed.get(unit)) for unit in units],
         common=_common,
-        real=lambda v, first: _real(model, v, first),
-        reads=lambda name, first: _reads(model, name, first),
+        real=lambda v: _real(model, v, first),
+        # No list stands for everything.
+        reads=lambda name: {"dependencies": " ".join(str(model.reference(x) + first) for x in model.dependencies[name])}
+        if name in model.dependencies else {},
         in_order=lambda names: sorted(names, key=model.reference),
-        outputs=named["output"],
-        slopes_of=slopes_of,
+        outputs=outputs,
+        slopes_of=slopes,
         initial=[v.name for v in model.variables if v.name in wanted],
     )  # fmt: skip
 
@@ -141,18 +137,10 @@ def build_description(model: Model) -> str:
     return render("export/description/build.xml", model=model, files=c_files("3.0"))
 
 
-def _reads(model: Model, name: str, first: int) -> dict[str, str]:
-    """The attribute that lists what an unknown depends on; none where that is not known, which means everything.
-    first: the index of the first variable."""
-    if name not in model.dependencies:
-        return {}
-    return {"dependencies": " ".join(str(model.reference(x) + first) for x in model.dependencies[name])}
-
-
 def _common(v: Variable) -> dict[str, str]:
     """The attributes of any variable; the reference is its place."""
     attributes = {"name": v.name, "description": v.meaning, "causality": v.causality, "variability": v.variability}
-    if v.causality in ("output", "local", "calculatedParameter", "parameter"):
+    if v.causality not in ("independent", "input"):
         attributes["initial"] = "exact" if v.causality == "parameter" else "calculated"
     if v.start is not None:
         attributes["start"] = ("true" if v.start else "false") if v.boolean else repr(float(v.start))
@@ -163,21 +151,13 @@ def _real(model: Model, v: Variable, first: int) -> dict[str, str]:
     """The attributes of a number."""
     if v.boolean:
         return {}
-    unit, low, high = _unit(v), v.range.lowest, v.range.highest
-    attributes = {
-        "unit": unit or None,
-        "displayUnit": DISPLAYED[unit][0] if unit in DISPLAYED else None,
-        "min": repr(float(low)) if math.isfinite(low) else None,
-        "max": repr(float(high)) if math.isfinite(high) else None,
-        "derivative": str(model.reference(v.derivative_of) + first) if v.derivative_of is not None else None,
-    }
-    return {name: value for name, value in attributes.items() if value is not None}
-
-
-def _unit(v: Variable) -> str:
-    if v.derivative_of is None:
-        return v.unit
-    return over_time(unit_of(v.derivative_of))
+    shown = symbols()["displayed"].get(v.unit)
+    limits = {"min": v.range.lowest, "max": v.range.highest}
+    attributes = {"unit": v.unit, "displayUnit": shown[0] if shown else ""}
+    attributes |= {name: repr(float(limit)) for name, limit in limits.items() if math.isfinite(limit)}
+    if v.derivative_of is not None:
+        attributes["derivative"] = str(model.reference(v.derivative_of) + first)
+    return {name: value for name, value in attributes.items() if value}
 
 
 # The compiler.

@@ -5,36 +5,29 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any, cast
 
 from workbench.control import NEVER, PI, Controller, PiSettings, delay_weights, full_pi, loop_values
-from workbench.control.events import BRAKE_SPEED
+from workbench.control.events import BRAKE_TORQUES, SWITCHED_BRAKE
 from workbench.core.errors import InputError
-from workbench.effects import Active, Chosen, alone, joined
+from workbench.core.templates import render
+from workbench.effects import Active, Chosen, alone, joined, sizes_of
+from workbench.effects.active import Alone
+from workbench.export.controller_program import check_exported
 from workbench.export.physics import Physics
-from workbench.export.variables import (
-    ANY,
-    NOT_NEGATIVE,
-    POSITIVE,
-    Range,
-    Value,
-    Variable,
-    effect_values,
-    machine_value,
-)
-from workbench.machines import STUDIED, Axis, Effects, Hoist, kind_of, of_kind, plant_of
+from workbench.export.variables import ANY, NOT_NEGATIVE, POSITIVE, Range, Variable, meaning_of, range_of
+from workbench.machines import STUDIED, Axis, Hoist, kind_of, of_kind, plant_of
 from workbench.simulate.loop import torque_limits
 from workbench.simulate.plant_model import PlantModel
-from workbench.symbolic.expr import Scalar, clip, symbol, where
+from workbench.symbolic.expr import symbol, where
 
-STEP_S = {"hoist": 0.001}  # by kind of plant; a wire is soft beside the sharp standstill of an axis' friction
-AXIS_STEP_S = 0.0002
+STEP_S, AXIS_STEP_S = {"hoist": 0.001}, 0.0002  # a wire is soft beside the sharp standstill of an axis' friction
 LONGEST_STEP_S = 0.05
-BRAKE_TORQUES = 2.0  # of all motors' nominal torque together, where nothing says how strong the brake is
-
 # (smaller, larger): pairs of parameters that machine.yaml refuses the other way round; equal: may be the same.
 _ORDERS = {
     "hoist": (
@@ -43,19 +36,16 @@ _ORDERS = {
         ("start.position_carriage_m", "wire.segment_length_m", True),
     )
 }
-_STATES = {
-    "angle_sheave_rad": "sheave angle",
-    "speed_sheave_rad_s": "sheave speed",
-}
+_STATES = {"angle_sheave_rad": "sheave angle", "speed_sheave_rad_s": "sheave speed"}
+_DOMAINS = {"any": ANY, "positive": POSITIVE, "not_negative": NOT_NEGATIVE}
 
 
 @dataclass(frozen=True)
 class Model:
-    """name: in words; identifier: as C and file names take it. orders: pairs of names of parameters, the smaller first.
+    """name: in words; identifier: as C and file names take it. code: model.c and sizes.h by file name.
 
-    code: model.c and sizes.h by file name. token: what ties description and binary together. notes: what of the
-    machine is not in the model, in sentences. dependencies: by unknown, the variables that its equation reads; none
-    with the controller inside.
+    token: what ties description and binary together. notes: what of the machine is not in the model, in sentences.
+    dependencies: by unknown, the variables that its equation reads; none with the controller inside.
     """
 
     name: str
@@ -106,143 +96,127 @@ def model_of(
     step_s = STEP_S.get(plant.kind, AXIS_STEP_S) if step_s is None else step_s
     if not 0.0 < step_s <= LONGEST_STEP_S:
         raise InputError(f"{step_s:g} s, expected more than 0 and at most {LONGEST_STEP_S:g} s", place="step_s")
-    _check_payload(machine, start)
-    active = alone(machine, effects)
+    at, active = _start_position(machine, start), alone(machine, effects)
     if controller is not None and not kind.studies:
         raise InputError(f"the machine is {of_kind(machine)}; a controller is exported with {STUDIED} only")
-    at = _start_position(machine, start)
-    values = [
-        machine_value(machine, name, key, start.payload_kg)
-        for name, key in plant.parameters.items()
-        if isinstance(key, str)
-    ]
-    for effect in active.chosen:
-        values += effect_values(machine, effect, plant.kind, active.values)
+    parameters = _plant_parameters(machine, active, start.payload_kg)
     p: dict[str, Any] = {name: key for name, key in plant.parameters.items() if not isinstance(key, str)}
-    p |= {name: value for name, value in active.values.items() if name not in {v.symbol for v in values}}
-    if active.effects.parameters:
-        values.append(Value("start_time_s", "start.campaign_time_s", "what the campaign's clock shows at time 0", 0.0))
-    position, speed = plant.positions[plant.placed], plant.speeds[0]
-    values += [
-        Value("start_at", f"start.{position}", "where the model hangs still at the start", at, _reach(machine)),
-        Value("start_speed", f"start.{speed}", "speed at the start, with which it moves evenly", 0.0),
-        Value(
-            "step", "step_s", "largest step of the integration inside", step_s, Range(0.0, LONGEST_STEP_S, above=True)
-        ),
-    ]
-    inputs: list[tuple[str, str, bool]] = []
-    pieces = active.effects
+    p |= {name: value for name, value in active.values.items() if name not in {v.symbol for v in parameters}}
+    parameters += _start_parameters(machine, active, at, step_s)
+    pieces, loop, sample_time_s = active.effects, None, 0.0
     if controller is None:
-        inputs += [
-            (
-                plant.input,
-                f"{kind.drive.quantity} at work on the {_driven(machine)}, forward (hoisting) positive",
-                False,
-            ),
-            (f"{plant.input}_per_s", f"slope of {plant.input} within a communication step; 0 holds it", False),
+        driven = "motor shaft, of all motors" if kind.payload else "axis"
+        at_work = f"{kind.drive.quantity} at work on the {driven}, forward (hoisting) positive"
+        slope = f"slope of {plant.input} within a communication step; 0 holds it"
+        inputs = [
+            Variable(plant.input, at_work, "input", _hold(machine, active, start, at)),
+            Variable(f"{plant.input}_per_s", slope, "input", 0.0),
         ]
     else:
-        inputs += [(name, "speed that the motors shall follow, hoisting positive", False) for name in PI.references]
+        followed = "speed that the motors shall follow, hoisting positive"
+        inputs = [Variable(name, followed, "input", 0.0) for name in PI.references]
     if kind.payload:
-        machine = cast(Hoist, machine)
-        inputs.append(("brake_closed", "the brake holds the motor shaft", True))
-        strong = BRAKE_TORQUES * machine.motor.count * machine.motor.nominal_torque_nm
+        hoist = cast(Hoist, machine)
+        inputs.append(Variable("brake_closed", "the brake holds the motor shaft", "input", 0.0, boolean=True))
+        strong = BRAKE_TORQUES * hoist.motor.count * hoist.motor.nominal_torque_nm
         meaning = "friction of the closed brake at the motor shaft"
-        values.append(Value("T_brake", "brake.torque_nm", meaning, strong, NOT_NEGATIVE))
+        parameters.append(Variable("brake.torque_nm", meaning, "parameter", strong, NOT_NEGATIVE, "T_brake"))
         p["brake_closed"] = symbol("w_brake_closed")
-        pieces = joined(pieces, _BRAKE)
-    loop: Controller | None = None
+        pieces = joined(pieces, SWITCHED_BRAKE)
     if controller is not None:
-        inputs.append(("motor_failed", "one motor gives no torque", True))
+        check_exported(controller)
+        inputs.append(Variable("motor_failed", "one motor gives no torque", "input", 0.0, boolean=True))
         loop, own, fixed = _loop(cast(Hoist, machine), controller)
-        values += own
+        sample_time_s = controller.sample_time_s
+        parameters += own
         p |= fixed
-    p |= {v.symbol: symbol(f"p_{v.symbol}") for v in values}
-    if controller is not None:
-        p |= _dependent(controller, SimpleNamespace(**p))
-    physics = Physics(
-        plant,
-        pieces,
-        tuple(v.symbol for v in values),
-        SimpleNamespace(**p),
-        tuple(name for name, _, _ in inputs),
-        loop,
-        0.0 if controller is None else controller.sample_time_s,
-        p.get("lag", 0.0),
-    )
-    return _assembled(
-        machine,
-        physics,
-        values,
-        inputs,
-        step_s,
-        active.sensors_left_out,
-        _hold(machine, Active(plant.kind, active.effects, active.values), start, at),
-    )
-
-
-def _hold(machine: Hoist | Axis, active: Active, start: Start, at: float) -> float:
-    """The input that holds the machine where it starts."""
-    plant = plant_of(machine)
-    p = SimpleNamespace(**vars(plant.values(machine, start.payload_kg)), **active.values_of(0.0))
-    _, hold = PlantModel(plant, active).starts([at], [0.0], [0.0], [p])
-    return float(hold[0])
-
-
-def _check_payload(machine: Hoist | Axis, start: Start) -> None:
-    if not math.isfinite(start.payload_kg) or start.payload_kg < 0.0:
-        raise InputError(f"{start.payload_kg:g} kg, expected 0 or more", place="payload_kg")
-    if start.payload_kg > 0.0 and not kind_of(machine).payload:
-        raise InputError(f"{start.payload_kg:g} kg, but {of_kind(machine)} carries no payload", place="payload_kg")
-
-
-def _driven(machine: Hoist | Axis) -> str:
-    return "motor shaft, of all motors" if kind_of(machine).payload else "axis"
+    p |= {v.symbol: symbol(f"p_{v.symbol}") for v in parameters}
+    # The tracking rate of a back-calculation whose time nobody has said follows from the gains.
+    if controller and controller.anti_windup == "back_calculation" and controller.tracking_time_s is None:
+        p["track"] = p["ki"] / p["kp"]
+    names = tuple(v.symbol for v in parameters), tuple(v.name for v in inputs)
+    physics = Physics(plant, pieces, names[0], SimpleNamespace(**p), names[1], loop, sample_time_s, p.get("lag", 0.0))
+    return _assembled(machine, physics, inputs, parameters, step_s, active)
 
 
 def _start_position(machine: Hoist | Axis, start: Start) -> float:
+    """InputError for a payload or a position that cannot be."""
+    payload = start.payload_kg
+    if not 0.0 <= payload < math.inf:
+        raise InputError(f"{payload:g} kg, expected 0 or more", place="payload_kg")
     if not kind_of(machine).payload:
+        if payload > 0.0:
+            raise InputError(f"{payload:g} kg, but {of_kind(machine)} carries no payload", place="payload_kg")
         return 0.0 if start.position is None else start.position
-    machine = cast(Hoist, machine)
-    low, high = machine.rail.lowest_position_m, machine.highest_position_m
+    hoist = cast(Hoist, machine)
+    low, high, top = hoist.rail.lowest_position_m, hoist.highest_position_m, hoist.wire.segment_length_m
     at = 0.5 * (low + high) if start.position is None else start.position
-    if not 0.0 <= at <= machine.wire.segment_length_m:
-        top = machine.wire.segment_length_m
+    if not 0.0 <= at <= top:
         raise InputError(f"{at:g} m, expected 0 to {top:g} m, where the dead anchor is", place="start_position_m")
     return at
 
 
-def _reach(machine: Hoist | Axis) -> Range:
-    return NOT_NEGATIVE if kind_of(machine).payload else ANY
+def _plant_parameters(machine: Hoist | Axis, active: Alone, payload_kg: float) -> list[Variable]:
+    """The values of machine.yaml that stand in the equations, with the ranges that machine.yaml has, then those of the
+    effects at work."""
+    plant, made = plant_of(machine), list[Variable]()
+    for name, key in plant.parameters.items():
+        if key == "payload_kg":
+            made.append(Variable(key, meaning_of(key), "parameter", payload_kg, NOT_NEGATIVE, name, tunable=True))
+        elif isinstance(key, str):
+            value, limits = float(attrgetter(key)(machine)), range_of(type(machine), key)
+            made.append(Variable(key, meaning_of(key), "parameter", value, limits, name))
+    for effect in active.chosen:
+        names = {ranged.symbol: ranged.name for ranged in effect.ranges(sizes_of(machine))}
+        for parameter in effect.parameters:
+            own = effect.symbol(parameter, plant.kind)
+            meaning = f"{effect.id.replace('_', ' ')}: {parameter.meaning}"
+            name, limits = f"effects.{effect.id}.{names[own]}", _DOMAINS[parameter.domain]
+            made.append(Variable(name, meaning, "parameter", float(active.values[own]), limits, own))
+    return made
 
 
-def _brake(s: Any, p: Any) -> Scalar:
-    """Friction of the closed brake on the motor shaft, against its motion, linear around standstill."""
-    return -(p.brake_closed * p.T_brake * clip(s.w / BRAKE_SPEED, -1.0, 1.0))
+def _start_parameters(machine: Hoist | Axis, active: Alone, at: float, step_s: float) -> list[Variable]:
+    plant = plant_of(machine)
+    reach = NOT_NEGATIVE if kind_of(machine).payload else ANY
+    rows: list[tuple[str, str, float, Range, str]] = [
+        (f"start.{plant.positions[plant.placed]}", "where the model hangs still at the start", at, reach, "start_at"),
+        (f"start.{plant.speeds[0]}", "speed at the start, with which it moves evenly", 0.0, ANY, "start_speed"),
+        ("step_s", "largest step of the integration inside", step_s, Range(0.0, LONGEST_STEP_S, above=True), "step"),
+    ]
+    if active.effects.parameters:
+        clock = "what the campaign's clock shows at time 0"
+        rows.insert(0, ("start.campaign_time_s", clock, 0.0, ANY, "start_time_s"))
+    return [Variable(name, meaning, "parameter", value, limits, own) for name, meaning, value, limits, own in rows]
 
 
-_BRAKE = Effects({"motor_torque_nm": [_brake]})
+def _hold(machine: Hoist | Axis, active: Alone, start: Start, at: float) -> float:
+    """The input that holds the machine where it starts."""
+    plant, at_work = plant_of(machine), Active(plant_of(machine).kind, active.effects, active.values)
+    p = SimpleNamespace(**vars(plant.values(machine, start.payload_kg)), **at_work.values_of(0.0))
+    return float(PlantModel(plant, at_work).starts([at], [0.0], [0.0], [p])[1][0])
 
 
-def _loop(machine: Hoist, settings: PiSettings) -> tuple[Controller, list[Value], dict[str, Any]]:
+def _loop(machine: Hoist, settings: PiSettings) -> tuple[Controller, list[Variable], dict[str, Any]]:
     """The controller, its parameters, and what of it stays a number."""
-    drive = machine.drive
+    drive, limits = machine.drive, torque_limits(machine)
     plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
     late = drive.speed_delay_s / settings.sample_time_s
     wire = settings.feed_forward.through_the_wire
     loop = PI if plain else (_late(full_pi(True, wire), late) if late > 0.0 else full_pi(False, wire))
-    limits = torque_limits(machine)
-    own = [
-        Value("kp", "controller.kp_nm_s_per_rad", "proportional gain, torque of all motors over motor speed",
-              settings.kp_nm_s_per_rad, POSITIVE, tunable=True),
-        Value("ki", "controller.ki_nm_per_rad", "integral gain", settings.ki_nm_per_rad, NOT_NEGATIVE, tunable=True),
-        Value("b_set", "controller.set_point_weight", "weight of the reference in the proportional part",
-              settings.set_point_weight, Range(0.0, 1.0), tunable=True),
-        Value("u_all", "drive.torque_limit_nm", "largest torque of all motors together", limits["u_all"], NOT_NEGATIVE),
-        Value("u_one", "drive.torque_limit_one_failed_nm", "largest torque after one motor failed", limits["u_one"],
-              NOT_NEGATIVE),
-        Value("lag", "drive.torque_lag_s", "first-order lag of the torque", drive.torque_lag_s, NOT_NEGATIVE),
+    gain = "proportional gain, torque of all motors over motor speed"
+    rows: list[tuple[str, str, str, float, Range]] = [
+        ("kp", "controller.kp_nm_s_per_rad", gain, settings.kp_nm_s_per_rad, POSITIVE),
+        ("ki", "controller.ki_nm_per_rad", "integral gain", settings.ki_nm_per_rad, NOT_NEGATIVE),
+        ("b_set", "controller.set_point_weight", "weight of the reference in the proportional part",
+         settings.set_point_weight, Range(0.0, 1.0)),
+        ("u_all", "drive.torque_limit_nm", "largest torque of all motors together", limits["u_all"], NOT_NEGATIVE),
+        ("u_one", "drive.torque_limit_one_failed_nm", "largest torque after one motor failed", limits["u_one"],
+         NOT_NEGATIVE),
+        ("lag", "drive.torque_lag_s", "first-order lag of the torque", drive.torque_lag_s, NOT_NEGATIVE),
     ]  # fmt: skip
+    own = [Variable(name, meaning, "parameter", value, limits, sign, tunable=name.startswith("controller."))
+           for sign, name, meaning, value, limits in rows]  # fmt: skip
     fixed: dict[str, Any] = {
         **loop_values(settings, drive, 0.0),
         "w_weak": limits["w_weak"],
@@ -257,7 +231,7 @@ def _late(loop: Controller, late: float) -> Controller:
     whole, nearer, farther = delay_weights(late)
     n = len(loop.memory)
 
-    def step(p: Any, memory: Sequence[Scalar], reference: Any, measured: Any, dt: Scalar) -> Any:
+    def step(p: Any, memory: Sequence[Any], reference: Any, measured: Any, dt: Any) -> Any:
         assert loop.sensed is not None
         line = [loop.sensed(p, memory[:n], measured, dt), *memory[n:]]
         arrived = nearer * line[whole] + farther * line[whole + 1]
@@ -271,133 +245,80 @@ def _late(loop: Controller, late: float) -> Controller:
     return Controller(loop.parameters, names, loop.references, step, start)
 
 
-def _dependent(settings: PiSettings, p: Any) -> dict[str, Any]:
-    """What follows from parameters: the tracking rate of a back-calculation whose time nobody has said."""
-    if settings.anti_windup == "back_calculation" and settings.tracking_time_s is None:
-        return {"track": p.ki / p.kp}
-    return {}
-
-
 def _assembled(
-    machine: Hoist | Axis,
-    physics: Physics,
-    values: Sequence[Value],
-    inputs: Sequence[tuple[str, str, bool]],
-    step_s: float,
-    sensors: Sequence[str],
-    hold: float,
-) -> Model:
-    variables = _variables(physics, values, inputs, hold)
+    machine: Hoist | Axis, physics: Physics, inputs: list[Variable], parameters: list[Variable], step_s: float,
+    active: Alone,
+) -> Model:  # fmt: skip
+    plant, controlled = physics.plant, physics.controller is not None
+    time = Variable("time", "time", "independent")
+    variables = (time, *inputs, *parameters, *_shown(physics))
     place = {v.name: i for i, v in enumerate(variables)}
-    controlled = physics.controller is not None
-    knowns = () if controlled else (*physics.states, physics.plant.input)
+    knowns = () if controlled else (*physics.states, plant.input)
     unknowns = () if controlled else physics.unknowns
-    orders = [(place[small], place[large], equal) for small, large, equal in _ORDERS.get(physics.plant.kind, ())]
-    symbols = [v.symbol for v in values]
+    orders = [(place[small], place[large], int(equal)) for small, large, equal in _ORDERS.get(plant.kind, ())]
+    symbols = [v.symbol for v in parameters]
+    text = physics.model_text()
     sizes = {
-        "N_VARIABLES": len(variables), "N_ORDERS": len(orders), "N_PARAMETERS": len(values),
-        "N_INPUTS": len(inputs), "N_STATES": len(physics.states), "N_POSITIONS": len(physics.plant.positions),
+        "N_VARIABLES": len(variables), "N_ORDERS": len(orders), "N_PARAMETERS": len(parameters),
+        "N_INPUTS": len(inputs), "N_STATES": len(physics.states), "N_POSITIONS": len(plant.positions),
         "N_SHOWN": len(physics.shown) + 2, "N_MEMORY": len(physics.controller.memory) if physics.controller else 0,
-        "N_KNOWNS": len(knowns), "N_UNKNOWNS": len(unknowns), "PLACED": physics.plant.placed,
+        "N_KNOWNS": len(knowns), "N_UNKNOWNS": len(unknowns), "PLACED": plant.placed,
         "START_AT": symbols.index("start_at"), "START_SPEED": symbols.index("start_speed"),
         "STEP": symbols.index("step"), "RATE_INPUT": 1, "SAMPLE_TIME": repr(physics.sample_time_s),
+        "N_CONSTANTS": len(physics.text.rows),
     }  # fmt: skip
-    physics_text = physics.model_text()
-    sizes["N_CONSTANTS"] = len(physics.text.rows)
-    tables = _tables(variables, orders, [place[n] for n in knowns], [place[n] for n in unknowns])
-    text = f'#include "model.h"\n\n{physics_text}\n{tables}'
+    seen: Counter[str] = Counter()
+    rows = []
+    for v in variables:
+        low, high = _c_number(v.range.lowest), _c_number(v.range.highest)
+        flags = [v.boolean, v.tunable, v.range.whole, v.range.above, v.range.below]
+        rows.append((v, seen[v.array], _c_number(v.start or 0.0), low, high, *map(int, flags)))
+        seen[v.array] += 1
+    references = [[place[name] for name in names] for names in (knowns, unknowns)]
+    text = str(render("export/c/model.c.j2", physics=text, rows=rows, orders=orders, references=references))
     token = "{" + hashlib.sha256(repr((sorted(sizes.items()), text)).encode()).hexdigest()[:32] + "}"
-    defines = "\n".join(f"#define {name} {value}" for name, value in sizes.items())
-    identifier = _identifier(machine.name)
-    guard = f'#define MODEL_TOKEN "{token}"\n#define MODEL_IDENTIFIER {identifier}\n'
-    notes = tuple(
-        f"{name} acts on the log's sensors and is not in the model: signals here are the true ones" for name in sensors
-    )
+    word = re.sub(r"\W+", "_", machine.name, flags=re.ASCII).strip("_")[:50] or "machine"
+    identifier = word if word[0].isalpha() else f"m_{word}"
+    defines = {**sizes, "MODEL_TOKEN": f'"{token}"', "MODEL_IDENTIFIER": identifier}
+    noun = kind_of(machine).noun
     return Model(
         machine.name,
         identifier,
-        _description(machine, physics),
+        f"{noun} under its sampled speed loop" if controlled else f"plant of a {noun}",
         variables,
         physics.states,
         knowns,
         unknowns,
         step_s,
-        {"model.c": text, "sizes.h": f"{defines}\n{guard}"},
+        {"model.c": text, "sizes.h": "".join(f"#define {name} {value}\n" for name, value in defines.items())},
         token,
-        notes,
+        tuple(f"{name} acts on the log's sensors and is not in the model: signals here are the true ones"
+              for name in active.sensors_left_out),
         {} if controlled else physics.dependencies(),
-    )
-
-
-def _description(machine: Hoist | Axis, physics: Physics) -> str:
-    what = kind_of(machine).noun
-    return f"{what} under its sampled speed loop" if physics.controller else f"plant of a {what}"
-
-
-def _identifier(name: str) -> str:
-    word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:50] or "machine"
-    return word if word[0].isalpha() else f"m_{word}"
-
-
-def _variables(
-    physics: Physics, values: Sequence[Value], inputs: Sequence[tuple[str, str, bool]], hold_input: float
-) -> tuple[Variable, ...]:
-    plant = physics.plant
-    made = [Variable("time", "time", "independent", "continuous", "TIME", 0, given_unit="s")]
-    for i, (name, meaning, boolean) in enumerate(inputs):
-        variability = "discrete" if boolean else "continuous"
-        start = hold_input if name == plant.input else 0.0
-        made.append(Variable(name, meaning, "input", variability, "INPUT", i, start, boolean=boolean))  # type: ignore[arg-type]
-    for i, v in enumerate(values):
-        variability = "tunable" if v.tunable else "fixed"
-        made.append(Variable(v.name, v.meaning, "parameter", variability, "PARAMETER", i, v.start, v.range))  # type: ignore[arg-type]
-    meanings = {signal.name: signal.meaning for signal in plant.signals}
-    for i, name in enumerate(physics.shown):
-        of = name[4:-1] if name.startswith("der(") else None
-        if of is not None:
-            made.append(Variable(name, f"derivative of {of}", "local", "continuous", "SHOWN", i, derivative_of=of))
-        elif name in meanings:
-            made.append(Variable(name, meanings[name], "output", "continuous", "SHOWN", i))
-        else:
-            meaning = _STATES.get(name, f"{name.replace('__', ': ').replace('_', ' ')} of an effect")
-            made.append(Variable(name, meaning, "local", "continuous", "SHOWN", i))
-    hold = f"{plant.input.rpartition('_')[0]}_hold_{plant.input.rpartition('_')[2]}"
-    meaning, n = "input that holds the load at the start", len(physics.shown)
-    made.append(Variable(hold, meaning, "calculatedParameter", "fixed", "SHOWN", n))
-    if physics.controller is not None:
-        meaning = "torque at work on the motor shaft, of all motors, hoisting positive"
-        made.append(Variable(plant.input, meaning, "output", "continuous", "SHOWN", n + 1))
-    return tuple(made)
-
-
-def _tables(
-    variables: Sequence[Variable],
-    orders: Sequence[tuple[int, int, bool]],
-    knowns: Sequence[int],
-    unknowns: Sequence[int],
-) -> str:
-    rows = [
-        "    {" + ", ".join([
-            f'"{v.name}"', f"KIND_{v.kind}", str(v.index), "TYPE_BOOLEAN" if v.boolean else "TYPE_REAL",
-            str(int(v.variability == "tunable")), str(int(v.range.whole)), c_number(v.start or 0.0),
-            c_number(v.range.lowest), c_number(v.range.highest), str(int(v.range.above)), str(int(v.range.below)),
-        ]) + "}"
-        for v in variables
-    ]  # fmt: skip
-    pairs = [f"{{{a}, {b}, {int(equal)}}}" for a, b, equal in orders]
-    return "\n".join(
-        [
-            "const Variable model_variables[N_VARIABLES] = {", ",\n".join(rows), "};",
-            f"const Order model_orders[N_ORDERS + 1] = {{{', '.join([*pairs, '{0, 0, 0}'])}}};",
-            f"const int model_knowns[N_KNOWNS + 1] = {{{', '.join(map(str, [*knowns, -1]))}}};",
-            f"const int model_unknowns[N_UNKNOWNS + 1] = {{{', '.join(map(str, [*unknowns, -1]))}}};",
-            "",
-        ]
     )  # fmt: skip
 
 
-def c_number(value: float) -> str:
+def _shown(physics: Physics) -> list[Variable]:
+    """What the model computes: signals, states, their derivatives, the holding input, the controller's torque."""
+    plant, made = physics.plant, list[Variable]()
+    meanings = {signal.name: signal.meaning for signal in plant.signals}
+    for name in physics.shown:
+        if name.startswith("der("):
+            made.append(Variable(name, f"derivative of {name[4:-1]}", "local", derivative_of=name[4:-1]))
+        elif name in meanings:
+            made.append(Variable(name, meanings[name], "output"))
+        else:
+            of_effect = f"{name.replace('__', ': ').replace('_', ' ')} of an effect"
+            made.append(Variable(name, _STATES.get(name, of_effect), "local"))
+    quantity, _, unit = plant.input.rpartition("_")
+    held = "input that holds the load at the start"
+    made.append(Variable(f"{quantity}_hold_{unit}", held, "calculatedParameter"))
+    if physics.controller is not None:
+        at_work = "torque at work on the motor shaft, of all motors, hoisting positive"
+        made.append(Variable(plant.input, at_work, "output"))
+    return made
+
+
+def _c_number(value: float) -> str:
     """A number as C reads it, the infinite ones too."""
-    if value in (float("inf"), float("-inf")):
-        return "INFINITY" if value > 0.0 else "-INFINITY"
-    return repr(float(value))
+    return repr(float(value)) if math.isfinite(value) else "INFINITY" if value > 0.0 else "-INFINITY"

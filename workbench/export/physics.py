@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,10 +22,8 @@ from workbench.symbolic.expr import Expr, Scalar, symbol
 
 # Every printed line is one operation on names and numbers, `name = ...`.
 _TRUTH = re.compile(r"^\S+ (<|<=|>|>=|&|\|) \S+$")
-_CALLS = {
-    "abs": "fabs", "atan_": "atan", "sin_": "sin", "cos_": "cos", "exp_": "exp", "sqrt_": "sqrt", "floor_": "floor",
-}  # fmt: skip
-
+_CALL = re.compile(r"(\w+)\((.*)\)")
+_FUNCTIONS = {"abs": "fabs"} | {f"{name}_": name for name in ("atan", "sin", "cos", "exp", "sqrt", "floor")}
 HEADER = """\
 #include <math.h>
 
@@ -41,80 +40,64 @@ class CText:
         self.rows: dict[str, int] = {}
         self.functions: list[str] = []
 
-    def function(
-        self, name: str, arguments: str, reads: Mapping[str, str], outputs: Sequence[Scalar], to: Sequence[str]
-    ) -> None:
-        """A C function `void name(arguments)`; reads: symbol -> where its value stands; to: where each output goes."""
-        body, results, carried = self.printer.block(outputs)
+    def function(self, name: str, arguments: str, reads: Mapping[str, str], outputs: Mapping[str, Scalar]) -> None:
+        """A C function `void name(arguments)`; reads: symbol -> where its value stands; outputs: by where each goes."""
+        body, results, carried = self.printer.block(list(outputs.values()))
         used = set(re.findall(r"[A-Za-z_]\w*", "\n".join([*body, *results])))
-        lines = [f"const double {symbol} = {place};" for symbol, place in reads.items() if symbol in used]
+        lines = ["".join(f"(void){word}; " for word in re.findall(r"(\w+)(?:,|$)", arguments)).rstrip()]
+        lines += [f"const double {symbol} = {place};" for symbol, place in reads.items() if symbol in used]
         for constant in carried:
             row = self.rows.setdefault(constant, len(self.rows))
-            lines.append(f"const {self._type_of(constant)} {constant} = c[{row}];")
-        lines += [_statement(line) for line in body]
-        lines += [f"{place} = {result};" for place, result in zip(to, results, strict=True)]
-        silent = " ".join(f"(void){word};" for word in re.findall(r"(\w+)(?:,|$)", arguments))
-        self.functions.append(
-            "\n".join([f"void {name}({arguments}) {{", f"    {silent}", *(f"    {x}" for x in lines), "}"])
-        )
-
-    def constants(self, name: str = "model_constants") -> str:
-        """The function that computes the constants; print it after all others, for they say what they read."""
-        lines = [f"const double p_{symbol} = p[{i}];" for i, symbol in enumerate(self.parameters)]
-        lines += [_statement(line) for line in self.printer.setup]
-        lines += [f"c[{row}] = {constant};" for constant, row in self.rows.items()]
-        text = "\n".join(f"    {line}" for line in lines)
-        # A parameter that no equation reads is none of the compiler's business.
-        silent = " ".join(f"(void)p_{symbol};" for symbol in self.parameters)
-        unread = " ".join(f"(void)c_{i};" for i in range(len(self.printer.setup)))
-        return (
-            f"void {name}(const double *p, double *c) {{\n    (void)p; (void)c;\n{text}\n    {silent}\n    {unread}\n}}"
-        )
+            setup = "" if constant.startswith("p_") else self.printer.setup[int(constant.removeprefix("c_"))]
+            kind = "int" if _TRUTH.match(setup.partition(" = ")[2]) else "double"
+            lines.append(f"const {kind} {constant} = c[{row}];")
+        lines += map(_statement, body)
+        lines += [f"{place} = {result};" for place, result in zip(outputs, results, strict=True)]
+        self.functions.append("\n".join([f"void {name}({arguments}) {{", *(f"    {line}" for line in lines), "}"]))
 
     def text(self) -> str:
-        return "\n\n".join([HEADER, *self.functions, self.constants()]) + "\n"
-
-    def _type_of(self, constant: str) -> str:
-        if constant.startswith("p_"):
-            return "double"
-        line = self.printer.setup[int(constant.removeprefix("c_"))]
-        return "int" if _TRUTH.match(line.partition(" = ")[2]) else "double"
-
-
-def _symbols_of(value: Scalar) -> list[str]:
-    """Names of the symbols that an expression reads, in order."""
-    seen: set[int] = set()
-    found: set[str] = set()
-    waiting = [value]
-    while waiting:
-        e = waiting.pop()
-        if not isinstance(e, Expr) or e.id in seen:
-            continue
-        seen.add(e.id)
-        if e.op == "symbol":
-            found.add(e.args[0])
-        else:
-            waiting += e.args
-    return sorted(found)
+        """All functions, and behind them `model_constants`, for they say what it is to compute."""
+        lines = [f"const double p_{symbol} = p[{i}];" for i, symbol in enumerate(self.parameters)]
+        lines += map(_statement, self.printer.setup)
+        lines += [f"c[{row}] = {constant};" for constant, row in self.rows.items()]
+        # A parameter that no equation reads is none of the compiler's business.
+        lines.append(" ".join(f"(void)p_{symbol};" for symbol in self.parameters))
+        lines.append(" ".join(f"(void)c_{i};" for i in range(len(self.printer.setup))))
+        body = "\n".join(f"    {line}" for line in lines)
+        constants = f"void model_constants(const double *p, double *c) {{\n    (void)p; (void)c;\n{body}\n}}"
+        return "\n\n".join([HEADER, *self.functions, constants]) + "\n"
 
 
 def _statement(line: str) -> str:
     """One printed operation as a C statement; a truth is an int."""
     name, _, operation = line.partition(" = ")
     kind = "int" if _TRUTH.match(operation) else "double"
-    return f"const {kind} {name} = {c_operation(operation)};"
+    if call := _CALL.fullmatch(operation):
+        function, arguments = call[1], call[2]
+        operation = f"{_FUNCTIONS.get(function, function)}({arguments})"
+        if function == "select":
+            operation = "{} ? {} : {}".format(*arguments.split(", "))
+    return f"const {kind} {name} = {operation};"
 
 
-def c_operation(operation: str) -> str:
-    """The right side of a printed line, in C."""
-    call = re.fullmatch(r"(\w+)\((.*)\)", operation)
-    if call is None:
-        return operation
-    function, arguments = call[1], call[2]
-    if function == "select":
-        condition, a, b = arguments.split(", ")
-        return f"{condition} ? {a} : {b}"
-    return f"{_CALLS.get(function, function)}({arguments})"
+def _symbols_of(value: Scalar) -> list[str]:
+    """Names of the symbols that an expression reads, in order."""
+    seen: set[int] = set()
+    found: set[str] = set()
+    waiting: list[Any] = [value]
+    while waiting:
+        e = waiting.pop()
+        if isinstance(e, Expr) and e.id not in seen:
+            seen.add(e.id)
+            if e.op == "symbol":
+                found.add(e.args[0])
+            else:
+                waiting += e.args
+    return sorted(found)
+
+
+def _to(array: str, outputs: Sequence[Scalar]) -> dict[str, Scalar]:
+    return {f"{array}[{i}]": output for i, output in enumerate(outputs)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +124,12 @@ class Physics:
     @property
     def states(self) -> tuple[str, ...]:
         """Names of positions, speeds and the effects' memory."""
-        memory = (m.symbol for m in self.effects.memory)
-        return (*self.plant.positions, *self.plant.speeds, *memory)
+        return (*self.plant.positions, *self.plant.speeds, *(m.symbol for m in self.effects.memory))
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """What derivatives are known of: the plant's signals and the states' derivatives."""
+        return (*(s.name for s in self.plant.signals), *(f"der({name})" for name in self.states))
 
     @property
     def shown(self) -> tuple[str, ...]:
@@ -151,139 +138,78 @@ class Physics:
         hidden = tuple(name for name in self.states if name not in signals)
         return (*signals, *hidden, *(f"der({name})" for name in self.states))
 
-    @property
-    def unknowns(self) -> tuple[str, ...]:
-        """What derivatives are known of: the plant's signals and the states' derivatives."""
-        return (*(s.name for s in self.plant.signals), *(f"der({name})" for name in self.states))
-
-    def model_text(self) -> str:
-        """All functions of model.h."""
-        self._step()
-        self._shown()
-        self._first()
-        self._balance()
-        if self.controller is None:
-            self._slopes()
-        else:
-            self._control(self.controller)
-        return self.text.text()
-
-    # In C: t, h, u, u_rate, hold are arguments; q0 ..., y0 ... stand in s, inputs in w.
-    def _reads(self) -> dict[str, str]:
+    @cached_property
+    def _values(self) -> dict[str, Scalar]:
+        """Everything that is shown, by name."""
         q, y = state_symbols(self.plant, self.effects)
-        states = {e.args[0]: f"s[{i}]" for i, e in enumerate((*q, *y))}
-        return {**states, **{f"w_{name}": f"w[{i}]" for i, name in enumerate(self.inputs)}}
+        t, u = symbol("t"), symbol("u")
+        signals = self.plant.shown(t, q, y, u, self.p, self.effects)
+        rates = [*y[: len(q)], *self._rates(t, q, y, u)]
+        states = dict(zip(self.states, (*q, *y), strict=True))
+        return {**states, **signals, **dict(zip((f"der({name})" for name in self.states), rates, strict=True))}
 
     def _rates(self, t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar) -> Sequence[Scalar]:
         return self.plant.rates(t, q, y, u, self.p, self.effects)
 
-    def _step(self) -> None:
-        q, y = state_symbols(self.plant, self.effects)
-        t, h, u, u_rate = (symbol(name) for name in ("t", "h", "u", "u_rate"))
-        q1, y1, _, _ = rodas3_step(self._rates, t, h, q, y, u, u_rate, len(self.effects.memory))
-        self.text.function(
-            "model_step",
-            "const double *c, const double *w, double t, double h, double u, double u_rate, const double *s, "
-            "double *next",
-            self._reads(),
-            [*q1, *y1],
-            [f"next[{i}]" for i in range(len(q1) + len(y1))],
-        )
-
-    def _values(self, t: Expr, q: Sequence[Expr], y: Sequence[Expr], u: Expr) -> dict[str, Scalar]:
-        """Everything that is shown, by name."""
-        signals = self.plant.shown(t, q, y, u, self.p, self.effects)
-        rates = [*y[: len(q)], *self._rates(t, q, y, u)]
-        states = dict(zip(self.states, (*q, *y), strict=True))
-        slopes = {f"der({name})": rate for name, rate in zip(self.states, rates, strict=True)}
-        return {**states, **signals, **slopes}
-
-    def _shown(self) -> None:
-        q, y = state_symbols(self.plant, self.effects)
-        values = self._values(symbol("t"), q, y, symbol("u"))
-        self.text.function(
-            "model_shown",
-            "const double *c, const double *w, double t, double u, const double *s, double *out",
-            self._reads(),
-            [values[name] for name in self.shown],
-            [f"out[{i}]" for i in range(len(self.shown))],
-        )
-
-    def _first(self) -> None:
-        at, speed = symbol("at"), symbol("speed")
-        q, y, hold = (self.plant.guess or self.plant.start_of)(at, speed, self.p)
-        kept = [m.start(self.p) for m in self.effects.memory]
-        self.text.function(
-            "model_first",
-            "const double *c, double at, double speed, double *s, double *hold",
-            {},
-            [*q, *y, *kept, hold],
-            [*(f"s[{i}]" for i in range(len(self.states))), "*hold"],
-        )
-
-    def _balance(self) -> None:
-        """Accelerations at rest and their derivatives by the free positions and the input, row by row."""
-        plant = self.plant
-        q, y = state_symbols(plant, self.effects)
-        n, hold = len(plant.speeds), symbol("hold")
-        a = self._rates(symbol("t"), q, [*[0.0] * n, *y[n:]], hold)[:n]
-        unknown = [*(x for i, x in enumerate(q) if i != plant.placed), hold]
-        memo: dict[tuple[int, int], Any] = {}
-        slopes = [derivative(f, x, memo) for f in a for x in unknown]
-        self.text.function(
-            "model_balance",
-            "const double *c, double t, double hold, const double *s, double *out",
-            {name: place for name, place in self._reads().items() if place.startswith("s[")},
-            [*a, *slopes],
-            [f"out[{i}]" for i in range(n + n * n)],
-        )
-
-    def _slopes(self) -> None:
-        """Derivatives of the unknowns by states and input, row by row."""
-        q, y = state_symbols(self.plant, self.effects)
-        u = symbol("u")
-        values = self._values(symbol("t"), q, y, u)
-        memo: dict[tuple[int, int], Any] = {}
-        knowns = [*q, *y, u]
-        rows = [derivative(values[name], x, memo) for name in self.unknowns for x in knowns]
-        self.text.function(
-            "model_slopes",
-            "const double *c, const double *w, double t, double u, const double *s, double *out",
-            self._reads(),
-            rows,
-            [f"out[{i}]" for i in range(len(rows))],
-        )
-
     def dependencies(self) -> dict[str, tuple[str, ...]]:
         """By unknown: the states and inputs that its equation reads, and time."""
         q, y = state_symbols(self.plant, self.effects)
-        values = self._values(symbol("t"), q, y, symbol("u"))
         known = {e.args[0]: name for e, name in zip((*q, *y), self.states, strict=True)}
         known |= {"t": "time", "u": self.plant.input} | {f"w_{name}": name for name in self.inputs}
-        return {name: tuple(known[x] for x in _symbols_of(values[name]) if x in known) for name in self.unknowns}
+        return {name: tuple(known[x] for x in _symbols_of(self._values[name]) if x in known) for name in self.unknowns}
 
-    def _control(self, controller: Controller) -> None:
+    def model_text(self) -> str:
+        """All functions of model.h. In C t, h, u, u_rate, hold are arguments; states stand in s, inputs in w."""
+        plant, memory, c = self.plant, self.effects.memory, "const double *c, "
+        q, y = state_symbols(plant, self.effects)
+        t, h, u, u_rate, hold = (symbol(name) for name in ("t", "h", "u", "u_rate", "hold"))
+        states = {e.args[0]: f"s[{i}]" for i, e in enumerate((*q, *y))}
+        reads = states | {f"w_{name}": f"w[{i}]" for i, name in enumerate(self.inputs)}
+
+        q1, y1, _, _ = rodas3_step(self._rates, t, h, q, y, u, u_rate, len(memory))
+        arguments = "const double *w, double t, double h, double u, double u_rate, const double *s, double *next"
+        self.text.function("model_step", c + arguments, reads, _to("next", [*q1, *y1]))
+
+        shown = [self._values[name] for name in self.shown]
+        arguments = "const double *w, double t, double u, const double *s, double *out"
+        self.text.function("model_shown", c + arguments, reads, _to("out", shown))
+
+        q0, y0, first_hold = (plant.guess or plant.start_of)(symbol("at"), symbol("speed"), self.p)
+        start = _to("s", [*q0, *y0, *(m.start(self.p) for m in memory)]) | {"*hold": first_hold}
+        self.text.function("model_first", c + "double at, double speed, double *s, double *hold", {}, start)
+
+        # Accelerations at rest and their derivatives by the free positions and the input, row by row.
+        n = len(plant.speeds)
+        a = self._rates(t, q, [*[0.0] * n, *y[n:]], hold)[:n]
+        unknown, memo = [*(x for i, x in enumerate(q) if i != plant.placed), hold], dict[tuple[int, int], Any]()
+        slopes = [derivative(f, x, memo) for f in a for x in unknown]
+        balance_reads = {name: place for name, place in reads.items() if place.startswith("s[")}
+        arguments = "double t, double hold, const double *s, double *out"
+        self.text.function("model_balance", c + arguments, balance_reads, _to("out", [*a, *slopes]))
+
+        if self.controller is None:
+            memo = {}
+            rows = [derivative(self._values[name], x, memo) for name in self.unknowns for x in (*q, *y, u)]
+            arguments = "const double *w, double t, double u, const double *s, double *out"
+            self.text.function("model_slopes", c + arguments, reads, _to("out", rows))
+        else:
+            self._control(self.controller, reads)
+        return self.text.text()
+
+    def _control(self, controller: Controller, reads: Mapping[str, str]) -> None:
         q, y = state_symbols(self.plant, self.effects)
         t, u = symbol("t"), symbol("u")
         memory = [symbol(f"x{i}") for i in range(len(controller.memory))]
         reference = SimpleNamespace(**{name: symbol(f"w_{name}") for name in controller.references})
         measured = SimpleNamespace(t=t, **self.plant.shown(t, q, y, u, self.p, self.effects))
         command, after = controller.step(self.p, memory, reference, measured, self.sample_time_s)
-        n = len(memory)
-        self.text.function(
-            "model_control",
-            "const double *c, const double *w, double t, double u, double hold, const double *s, const double *memory, "
-            "double *next",
-            {**self._reads(), **{f"x{i}": f"memory[{i}]" for i in range(n)}},
-            [*after, command],
-            [f"next[{i}]" for i in range(n + 1)],
+        arguments = (
+            "const double *w, double t, double u, double hold, const double *s, const double *memory, double *next"
         )
+        kept = {f"x{i}": f"memory[{i}]" for i in range(len(memory))}
+        outputs = _to("next", [*after, command])
+        self.text.function("model_control", f"const double *c, {arguments}", {**reads, **kept}, outputs)
         start = controller.start(self.p, symbol("hold"), symbol("angle"))  # type: ignore[arg-type]
-        self.text.function(
-            "model_control_start",
-            "const double *c, double hold, double angle, double *memory",
-            {},
-            start,
-            [f"memory[{i}]" for i in range(n)],
-        )
-        self.text.function("model_lag", "const double *c, double *lag", {}, [self.lag], ["*lag"])
+        arguments = "const double *c, double hold, double angle, double *memory"
+        self.text.function("model_control_start", arguments, {}, _to("memory", start))
+        self.text.function("model_lag", "const double *c, double *lag", {}, {"*lag": self.lag})

@@ -7,12 +7,12 @@ from typing import Any
 
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
-from workbench.figures.study import overview
 from workbench.simulate.loop import LoopResult
 from workbench.study.labels import metric_label
 from workbench.study.run import motor_torque_limit_nm
 from workbench.view.logs import run_figure
 from workbench.view.numbers import figures
+from workbench.view.study_figures import overview
 
 
 def _metrics(result: LoopResult) -> Table:

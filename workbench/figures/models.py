@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from workbench.core.run import Run
-from workbench.figures.panels import ranges_below_names
-from workbench.figures.replay import run_grid
+from workbench.view.panels import ranges_below_names
+from workbench.view.replay import run_grid
 from workbench.view.style import BLUE, ORANGE, SPARE, line
 
 if TYPE_CHECKING:

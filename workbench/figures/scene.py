@@ -8,7 +8,7 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.machines import HOIST, Hoist
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 
 SIMULATED = ("position_carriage_m", "speed_carriage_m_s", "tension_drum_n", "tension_dead_line_n", "tension_min_n")
 
@@ -73,7 +73,7 @@ def _simulated(machine: Hoist, run: Run) -> Scene:
 def _measured(machine: Hoist, run: Run) -> Scene:
     """The nominal wire and carriage driven by the measured motor speed; heights and tensions that are logged stay."""
     plain = machine.model_copy(update={"effects": {}})
-    bench = Bench(plain, [run])
+    bench = InverseSimulation(plain, [run])
     (balance,) = bench.balances()
     motion, states, n = balance.motion, balance.states, len(HOIST.plant.positions)
     start = HOIST.plant.equilibrium(float(states[0, 1]), bench.base[0])[0][0]

@@ -11,7 +11,7 @@ import numpy as np
 
 from workbench.core.names import unit_of, words_of
 from workbench.core.run import Array, Run
-from workbench.figures.panels import Panels
+from workbench.view.panels import Panels
 from workbench.view.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, label, line
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.figures.panels import Panels
+from workbench.view.panels import Panels
 from workbench.view.style import BLUE, GREY, VERMILLION
 
 if TYPE_CHECKING:

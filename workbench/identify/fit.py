@@ -11,8 +11,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.core.shown import Brief
 from workbench.identify.least_squares import minimise
-from workbench.identify.models import OutputModel
-from workbench.identify.parameters import Free
+from workbench.identify.model import Free, OutputModel
 
 STEP = 1e-3  # of a parameter's own scale, for derivatives
 POOR = 0.95  # correlation beyond which two values are told apart poorly
@@ -41,6 +40,13 @@ class Fit(Brief):
     def values(self) -> dict[str, float]:
         """Key of machine.yaml -> fitted value."""
         return {f.key: v for f, v in zip(self.free, self.value, strict=True)}
+
+    def tolerances_off(self) -> list[float]:
+        """Each value's distance from its nominal one in tolerances; 0 if it has none."""
+        return [
+            0.0 if f.prior_std is None or f.logarithmic else abs(value - f.nominal) / (f.scale * f.prior_std)
+            for f, value in zip(self.free, self.value, strict=True)
+        ]
 
 
 def fit(

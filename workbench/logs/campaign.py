@@ -66,8 +66,7 @@ def read_campaign(
     """
     folder, runs_yaml = _places(path)
     machine = load_machine(folder / "machine.yaml", check_effects=check_effects)
-    wanted = kind_of(machine).signals
-    runs_file, document = read_runs(runs_yaml, machine, wanted.names)
+    runs_file, document = read_runs(runs_yaml, machine, kind_of(machine).signals.names)
     entries = _selected(runs_file.runs, select, runs_yaml)
     expect((folder / entry.file for entry in entries), uploaded=uploaded)
     notes = _entry_notes(entries, folder)
@@ -82,7 +81,7 @@ def read_campaign(
         try:
             file = _log_path(folder, entry, document, place, confined=confined)
             read, unused = read_run(
-                entry, file, machine, wanted, runs_file.columns, document.line(place), runs_yaml, uploaded=uploaded
+                entry, file, machine, runs_file.columns, document.line(place), runs_yaml, uploaded=uploaded
             )
         except InputError as error:
             faults[entry.name] = error

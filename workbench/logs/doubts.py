@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.logs.faults import seconds
+from workbench.logs.raw_run import seconds
 from workbench.machines import Axis, Hoist, Kind, RigidBody, kind_of
 
 LEAST_RUNS = 4  # of which one may stand alone

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.logs.faults import Fault, seconds
-from workbench.logs.plausible import MOVING, driven_signals
-from workbench.machines import Axis, Hoist, Kind
+from workbench.logs.plausible import MOVING
+from workbench.logs.raw_run import RawRun, seconds
 
 LEAST, LEAST_S = 10, 0.25  # samples, and time, that are worth a word; less time is where no chance explains it
 CHANCE = 1e-6  # that equal samples in a row of a noisy channel come by chance
@@ -119,113 +117,79 @@ KEPT = 1.0 / 3.0  # of the run that must be whole
 CARRIES_ON = 0.7  # of the sum around it: what the motors give together where one of them gives nothing
 
 
-@dataclass(frozen=True)
-class Part:
-    """The samples first … end − 1 of a run, and notes on the others."""
-
-    first: int
-    end: int
-    notes: list[str]
-
-
-def whole_part(
-    time_s: Array,
-    values: Mapping[str, Array],
-    kind: Kind,
-    machine: Hoist | Axis,
-    label: Callable[[str], str],
-    fault: Fault,
-) -> Part:
-    """The longest part of a run without a dropout of its input or motion. InputError when that is too short."""
+def cut_dropouts(run: RawRun) -> None:
+    """Keep the longest part of a run without a dropout of its input or motion. InputError when that is too short."""
     lost: dict[Stretch, str] = {}
-    notes: list[str] = []
-    moving = 0.0 if kind.nominal_speed is None else MOVING * kind.nominal_speed(machine)
-    for name in (*kind.inputs, *driven_signals(kind)):
-        if name not in values:
+    time_s, inputs = run.time_s, run.kind.inputs
+    for name in (*inputs, run.position, run.speed):
+        if name not in run.values:
             continue
-        channel = Channel(time_s, values[name])
-        is_input = name in kind.inputs
-        for stretch in [*channel.rests(), *(channel.brief_freezes() if is_input else channel.brief_jumps())]:
-            problem = f"{label(name)} is exactly {values[name][stretch[0]]:.6g} from {_span(time_s, stretch)}"
-            if is_input:
-                verdict = _input_dropout(values, name, channel, stretch, kind, moving)
-                if verdict == "note":
-                    notes.append(f"{problem} while the machine moves; kept")
-                if verdict != "lost":
-                    continue
-            elif not channel.jumps(stretch):
-                continue
-            lost.setdefault(stretch, f"{problem} while the machine moves")
+        channel = Channel(time_s, run.values[name])
+        for stretch in [*channel.rests(), *(channel.brief_freezes() if name in inputs else channel.brief_jumps())]:
+            problem = f"{run.label(name)} is exactly {channel.column[stretch[0]]:.6g} from {_span(time_s, stretch)}"
+            verdict = "lost" if channel.jumps(stretch) else ""
+            if name in inputs:
+                verdict = _input_dropout(run, name, channel, stretch)
+            if verdict == "note":
+                run.notes.append(f"{problem} while the machine moves; kept")
+            elif verdict == "lost":
+                lost.setdefault(stretch, f"{problem} while the machine moves")
     if not lost:
-        return Part(0, len(time_s), notes)
-    stretches = sorted(lost)
-    more = f", and {len(lost) - 1} more such stretch{'es' if len(lost) > 2 else ''}" if len(lost) > 1 else ""
-    problem = lost[stretches[0]] + more
-    first, end = _longest_whole(len(time_s), stretches)
+        return
+    parts, at = [], 0
+    for start, end in sorted(lost):
+        if start > at:
+            parts.append((at, start))
+        at = max(at, end)
+    first, end = max([*parts, (at, len(time_s))], key=lambda part: part[1] - part[0])
+    problem = lost[min(lost)]
+    if len(lost) > 1:
+        problem += f", and {len(lost) - 1} more such stretch{'es' if len(lost) > 2 else ''}"
     if end - first < KEPT * len(time_s):
-        raise fault(f"{problem}; is the channel frozen? What is whole beside it is too short")
-    kept = f"kept from {seconds(time_s[first])} to {seconds(time_s[end - 1])}"
-    return Part(first, end, [*notes, f"{problem}; the run is {kept}, {len(time_s) - end + first} samples are left out"])
+        raise run.fault(f"{problem}; is the channel frozen? What is whole beside it is too short")
+    span = f"{seconds(time_s[first])} to {seconds(time_s[end - 1])}"
+    left_out = f"{len(time_s) - end + first} samples are left out"
+    run.notes.append(f"{problem}; the run is kept from {span}, {left_out}")
+    run.entry = run.begun_at(first, run.entry.name, run.values)
+    run.cut(first, end)
 
 
-def drop_frozen(
-    time_s: Array, values: dict[str, Array], optional: tuple[str, ...], label: Callable[[str], str]
-) -> tuple[dict[str, Array], list[str]]:
-    """The signals without optional channels that are frozen for a while: noisy elsewhere, or with a jump at the end."""
-    notes = []
-    kept = dict(values)
-    for name in optional:
-        if name not in values:
+def drop_frozen(run: RawRun) -> None:
+    """Optional channels that are frozen for a while are dropped: noisy elsewhere, or with a jump at the end. A
+    reference may well rest."""
+    for name in run.kind.signals.optional:
+        if name not in run.values or name == run.kind.reference[0]:
             continue
-        channel = Channel(time_s, values[name])
+        channel = Channel(run.time_s, run.values[name])
         for stretch in channel.rests():
             if channel.jumps(stretch) or (channel.inside(stretch) and channel.too_long(stretch)):
-                value = values[name][stretch[0]]
-                notes.append(f"{label(name)} dropped: it is exactly {value:.6g} from {_span(time_s, stretch)}")
-                del kept[name]
+                run.drop(name, f"it is exactly {channel.column[stretch[0]]:.6g} from {_span(run.time_s, stretch)}")
                 break
-    return kept, notes
 
 
-def _input_dropout(
-    values: Mapping[str, Array], name: str, channel: Channel, stretch: Stretch, kind: Kind, moving: float
-) -> str:
+def _input_dropout(run: RawRun, name: str, channel: Channel, stretch: Stretch) -> str:
     """ "lost", "note" (odd, yet a machine may do so), or "" for a rest that is none."""
     start, end = stretch
-    if not _moves(values, stretch, kind, moving):
+    if run.speed in run.values:
+        nominal = run.kind.nominal_speed
+        moving = 0.0 if nominal is None else MOVING * nominal(run.machine)
+        moves = float(np.mean(np.abs(run.values[run.speed][start:end]))) > moving
+    else:
+        position = run.values[run.position]
+        moves = float(np.ptp(position[start:end])) > 0.01 * float(np.ptp(position))
+    zero = channel.column[start] == 0.0
+    if not moves or not (zero or (channel.inside(stretch) and channel.too_long(stretch))):
         return ""
-    zero = values[name][start] == 0.0
-    if not zero and not (channel.inside(stretch) and channel.too_long(stretch)):
-        return ""
-    if not kind.holds_load:
+    if not run.kind.holds_load:
         return "note" if zero or channel.too_long(stretch) else ""
-    total = values[kind.plant.input]
-    if name != kind.plant.input and zero:
+    total = run.values[run.kind.plant.input]
+    if name != run.kind.plant.input and zero:
         # One motor may fail and the other carry on: then the sum goes on as around the stretch.
         width = end - start
         around = np.concatenate((total[max(0, start - width) : start], total[end : end + width]))
         if len(around) and abs(total[start:end].mean()) > CARRIES_ON * abs(around.mean()):
             return "note"
     return "lost"
-
-
-def _moves(values: Mapping[str, Array], stretch: Stretch, kind: Kind, moving: float) -> bool:
-    start, end = stretch
-    position, speed = driven_signals(kind)
-    if speed in values:
-        return float(np.mean(np.abs(values[speed][start:end]))) > moving
-    return float(np.ptp(values[position][start:end])) > 0.01 * float(np.ptp(values[position]))
-
-
-def _longest_whole(n: int, lost: list[Stretch]) -> Stretch:
-    """The longest part outside the given stretches, which may overlap."""
-    parts, at = [], 0
-    for start, end in lost:
-        if start > at:
-            parts.append((at, start))
-        at = max(at, end)
-    parts.append((at, n))
-    return max(parts, key=lambda part: part[1] - part[0])
 
 
 def _span(time_s: Array, stretch: Stretch) -> str:

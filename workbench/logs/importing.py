@@ -17,9 +17,9 @@ from workbench.core.run import Array
 from workbench.core.whole_folder import check_free, whole_folder
 from workbench.core.yaml_strict import dumps
 from workbench.logs import Campaign, read_campaign
+from workbench.logs.formats.declared import TIME, Channel, at_times, distinct, fastest, titled
 from workbench.logs.formats.drive_csv import TIME_UNITS, read_drive_csv, split_unit
 from workbench.logs.formats.opening import open_log
-from workbench.logs.formats.rates import TIME, Channel, at_times, distinct, fastest, titled
 from workbench.logs.mapping import Proposal, Proposed
 
 TEXT = (".csv", ".txt", ".tsv", ".asc")
@@ -41,10 +41,8 @@ def _by_format(file: Path) -> list[Channel]:
     times = [name for name, (plain, _) in titles.items() if plain.lower() in _TIMES]
     if not times:
         raise InputError(f"no column is a time; expected one named {', '.join(_TIMES)}", file=file)
-    time_s = TIME_UNITS.get(titles[times[0]][1].lower(), 1.0) * table.columns[times[0]]
-    return [
-        Channel(plain, unit, time_s, table.columns[name]) for name, (plain, unit) in titles.items() if name != times[0]
-    ]
+    time_s = TIME_UNITS.get(titles[times[0]][1].lower(), 1.0) * table[times[0]]
+    return [Channel(plain, unit, time_s, table[name]) for name, (plain, unit) in titles.items() if name != times[0]]
 
 
 @dataclass(frozen=True)

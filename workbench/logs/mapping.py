@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from workbench.core.errors import InputError, nearest
-from workbench.logs.formats.rates import Channel
+from workbench.logs.formats.declared import Channel
 from workbench.machines import TIME, Axis, Hoist, kind_of
 
 # unit, lower case and without blanks, dots and asterisks -> (quantity, factor to SI)

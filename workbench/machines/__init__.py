@@ -3,24 +3,24 @@
 from typing import Any, TypeAlias
 
 from workbench.machines.correction import MeasuredCorrection
-from workbench.machines.kind import (
+from workbench.machines.declare import (
     STANDSTILL_LOG_STD,
     TIME,
-    BaseValue,
     ClosedLoop,
     CrossCheck,
     DeadLine,
-    Discrepancy,
     Kind,
     Limits,
     Load,
+    ModelError,
+    NuisancePrior,
     Port,
     RigidBody,
     SignalSet,
     Sizes,
     Table,
     TopSpeed,
-    Trace,
+    Value,
 )
 from workbench.machines.kinds import (
     HOIST,

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 from pydantic import field_validator, model_validator
 
 from workbench.core.record import Finite, Record
-from workbench.machines.kind import Kind, Port
+from workbench.machines.declare import Kind, Port
 from workbench.machines.plant import Effects
 from workbench.symbolic.expr import Scalar, clip, floor, where
 

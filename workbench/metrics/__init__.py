@@ -4,6 +4,7 @@ from workbench.metrics.metric import (
     EVERYWHERE,
     HUGE,
     INDEX_ONLY,
+    Accumulators,
     Better,
     LoopMetric,
     Metric,
@@ -11,7 +12,6 @@ from workbench.metrics.metric import (
     Observer,
     RunFacts,
     RunMetric,
-    Sums,
     View,
 )
 from workbench.metrics.registry import (
@@ -36,6 +36,7 @@ __all__ = [
     "EVERYWHERE",
     "HUGE",
     "INDEX_ONLY",
+    "Accumulators",
     "Better",
     "LoopMetric",
     "Metric",
@@ -43,7 +44,6 @@ __all__ = [
     "Observer",
     "RunFacts",
     "RunMetric",
-    "Sums",
     "View",
     "add",
     "added",

@@ -15,12 +15,12 @@ from workbench.metrics.metric import (
     EVERYWHERE,
     HUGE,
     INDEX_ONLY,
+    Accumulators,
     LoopMetric,
     Metric,
     MetricSet,
     RunMetric,
     Signals,
-    Sums,
     View,
     as_summed,
     integral,
@@ -76,32 +76,32 @@ def metric_set(kind: Kind) -> MetricSet:
         moves = absolute(s[v_ref]) > AT_REST * p.v_scale
         return [where(moves, until, a[0]), where(absolute(_lag(s)) > p.settled, until, a[1])]
 
-    def _root_mean(sums: Sequence[float], p: Any, duration: float) -> float:
-        return math.sqrt(max(sums[0], 0.0) / duration)
+    def _root_mean(accumulators: Sequence[float], p: Any, duration: float) -> float:
+        return math.sqrt(max(accumulators[0], 0.0) / duration)
 
     def _share(of: str) -> Any:
-        def finish(sums: Sequence[float], p: Any, duration: float) -> float | None:
+        def finish(accumulators: Sequence[float], p: Any, duration: float) -> float | None:
             bound = getattr(p, of)
-            return 100.0 * sums[0] / bound if bound < NEITHER else None
+            return 100.0 * accumulators[0] / bound if bound < NEITHER else None
 
         return finish
 
     peak = largest(lambda s, p: absolute(s[force]))
     square = integral(lambda s, p: s[force] * s[force])
-    since_last, settling = Sums((0.0,) * 6, _since_last), Sums((0.0, 0.0), _settling)
-    ends = Sums((-HUGE, HUGE, -HUGE, HUGE), _ends)
+    since_last, settling = Accumulators((0.0,) * 6, _since_last), Accumulators((0.0, 0.0), _settling)
+    ends = Accumulators((-HUGE, HUGE, -HUGE, HUGE), _ends)
     by_encoder = "seen at the motor's encoder"
     metrics: tuple[Metric, ...] = (
         LoopMetric(
             name=f"peak_{word}_{n}", unit=unit, label=f"{word} peak", better="lower", visible=1e-6,
             definition=f"largest {word}, either way", head="peak", significant=4, note=f"{word} of the drive",
             views=EVERYWHERE | View.DECISION,
-            extremes=((f"highest {word} peak", 1), (f"lowest {word} peak", -1)), sums=peak, finish=as_summed(0),
+            extremes=((f"highest {word} peak", 1), (f"lowest {word} peak", -1)), accumulators=peak, finish=as_summed(0),
         ),
         LoopMetric(
             name=f"peak_{word}_percent", unit="%", label=f"{word} peak of the limit", better="lower", visible=0.01,
             definition=f"the same in per cent of the drive's {word} limit, where one is stated", optional=True,
-            head="of limit", decimals=0, views=View.DRIVE, sums=peak,
+            head="of limit", decimals=0, views=View.DRIVE, accumulators=peak,
             finish=lambda a, p, duration: 100.0 * a[0] / p.u_limit if p.u_limit < NEITHER else None,
         ),
         LoopMetric(
@@ -109,39 +109,39 @@ def metric_set(kind: Kind) -> MetricSet:
             visible=1e-6, definition=f"largest difference, either way, of the {word} from the one that holds the load "
             "at the start", head="above\nstatic", significant=4, views=View.SWEPT_RUNS,
             note=f"{word} beside the one that holds the load",
-            sums=largest(lambda s, p: absolute(s[force] - p.hold)), finish=as_summed(0),
+            accumulators=largest(lambda s, p: absolute(s[force] - p.hold)), finish=as_summed(0),
         ),
         LoopMetric(
             name=f"rms_{word}_{n}", unit=unit, label=f"RMS {word}", better="lower", visible=1e-6,
             definition=f"root mean square of the {word} over the run", head="RMS", significant=4,
             note=f"{word} of the drive", views=View.RUNS | View.QUANTILES | View.COMPARE | View.DECISION,
-            sums=square, finish=_root_mean,
+            accumulators=square, finish=_root_mean,
         ),
         LoopMetric(
             name="thermal_load_percent", unit="%", label="thermal load", better="lower", visible=0.01,
             definition=f"mean square of the {word} over that of the drive's nominal one, where that is stated",
-            optional=True, head="thermal\nload", decimals=0, views=View.DRIVE, sums=square,
+            optional=True, head="thermal\nload", decimals=0, views=View.DRIVE, accumulators=square,
             finish=lambda a, p, duration: 100.0 * a[0] / (p.u_nominal**2 * duration) if p.u_nominal < NEITHER else None,
         ),
         LoopMetric(
             name=f"{word}_rate_max_{n}_per_s", unit=f"{unit}/s", label=f"largest {word} rate", better="lower",
             visible=1e-3, definition=f"largest change of the {word} from one sample to the next, by the time between "
             "them", head=f"{word} rate", significant=3, note="largest", views=View.DRIVE,
-            sums=since_last, finish=as_summed(2),
+            accumulators=since_last, finish=as_summed(2),
         ),
         LoopMetric(
             name=f"tracking_error_max_{way}", unit=way, label="largest tracking error", better="lower", visible=1e-9,
             definition=f"largest difference, either way, of position reference and position, {by_encoder}",
             shown_in=fine, scale=fine_scale, head="tracking\nmax", significant=3, note=f"position error {by_encoder}",
             views=~(View.DRIVE | View.MOTION), extremes=(("largest tracking error", 1),),
-            sums=largest(lambda s, p: absolute(_lag(s))), finish=as_summed(0),
+            accumulators=largest(lambda s, p: absolute(_lag(s))), finish=as_summed(0),
         ),
         LoopMetric(
             name=f"tracking_error_rms_{way}", unit=way, label="RMS tracking error", better="lower", visible=1e-9,
             definition="root mean square of the same over the run", shown_in=fine, scale=fine_scale,
             head="tracking\nRMS", significant=3, note=f"position error {by_encoder}",
             views=View.RUNS | View.COMPARE | View.DECISION,
-            sums=integral(lambda s, p: _lag(s) * _lag(s)), finish=_root_mean,
+            accumulators=integral(lambda s, p: _lag(s) * _lag(s)), finish=_root_mean,
         ),
         RunMetric(
             name=f"tracking_error_end_{way}", unit=way, label="position error at the end", better="zero", visible=1e-9,
@@ -155,7 +155,7 @@ def metric_set(kind: Kind) -> MetricSet:
             definition="how far the position goes beyond the largest or the smallest one of the whole reference",
             shown_in=fine, scale=fine_scale, head="overshoot", significant=3, views=View.MOTION | View.COMPARE,
             note="beyond the extremes of the reference",
-            sums=ends, finish=lambda a, p, duration: max(a[0] - a[2], a[3] - a[1], 0.0),
+            accumulators=ends, finish=lambda a, p, duration: max(a[0] - a[2], a[3] - a[1], 0.0),
         ),
         LoopMetric(
             name="settling_time_s", unit="s", label="settling time", better="lower", visible=1e-3,
@@ -163,45 +163,47 @@ def metric_set(kind: Kind) -> MetricSet:
             "reference's whole way of it; until the end of the run where it never does",
             head="settling", decimals=3, note=f"after the last move, to {SETTLED:.1%} of the way",
             taken_at="after the last move", views=View.RUNS | View.MOTION | View.COMPARE | View.DECISION,
-            sums=settling, finish=lambda a, p, duration: max(a[1] - a[0], 0.0),
+            accumulators=settling, finish=lambda a, p, duration: max(a[1] - a[0], 0.0),
         ),
         LoopMetric(
             name=f"settling_window_{way}", unit=way, label="settling window", better=None, visible=1e-9,
             definition=f"{SETTLED:.1%} of the reference's whole way", shown_in=fine, scale=fine_scale, significant=3,
-            views=INDEX_ONLY, sums=settling, finish=lambda a, p, duration: float(p.settled),
+            views=INDEX_ONLY, accumulators=settling, finish=lambda a, p, duration: float(p.settled),
         ),
         LoopMetric(
             name=f"{speed_word}_error_max_{rate}", unit=speed_unit, label=f"largest {speed_word} error", better="lower",
             visible=1e-9, definition=f"largest difference of {speed_word} reference and {speed_word}, either way",
             shown_in=fine_rate, scale=1e3, head="error max", significant=3, note=f"{speed_word} against its set point",
-            views=View.MOTION | View.COMPARE, sums=largest(lambda s, p: absolute(_slow(s))), finish=as_summed(0),
+            views=View.MOTION | View.COMPARE, accumulators=largest(lambda s, p: absolute(_slow(s))),
+            finish=as_summed(0),
         ),
         LoopMetric(
             name=f"{speed_word}_error_rms_{rate}", unit=speed_unit, label=f"RMS {speed_word} error", better="lower",
             visible=1e-9, definition=f"root mean square of {speed_word} reference minus {speed_word}",
             shown_in=fine_rate, scale=1e3, head="error RMS", significant=3, note=f"{speed_word} against its set point",
-            views=View.MOTION, sums=integral(lambda s, p: _slow(s) * _slow(s)), finish=_root_mean,
+            views=View.MOTION, accumulators=integral(lambda s, p: _slow(s) * _slow(s)), finish=_root_mean,
         ),
         LoopMetric(
             name=f"peak_{speed_word}_{rate}", unit=speed_unit, label=f"largest {speed_word}", better=None, visible=1e-6,
             definition=f"largest {speed_word}, either way", significant=4, views=INDEX_ONLY,
-            sums=largest(lambda s, p: absolute(s[v])), finish=as_summed(0),
+            accumulators=largest(lambda s, p: absolute(s[v])), finish=as_summed(0),
         ),
         LoopMetric(
             name="peak_power_w", unit="W", label="largest power", better="lower", visible=1e-3,
             definition=f"largest product of {word} and {speed_word}, the drive giving", head="power", significant=3,
-            note="largest, given", views=View.DRIVE, sums=largest(lambda s, p: s[force] * s[v]), finish=as_summed(0),
+            note="largest, given", views=View.DRIVE, accumulators=largest(lambda s, p: s[force] * s[v]),
+            finish=as_summed(0),
         ),
         LoopMetric(
             name="energy_motoring_j", unit="J", label="work of the drive", better="lower", visible=1e-6,
             definition="work of the drive on the axis, where it gives", head="work", significant=4,
             note="work of the drive", views=View.RUNS | View.DRIVE | View.COMPARE | View.DECISION,
-            sums=since_last, finish=as_summed(0),
+            accumulators=since_last, finish=as_summed(0),
         ),
         LoopMetric(
             name="energy_regenerated_j", unit="J", label="work on the drive", better="higher", visible=1e-6,
             definition="work of the axis on the drive", head="work back", significant=4, note="work of the axis on it",
-            views=View.DRIVE, sums=since_last, finish=as_summed(1),
+            views=View.DRIVE, accumulators=since_last, finish=as_summed(1),
         ),
         *(metric for metric in hoist.METRICS if metric.name in ("move_time_s", "moves")),
         RunMetric(

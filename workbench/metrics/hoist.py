@@ -13,11 +13,11 @@ from workbench.metrics.metric import (
     EVERYWHERE,
     HUGE,
     INDEX_ONLY,
+    Accumulators,
     LoopMetric,
     Metric,
     RunMetric,
     Signals,
-    Sums,
     View,
     as_summed,
     integral,
@@ -51,8 +51,8 @@ def _margin(s: Signals, p: Any) -> Scalar:
     return minimum(s["position_carriage_m"] - p.x_low, p.x_high - s["position_carriage_m"])
 
 
-def _root_mean(sums: Sequence[float], p: Any, duration: float) -> float:
-    return math.sqrt(max(sums[0], 0.0) / duration)
+def _root_mean(accumulators: Sequence[float], p: Any, duration: float) -> float:
+    return math.sqrt(max(accumulators[0], 0.0) / duration)
 
 
 def _since_last(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
@@ -90,8 +90,8 @@ def _tops(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
     return [maximum(a[0], drum), minimum(a[1], drum), maximum(a[2], dead), minimum(a[3], dead)]
 
 
-def _safety(sums: Sequence[float], p: Any, duration: float) -> float | None:
-    return p.W_break / max(sums[0], sums[2]) if p.W_break > 0.0 else None
+def _safety(accumulators: Sequence[float], p: Any, duration: float) -> float | None:
+    return p.W_break / max(accumulators[0], accumulators[2]) if p.W_break > 0.0 else None
 
 
 def _overloaded(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
@@ -118,8 +118,8 @@ def _speeds(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]
     return [maximum(a[0], w), minimum(a[1], w), maximum(a[2], r), minimum(a[3], r)]
 
 
-def _overshoot(sums: Sequence[float], p: Any, duration: float) -> float:
-    return max(sums[0] - sums[2], sums[3] - sums[1], 0.0)
+def _overshoot(accumulators: Sequence[float], p: Any, duration: float) -> float:
+    return max(accumulators[0] - accumulators[2], accumulators[3] - accumulators[1], 0.0)
 
 
 def _settling(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
@@ -142,11 +142,11 @@ def _lift(p: Any) -> float:
 
 _PEAK = largest(lambda s, p: absolute(_torque(s)) * _share(s, p))
 _SQUARE = integral(lambda s, p: (_torque(s) * _share(s, p)) * (_torque(s) * _share(s, p)))
-_SINCE_LAST = Sums((0.0,) * 9, _since_last)
-_SLACK = Sums((0.0,) * 3, _slack_so_far)
-_TOPS = Sums((-HUGE, HUGE, -HUGE, HUGE), _tops)
-_SETTLING = Sums((0.0, 0.0), _settling)
-_BEHIND = Sums((0.0, 0.0, 0.0), _behind)
+_SINCE_LAST = Accumulators((0.0,) * 9, _since_last)
+_SLACK = Accumulators((0.0,) * 3, _slack_so_far)
+_TOPS = Accumulators((-HUGE, HUGE, -HUGE, HUGE), _tops)
+_SETTLING = Accumulators((0.0, 0.0), _settling)
+_BEHIND = Accumulators((0.0, 0.0, 0.0), _behind)
 
 METRICS: tuple[Metric, ...] = (
     LoopMetric(
@@ -154,14 +154,14 @@ METRICS: tuple[Metric, ...] = (
         definition="largest torque of the harder-worked motor, either way",
         head="peak", decimals=0, note="torque of one motor", fixed=True, views=EVERYWHERE | View.DECISION,
         extremes=(("highest torque peak", 1), ("lowest torque peak", -1)),
-        sums=_PEAK, finish=as_summed(0),
+        accumulators=_PEAK, finish=as_summed(0),
     ),
     LoopMetric(
         name="peak_torque_percent", unit="%", label="torque peak of nominal", better="lower", visible=0.01,
         definition="the same in per cent of one motor's nominal torque",
         head="peak", decimals=0, note="torque of one motor", fixed=True,
         views=View.RUNS | View.SWEPT_RUNS | View.QUANTILES,
-        sums=_PEAK, finish=lambda a, p, duration: a[0] * 100.0 / p.T_nominal,
+        accumulators=_PEAK, finish=lambda a, p, duration: a[0] * 100.0 / p.T_nominal,
     ),
     LoopMetric(
         name="peak_torque_above_static_nm", unit="N m", label="torque peak above static", better="lower", visible=0.1,
@@ -169,21 +169,21 @@ METRICS: tuple[Metric, ...] = (
         head="above\nstatic", decimals=0, fixed=True,
         note="torque of both motors together, above the torque that holds the load",
         views=View.RUNS | View.SWEPT_RUNS,
-        sums=largest(lambda s, p: _torque(s) - p.T_hold), finish=as_summed(0),
+        accumulators=largest(lambda s, p: _torque(s) - p.T_hold), finish=as_summed(0),
     ),
     LoopMetric(
         name="rms_torque_motor_nm", unit="N m", label="RMS torque per motor", better="lower", visible=0.1,
         definition="root mean square of the harder-worked motor's torque over the run",
         head="RMS", decimals=0, note="torque of one motor", fixed=True,
         views=View.RUNS | View.QUANTILES | View.COMPARE | View.DECISION,
-        sums=_SQUARE, finish=_root_mean,
+        accumulators=_SQUARE, finish=_root_mean,
     ),
     LoopMetric(
         name="i2t_s", unit="s", label="I²t", better="lower", visible=1e-3,
         definition="∫ (T/T_nominal)² dt of the harder-worked motor over the run: seconds at nominal torque "
         "that would heat its windings as much",
         views=INDEX_ONLY,
-        sums=_SQUARE, finish=lambda a, p, duration: a[0] / p.T_nominal**2,
+        accumulators=_SQUARE, finish=lambda a, p, duration: a[0] / p.T_nominal**2,
     ),
     LoopMetric(
         name="thermal_load_percent", unit="%", label="thermal load", better="lower", visible=0.01,
@@ -191,13 +191,13 @@ METRICS: tuple[Metric, ...] = (
         head="thermal\nload", decimals=0, taken_at="one motor",
         note="mean square torque of one motor over that of nominal torque",
         views=View.DRIVE | View.COMPARE | View.DECISION,
-        sums=_SQUARE, finish=lambda a, p, duration: 100.0 * a[0] / (p.T_nominal**2 * duration),
+        accumulators=_SQUARE, finish=lambda a, p, duration: 100.0 * a[0] / (p.T_nominal**2 * duration),
     ),
     LoopMetric(
         name="overload_time_s", unit="s", label="time above nominal torque", better="lower", visible=1e-3,
         definition="time with the harder-worked motor above its nominal torque, either way",
         head="above\nnominal", decimals=2, note="time of one motor", views=View.DRIVE,
-        sums=integral(lambda s, p: where(absolute(_torque(s)) * _share(s, p) > p.T_nominal, 1.0, 0.0)),
+        accumulators=integral(lambda s, p: where(absolute(_torque(s)) * _share(s, p) > p.T_nominal, 1.0, 0.0)),
         finish=as_summed(0),
     ),
     LoopMetric(
@@ -207,54 +207,54 @@ METRICS: tuple[Metric, ...] = (
         "time/period is the mean square of that duty cycle, which it bears without end",
         head="overload\nused", decimals=0, note="of what the drive bears, one motor", taken_at="one motor",
         views=View.DRIVE,
-        sums=Sums((0.0, 0.0), _overloaded), finish=lambda a, p, duration: 100.0 * a[1] / p.overload_s,
+        accumulators=Accumulators((0.0, 0.0), _overloaded), finish=lambda a, p, duration: 100.0 * a[1] / p.overload_s,
     ),
     LoopMetric(
         name="torque_rate_max_nm_per_s", unit="N m/s", label="largest torque rate", better="lower", visible=1.0,
         definition="largest change of the harder-worked motor's torque from one sample to the next, by the time "
         "between them",
         shown_in="kN m/s", scale=1e-3, head="torque rate", decimals=2, note="largest, of one motor", views=View.DRIVE,
-        sums=_SINCE_LAST, finish=as_summed(2),
+        accumulators=_SINCE_LAST, finish=as_summed(2),
     ),
     LoopMetric(
         name="torque_swings", unit="–", label="torque swings", better="lower", visible=1.0,
         definition="how often the harder-worked motor's torque turns and goes back by more than its nominal torque; "
         "a loop that hunts between its limits does so many times a second",
         views=INDEX_ONLY,
-        sums=Sums((0.0, 1.0, -HUGE), _swings), finish=as_summed(0),
+        accumulators=Accumulators((0.0, 1.0, -HUGE), _swings), finish=as_summed(0),
     ),
     LoopMetric(
         name="peak_speed_percent", unit="%", label="largest motor speed", better="lower", visible=0.01,
         definition="largest motor speed, either way, in per cent of nominal",
         views=INDEX_ONLY,
-        sums=largest(lambda s, p: absolute(s["speed_motor_rad_s"]) * 100.0 / p.w_nominal), finish=as_summed(0),
+        accumulators=largest(lambda s, p: absolute(s["speed_motor_rad_s"]) * 100.0 / p.w_nominal), finish=as_summed(0),
     ),
     LoopMetric(
         name="speed_error_rms_rad_s", unit="rad/s", label="RMS speed error", better="lower", visible=1e-3,
         definition="root mean square of reference minus motor speed",
         head="error RMS", decimals=2, note="motor speed against its set point", taken_at="motor side", fixed=True,
         views=View.RUNS | View.COMPARE | View.DECISION,
-        sums=integral(lambda s, p: _error(s) * _error(s)), finish=_root_mean,
+        accumulators=integral(lambda s, p: _error(s) * _error(s)), finish=_root_mean,
     ),
     LoopMetric(
         name="speed_error_max_rad_s", unit="rad/s", label="largest speed error", better="lower", visible=1e-3,
         definition="largest difference of reference and motor speed",
         head="error max", decimals=1, note="motor speed against its set point", taken_at="motor side", fixed=True,
         extremes=(("largest speed error", 1),),
-        sums=largest(lambda s, p: absolute(_error(s))), finish=as_summed(0),
+        accumulators=largest(lambda s, p: absolute(_error(s))), finish=as_summed(0),
     ),
     LoopMetric(
         name="speed_error_iae_rad", unit="rad", label="integral of the absolute speed error", better="lower",
         visible=1e-3, definition="∫ |reference − motor speed| dt (IAE)",
         views=INDEX_ONLY,
-        sums=integral(lambda s, p: absolute(_error(s))), finish=as_summed(0),
+        accumulators=integral(lambda s, p: absolute(_error(s))), finish=as_summed(0),
     ),
     LoopMetric(
         name="speed_overshoot_rad_s", unit="rad/s", label="speed overshoot", better="lower", visible=1e-3,
         definition="how far the motor speed goes beyond the largest or the smallest speed of the whole reference; "
         "0 within them",
         head="overshoot", decimals=2, note="motor speed beyond the extremes of its set point", views=View.MOTION,
-        sums=Sums((-HUGE, HUGE, -HUGE, HUGE), _speeds), finish=_overshoot,
+        accumulators=Accumulators((-HUGE, HUGE, -HUGE, HUGE), _speeds), finish=_overshoot,
     ),
     LoopMetric(
         name="settling_time_s", unit="s", label="settling time", better="lower", visible=1e-3,
@@ -263,7 +263,7 @@ METRICS: tuple[Metric, ...] = (
         head="settling", decimals=2, note="after the last move, to 1 % of nominal speed",
         taken_at="after the last move",
         views=View.MOTION | View.COMPARE,
-        sums=_SETTLING, finish=lambda a, p, duration: max(a[1] - a[0], 0.0),
+        accumulators=_SETTLING, finish=lambda a, p, duration: max(a[1] - a[0], 0.0),
     ),
     LoopMetric(
         name="position_error_max_m", unit="m", label="largest position error", better="lower", visible=1e-4,
@@ -272,13 +272,13 @@ METRICS: tuple[Metric, ...] = (
         "drive; the stretch of the wire is not in it",
         shown_in="mm", scale=1e3, head="position\nmax", decimals=1, note="largest error, seen at the motor shaft",
         taken_at="carriage side", views=View.MOTION | View.COMPARE | View.DECISION,
-        sums=_BEHIND, finish=lambda a, p, duration: a[1] * _lift(p),
+        accumulators=_BEHIND, finish=lambda a, p, duration: a[1] * _lift(p),
     ),
     LoopMetric(
         name="position_error_stop_m", unit="m", label="position error at the stop", better="zero", visible=1e-4,
         definition="the same when the reference of the last move comes to rest, position minus reference",
         shown_in="mm", scale=1e3, views=INDEX_ONLY,
-        sums=_BEHIND, finish=lambda a, p, duration: -a[2] * _lift(p),
+        accumulators=_BEHIND, finish=lambda a, p, duration: -a[2] * _lift(p),
     ),
     RunMetric(
         name="position_error_end_m", unit="m", label="position error at the end", better="zero", visible=1e-4,
@@ -293,21 +293,21 @@ METRICS: tuple[Metric, ...] = (
         definition="smallest elastic tension of the two falls; zero is slack",
         shown_in="kN", scale=1e-3, head="min wire", decimals=1, note="smallest tension of a fall", fixed=True,
         extremes=(("smallest wire tension", -1),),
-        sums=smallest(lambda s, p: s["tension_min_n"]), finish=as_summed(0),
+        accumulators=smallest(lambda s, p: s["tension_min_n"]), finish=as_summed(0),
     ),
     LoopMetric(
         name="max_wire_tension_n", unit="N", label="largest wire tension", better="lower", visible=1.0,
         definition="largest tension at the top of a fall, the wire's own weight included",
         shown_in="kN", scale=1e-3, head="max wire", decimals=1, note="largest tension of a fall", fixed=True,
         views=View.MOTION,
-        sums=_TOPS, finish=lambda a, p, duration: max(a[0], a[2]),
+        accumulators=_TOPS, finish=lambda a, p, duration: max(a[0], a[2]),
     ),
     LoopMetric(
         name="wire_tension_swing_n", unit="N", label="wire tension swing", better="lower", visible=1.0,
         definition="largest minus smallest tension at the top of a fall, of the fall that swings more",
         shown_in="kN", scale=1e-3, head="swing", decimals=1, note="of a fall's tension",
         views=View.QUANTILES | View.MOTION | View.SENTENCES | View.SWEEP | View.COMPARE | View.DECISION,
-        sums=_TOPS, finish=lambda a, p, duration: max(a[0] - a[1], a[2] - a[3]),
+        accumulators=_TOPS, finish=lambda a, p, duration: max(a[0] - a[1], a[2] - a[3]),
     ),
     LoopMetric(
         name="wire_safety_factor", unit="–", label="wire safety factor", better="higher", visible=1e-3,
@@ -315,18 +315,18 @@ METRICS: tuple[Metric, ...] = (
         "`wire.breaking_load_n`",
         head="safety\nfactor", decimals=1, note="breaking load of the wire over its largest tension",
         views=View.MOTION, optional=True,
-        sums=_TOPS, finish=_safety,
+        accumulators=_TOPS, finish=_safety,
     ),
     LoopMetric(
         name="slack_time_s", unit="s", label="slack time", better="lower", visible=1e-3,
         definition="time with a fall of wire slack",
         head="slack", decimals=2, note="time with a fall of wire slack", fixed=True, views=View.MOTION | View.COMPARE,
-        sums=_SLACK, finish=as_summed(0),
+        accumulators=_SLACK, finish=as_summed(0),
     ),
     LoopMetric(
         name="slack_events", unit="–", label="slack events", better="lower", visible=1.0,
         definition="how often a fall went slack", views=INDEX_ONLY,
-        sums=_SLACK, finish=as_summed(1),
+        accumulators=_SLACK, finish=as_summed(1),
     ),
     RunMetric(
         name="move_time_s", unit="s", label="move time", better="lower", visible=1e-3,
@@ -342,7 +342,7 @@ METRICS: tuple[Metric, ...] = (
         definition="largest power of both motors on the machine, torque times speed",
         head="motoring", decimals=1, note="power of both motors on the machine", taken_at="both motors",
         views=View.DRIVE | View.COMPARE,
-        sums=largest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]),
+        accumulators=largest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]),
         finish=lambda a, p, duration: max(a[0], 0.0) / 1000.0,
     ),
     LoopMetric(
@@ -350,7 +350,7 @@ METRICS: tuple[Metric, ...] = (
         definition="largest power of the machine on both motors",
         head="regenerating", decimals=1, note="power of the machine on both motors", taken_at="both motors",
         views=View.DRIVE,
-        sums=smallest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]),
+        accumulators=smallest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]),
         finish=lambda a, p, duration: max(-a[0], 0.0) / 1000.0,
     ),
     LoopMetric(
@@ -358,33 +358,33 @@ METRICS: tuple[Metric, ...] = (
         definition="work of the motors on the machine",
         shown_in="kJ", scale=1e-3, head="work in", decimals=0, note="work of both motors on the machine", fixed=True,
         views=View.DRIVE | View.COMPARE | View.DECISION,
-        sums=_SINCE_LAST, finish=as_summed(0),
+        accumulators=_SINCE_LAST, finish=as_summed(0),
     ),
     LoopMetric(
         name="energy_regenerated_j", unit="J", label="work on the motors", better="higher", visible=1.0,
         definition="work of the machine on the motors",
         shown_in="kJ", scale=1e-3, head="work back", decimals=0, note="work of the machine on both motors", fixed=True,
         views=View.DRIVE,
-        sums=_SINCE_LAST, finish=as_summed(1),
+        accumulators=_SINCE_LAST, finish=as_summed(1),
     ),
     LoopMetric(
         name="peak_carriage_acceleration_m_s2", unit="m/s²", label="largest carriage acceleration", better="lower",
         visible=1e-3, definition="largest acceleration of the carriage, either way",
         head="carriage", decimals=2, note="its largest acceleration and jerk", views=View.MOTION,
-        sums=largest(lambda s, p: absolute(s["acceleration_carriage_m_s2"])), finish=as_summed(0),
+        accumulators=largest(lambda s, p: absolute(s["acceleration_carriage_m_s2"])), finish=as_summed(0),
     ),
     LoopMetric(
         name="peak_carriage_jerk_m_s3", unit="m/s³", label="largest carriage jerk", better="lower", visible=1e-2,
         definition="largest change of the carriage's acceleration from one sample to the next, by the time between "
         "them",
         head="carriage", decimals=0, note="its largest acceleration and jerk", views=View.MOTION,
-        sums=_SINCE_LAST, finish=as_summed(3),
+        accumulators=_SINCE_LAST, finish=as_summed(3),
     ),
     LoopMetric(
         name="rail_margin_m", unit="m", label="rail margin", better="higher", visible=1e-4,
         definition="smallest distance of the carriage from the ends of its rail; negative beyond them",
         views=INDEX_ONLY,
-        sums=smallest(_margin), finish=as_summed(0),
+        accumulators=smallest(_margin), finish=as_summed(0),
     ),
     RunMetric(
         name="moves", unit="–", label="moves", better=None, visible=1.0,

@@ -47,10 +47,10 @@ EVERYWHERE = ~(View.DRIVE | View.MOTION | View.DECISION)
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
-    """Running sums, which several metrics may read.
+class Accumulators:
+    """Running accumulators, which several metrics may read.
 
-    update(sums, s, p, dt): new sums after a sample with signals s, which lasts dt.
+    update(accumulators, s, p, dt): new accumulators after a sample with signals s, which lasts dt.
     """
 
     start: tuple[float, ...]
@@ -142,13 +142,13 @@ class Metric:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopMetric(Metric):
-    """Taken at every sample, from running sums. The same functions run in the compiled loop and on a measured log.
+    """Taken at every sample, from accumulators. The same functions run in the compiled loop and on a measured log.
 
-    finish(sums, p, duration_s): the metric, or None where it has no meaning for this machine. optional: that
+    finish(accumulators, p, duration_s): the metric, or None where it has no meaning for this machine. optional: that
     may be so; results then have no such column.
     """
 
-    sums: Sums = field(repr=False)
+    accumulators: Accumulators = field(repr=False)
     finish: Callable[[Sequence[float], Any, float], float | None] = field(repr=False)
     optional: bool = False
 
@@ -176,51 +176,51 @@ class RunMetric(Metric):
     known_before: bool = False
 
 
-def largest(value: Value) -> Sums:
-    return Sums((-HUGE,), lambda a, s, p, dt: [maximum(a[0], value(s, p))])
+def largest(value: Value) -> Accumulators:
+    return Accumulators((-HUGE,), lambda a, s, p, dt: [maximum(a[0], value(s, p))])
 
 
-def smallest(value: Value) -> Sums:
-    return Sums((HUGE,), lambda a, s, p, dt: [minimum(a[0], value(s, p))])
+def smallest(value: Value) -> Accumulators:
+    return Accumulators((HUGE,), lambda a, s, p, dt: [minimum(a[0], value(s, p))])
 
 
-def integral(value: Value) -> Sums:
+def integral(value: Value) -> Accumulators:
     """Each sample lasts until the next one."""
-    return Sums((0.0,), lambda a, s, p, dt: [a[0] + value(s, p) * dt])
+    return Accumulators((0.0,), lambda a, s, p, dt: [a[0] + value(s, p) * dt])
 
 
 def as_summed(number: int) -> Callable[[Sequence[float], Any, float], float]:
-    """One of the sums as it stands."""
-    return lambda sums, p, duration: float(sums[number])
+    """One of the accumulators as it stands."""
+    return lambda accumulators, p, duration: float(accumulators[number])
 
 
 class Observer:
-    """Metrics of the loop as one set of running sums; sums that several metrics read are kept once."""
+    """Metrics of the loop as one set of running accumulators; accumulators that several metrics read are kept once."""
 
     def __init__(self, metrics: Sequence[LoopMetric], parameters: Sequence[str]) -> None:
         self.metrics = tuple(metrics)
         self.parameters = tuple(parameters)
-        self.sums = tuple(dict.fromkeys(metric.sums for metric in self.metrics))
-        self.start = [x for sums in self.sums for x in sums.start]
+        self.accumulators = tuple(dict.fromkeys(metric.accumulators for metric in self.metrics))
+        self.start = [x for accumulators in self.accumulators for x in accumulators.start]
         self.size = len(self.start)
 
     def _parts(self, values: Any) -> list[Sequence[Any]]:
         parts: list[Sequence[Any]] = []
         at = 0
-        for sums in self.sums:
-            parts.append(values[at : at + len(sums.start)])
-            at += len(sums.start)
+        for accumulators in self.accumulators:
+            parts.append(values[at : at + len(accumulators.start)])
+            at += len(accumulators.start)
         return parts
 
     def update(self, values: Sequence[Scalar], signals: Signals, p: Any, dt: Scalar) -> list[Scalar]:
-        """The running sums after one more sample with these signals, which lasts dt."""
-        parts = zip(self.sums, self._parts(values), strict=True)
-        return [x for sums, part in parts for x in sums.update(part, signals, p, dt)]
+        """The running accumulators after one more sample with these signals, which lasts dt."""
+        parts = zip(self.accumulators, self._parts(values), strict=True)
+        return [x for accumulators, part in parts for x in accumulators.update(part, signals, p, dt)]
 
     def finish(self, values: Sequence[float] | Array, p: Any, duration_s: float) -> dict[str, float]:
-        """Metric by name, from the sums at the end of a run; without those that have no meaning for this machine."""
-        parts = dict(zip(self.sums, self._parts(values), strict=True))
-        results = {metric.name: metric.finish(parts[metric.sums], p, duration_s) for metric in self.metrics}
+        """Metric by name, from the accumulators at a run's end; without those that have no meaning for this machine."""
+        parts = dict(zip(self.accumulators, self._parts(values), strict=True))
+        results = {metric.name: metric.finish(parts[metric.accumulators], p, duration_s) for metric in self.metrics}
         return {name: float(value) for name, value in results.items() if value is not None}
 
 

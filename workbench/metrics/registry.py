@@ -122,9 +122,9 @@ def measure(run: Run, p: Any, observer: Observer | None = None) -> dict[str, flo
     p: the observer's parameters by symbol. observer: the hoist's without one. Each sample counts until the next one.
     """
     observer = observer or set_of(HOIST.name).observer
-    sums: Sequence[float] = observer.start
+    accumulators: Sequence[float] = observer.start
     steps = [*(run.time_s[1:] - run.time_s[:-1]), run.sample_time_s]
     for k, dt in enumerate(steps):
         signals = {name: values[k] for name, values in run.signals.items()} | {"time_s": run.time_s[k]}
-        sums = observer.update(sums, signals, p, dt)
-    return observer.finish(sums, p, float(sum(steps)))
+        accumulators = observer.update(accumulators, signals, p, dt)
+    return observer.finish(accumulators, p, float(sum(steps)))

@@ -1,16 +1,16 @@
-"""The machines that are served, one compiled step at a time: the hoist behind its drive, brake and faults; an axis."""
+"""The served machines, one compiled step at a time: an axis, and the hoist behind its drive, brake and faults."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from workbench.control import lag_step
-from workbench.control.events import BRAKE_SPEED
+from workbench.control.events import BRAKE_TORQUES, SWITCHED_BRAKE
 from workbench.core.errors import InputError, nearest
 from workbench.effects import Active, Effect, alone, find, joined, sizes_of
 from workbench.engine.source import LAG
@@ -18,15 +18,11 @@ from workbench.engine.stepped import LiveStep
 from workbench.machines import HOIST, Axis, Effects, Hoist, kind_of, of_kind
 from workbench.simulate.loop import BOUNDLESS, RAIL_PLAY, kept_by_others, torque_limits
 from workbench.simulate.plant_model import PlantModel
-from workbench.symbolic.expr import Scalar, clip
 
 HOIST_STEP_S, AXIS_STEP_S = 0.001, 0.0002  # of the integration: an axis' friction turns over more sharply
-BRAKE_TORQUES = 2.0  # of all motors' nominal torque together: what the brake holds where nothing else is stated
 # What is taken from a client, of what the machine can bear; more is no order but a fault of the line.
 MOST_INPUT, MOST_PAYLOAD, MOST_EFFECT = 100.0, 3.0, 10.0
-MOST_BRAKE_LATE_S = 10.0
 STRONGEST = 1e9  # N or N m, where machine.yaml states no limit: docs/bounds.md
-
 SIGNALS = tuple(signal.name for signal in HOIST.plant.signals)
 
 
@@ -36,46 +32,41 @@ class LiveMachine:
     The machine's own effects are at work; those named in `ready` are compiled in too, at the values where they vanish,
     and may be set between two steps. hold: the input that holds it at the start without friction's help; at_work: the
     input behind limits and lag; both in the input's unit. A state that is not finite is never shown: the machine stays
-    where it was and is no longer `bounded`.
+    where it was and is no longer `bounded`. An axis has no drive, brake or payload: its input is at work as it is.
     """
 
-    has_brake = False
-    carries = False  # a payload, which may change
-    # Faults that only some machines have.
-    brake_closed = False
+    carries = has_brake = False
     slack = off_rail = overloaded = False
-    payload_kg = 0.0
+    longest_step_s, faults, lag_s = AXIS_STEP_S, Effects(parameters=LAG), 0.0
 
     def __init__(
-        self,
-        machine: Hoist | Axis,
-        step_s: float,
-        payload_kg: float,
-        start: float,
-        ready: Sequence[str],
-        *,
-        longest_step_s: float,
-        faults: Effects,
-        lag_s: float = 0.0,
-    ) -> None:
-        """longest_step_s: of the integration. faults: effects that are no part of the library. InputError for what
-        cannot be."""
+        self, machine: Hoist | Axis, step_s: float, payload_kg: float = 0.0, start: float | None = None,
+        ready: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        """start: m or rad. InputError for what cannot be."""
         self.machine, self.kind = machine, kind_of(machine)
         self.plant = self.kind.plant
-        self._start, self._start_payload_kg, self._lag_s = start, payload_kg, lag_s
-        self._dt, self._substeps = step_s, max(1, math.ceil(step_s / longest_step_s - 1e-9))
+        self._start, self._start_payload_kg = self._begins_at(start, payload_kg), payload_kg
+        self._dt, self._substeps = step_s, max(1, math.ceil(step_s / self.longest_step_s - 1e-9))
         self._sizes = sizes_of(machine)
         made = alone(machine, self._vanished(ready))
         active = Active(self.plant.kind, made.effects, made.values)
         self.effects: Mapping[str, Effect] = {effect.id: effect for effect in made.chosen}
         self.left_out = made.sensors_left_out
-        effects = joined(active.effects, faults)
+        effects = joined(active.effects, self.faults)
         self._model, self._starts = PlantModel(self.plant, active), active.values_of(0.0)
         names = (*self.plant.parameters, *effects.parameters)
         self._place = {name: i for i, name in enumerate(names)}
         self.shown = tuple(signal.name for signal in self.plant.signals)
         self._step = LiveStep(self.plant, effects, names, self.shown)
         self.reset()
+
+    def _begins_at(self, start: float | None, payload_kg: float) -> float:
+        if payload_kg != 0.0:
+            raise InputError(f"{payload_kg:g} kg; {of_kind(self.machine)} carries no payload", place="payload_kg")
+        if start is not None and not math.isfinite(start):
+            raise InputError(f"{start:g}, expected a finite number", place="start_position_m")
+        return start or 0.0
 
     def _vanished(self, names: Sequence[str]) -> dict[str, dict[str, float]]:
         """Effects that the machine does not have, at the values where they vanish."""
@@ -95,10 +86,10 @@ class LiveMachine:
 
     def reset(self) -> None:
         """Standing still at the start, no fault, time 0."""
-        values: dict[str, float] = {**vars(self.plant.values(self.machine, self._start_payload_kg)), **self._starts}
+        values = {**vars(self.plant.values(self.machine, self._start_payload_kg)), **self._starts}
         state, hold = self._model.starts([self._start], [0.0], [0.0], [SimpleNamespace(**values)])
         self.hold = float(hold[0])
-        lag = lag_step(self._lag_s, self._dt / self._substeps)
+        lag = lag_step(self.lag_s, self._dt / self._substeps)
         values |= dict(zip(LAG, (lag.left, lag.start, lag.slope_per_s), strict=True)) | self._fault_values()
         self._values = np.array([values[name] for name in self._place])
         self._state = np.ascontiguousarray(state[:, 0])
@@ -110,16 +101,6 @@ class LiveMachine:
         self._step.numbers(self._values)
         self._step.step(0.0, 1e-9, 1, self.hold, self._state.copy(), self.hold)
         self._signals = self._step.shown.copy()
-
-    @property
-    def hold_nm(self) -> float:
-        """Of a hoist: the torque of all motors that holds the load at the start, N m."""
-        return self.hold
-
-    @property
-    def torque_nm(self) -> float:
-        """Of a hoist: the torque of all motors at work, N m."""
-        return self.at_work
 
     @property
     def time_s(self) -> float:
@@ -160,90 +141,65 @@ class LiveMachine:
 
     # What may be set, from the next step on.
 
+    def value(self, symbol: str) -> float:
+        """A number of the equations; 0 for one that they do not have."""
+        return float(self._values[self._place[symbol]]) if symbol in self._place else 0.0
+
+    def put(self, symbol: str, value: float) -> None:
+        """Sets a number of the equations; one that they do not have is left alone."""
+        if symbol in self._place:
+            self._values[self._place[symbol]] = value
+            self._changed = True
+
     def lose_motor(self, lost: bool) -> None:
         """One motor gives no torque, or gives it again."""
+        if lost and not self.motor_lost and self.lag_s > 0.0:  # its torque is gone at once, the others' rises
+            self.at_work *= kept_by_others(cast(Hoist, self.machine))
         self.motor_lost = lost
 
-    def close_brake(self, closed: bool) -> None:
-        """Nothing, where there is no brake."""
-
-    def effect_parameters(self, name: str) -> dict[str, tuple[float, float]]:
-        """The parameters of an effect with the range that is taken from a client: MOST_EFFECT times what the library
-        searches, and whatever value the machine has."""
-        ranges = {}
-        for amount in self.effects[name].ranges(self._sizes):
-            known = (self._values[self._place[amount.symbol]], amount.lowest, amount.highest)
-            least, most = float(min(known)), float(max(known))
-            ranges[amount.name] = (min(least, MOST_EFFECT * least), max(most, MOST_EFFECT * most))
-        return ranges
-
-    def effect_value(self, name: str, parameter: str) -> float:
-        return float(self._values[self._place[self._symbol(name, parameter)]])
-
-    def set_effect(self, name: str, parameter: str, value: float) -> None:
-        """InputError for an unknown name, with the nearest, and for an impossible value."""
-        symbol = self._symbol(name, parameter)
-        self.effects[name].check(parameter, value, self.plant.kind)
-        self._put(symbol, value)
-
-    def _symbol(self, name: str, parameter: str) -> str:
+    def effect_parameters(self, name: str) -> dict[str, tuple[str, float, float]]:
+        """The parameters of an effect: symbol, and the range that is taken from a client: MOST_EFFECT times what the
+        library searches, and whatever value the machine has. InputError for an unknown effect, with the nearest."""
         if name not in self.effects:
             raise InputError(f"unknown effect '{name}'; {nearest(name, self.effects)}")
-        symbols = {amount.name: amount.symbol for amount in self.effects[name].ranges(self._sizes)}
-        if parameter not in symbols:
-            raise InputError(f"effect '{name}' has no parameter '{parameter}'; {nearest(parameter, symbols)}")
-        return symbols[parameter]
-
-    def _value(self, name: str) -> float:
-        return float(self._values[self._place[name]])
-
-    def _put(self, name: str, value: float) -> None:
-        self._values[self._place[name]] = value
-        self._changed = True
+        ranges = {}
+        for amount in self.effects[name].ranges(self._sizes):
+            known = (self.value(amount.symbol), amount.lowest, amount.highest)
+            least, most = float(min(known)), float(max(known))
+            ranges[amount.name] = (amount.symbol, min(least, MOST_EFFECT * least), max(most, MOST_EFFECT * most))
+        return ranges
 
 
-def _brake(s: Any, p: Any) -> Scalar:
-    """Friction of the closed brake on the motor shaft, against its motion, linear around standstill."""
-    return -(p.brake_closed * p.T_brake * clip(s.w / BRAKE_SPEED, -1.0, 1.0))
+LiveAxis = LiveMachine
 
 
-def _slack(s: Any, p: Any) -> Scalar:
+def _slack(s: Any, p: Any) -> Any:
     """Wire that came off the drum: the drum has taken in that much less."""
     return -p.slack_m
 
 
-_FAULTS = Effects(
-    {"motor_torque_nm": [_brake], "wound_length_m": [_slack]}, ("brake_closed", "T_brake", "slack_m", *LAG)
-)
-
-
 class LivePlant(LiveMachine):
-    """A hoist that hangs still until it is stepped, behind its drive: limits, lag, brake. InputError for what cannot
-    be."""
+    """A hoist that hangs still until it is stepped, behind its drive: limits, lag, brake."""
 
-    has_brake = True
-    carries = True
+    has_brake = carries = True
+    longest_step_s = HOIST_STEP_S
+    faults = joined(SWITCHED_BRAKE, Effects({"wound_length_m": [_slack]}, ("slack_m", *LAG)))
 
-    def __init__(
-        self,
-        machine: Hoist,
-        step_s: float,
-        payload_kg: float = 0.0,
-        start_position_m: float | None = None,
-        ready: Sequence[str] = (),
-    ) -> None:
-        low, high = machine.rail.lowest_position_m, machine.highest_position_m
-        at = 0.5 * (low + high) if start_position_m is None else start_position_m
+    def _begins_at(self, start: float | None, payload_kg: float) -> float:
+        self._hoist = cast(Hoist, self.machine)
+        self._limits, self.lag_s = torque_limits(self._hoist), self._hoist.drive.torque_lag_s
+        # Some times what the motors at their limit hold: T = m g dx/dphi.
+        held = self._limits["u_all"] / (self._hoist.gravity_m_s2 * self._hoist.lift_m_per_rad)
+        self.most_payload_kg = MOST_PAYLOAD * held
+        self.most_slack_m = 2.0 * self._hoist.wire.segment_length_m  # both falls from the top to the bottom
+        low, high = self._hoist.rail.lowest_position_m, self._hoist.highest_position_m
+        at = 0.5 * (low + high) if start is None else start
         if not low <= at <= high:
             raise InputError(f"{at:g} m, expected {low:g} to {high:g} m, the rail", place="start_position_m")
-        self._hoist, self._limits = machine, torque_limits(machine)
-        most = self.most_payload_kg()
-        if not 0.0 <= payload_kg <= most:
-            raise InputError(f"{payload_kg:g} kg, expected 0 to {most:.6g}", place="payload_kg")
-        super().__init__(
-            machine, step_s, payload_kg, at, ready, longest_step_s=HOIST_STEP_S, faults=_FAULTS,
-            lag_s=machine.drive.torque_lag_s,
-        )  # fmt: skip
+        if not 0.0 <= payload_kg <= self.most_payload_kg:
+            expected = f"expected 0 to {self.most_payload_kg:.6g}"
+            raise InputError(f"{payload_kg:g} kg, {expected}", place="payload_kg")
+        return at
 
     def _fault_values(self) -> dict[str, float]:
         motor = self._hoist.motor
@@ -275,65 +231,10 @@ class LivePlant(LiveMachine):
     def most_input(self) -> float:
         return MOST_INPUT * self._limits["u_all"]
 
-    def most_payload_kg(self) -> float:
-        """Some times what the motors at their limit hold: T = m g dx/dphi."""
-        held = self._limits["u_all"] / (self._hoist.gravity_m_s2 * self._hoist.lift_m_per_rad)
-        return MOST_PAYLOAD * held
-
-    def most_slack_m(self) -> float:
-        """Both falls from the top to the bottom."""
-        return 2.0 * self._hoist.wire.segment_length_m
-
-    # Faults, from the next step on.
-
-    def lose_motor(self, lost: bool) -> None:
-        if lost and not self.motor_lost and self._lag_s > 0.0:  # its torque is gone at once, the others' rises
-            self.at_work *= kept_by_others(self._hoist)
-        super().lose_motor(lost)
-
-    def close_brake(self, closed: bool) -> None:
-        self._put("brake_closed", 1.0 if closed else 0.0)
-
-    @property
-    def brake_closed(self) -> bool:  # type: ignore[override]
-        return self._value("brake_closed") > 0.5
-
-    @property
-    def payload_kg(self) -> float:  # type: ignore[override]
-        return self._value("m_p")
-
-    def carry(self, payload_kg: float) -> None:
-        self._put("m_p", payload_kg)
-
-    @property
-    def slack_m(self) -> float:
-        return self._value("slack_m")
-
-    def let_out(self, slack_m: float) -> None:
-        self._put("slack_m", slack_m)
-
-
-class LiveAxis(LiveMachine):
-    """An axis that stands still until it is stepped, under the input itself: its drive's limits are not at work.
-    InputError for what cannot be."""
-
-    def __init__(
-        self, machine: Axis, step_s: float, payload_kg: float = 0.0, start: float | None = None,
-        ready: Sequence[str] = (),
-    ) -> None:  # fmt: skip
-        """start: m or rad."""
-        if payload_kg != 0.0:
-            raise InputError(f"{payload_kg:g} kg; {of_kind(machine)} carries no payload", place="payload_kg")
-        at = 0.0 if start is None else start
-        if not math.isfinite(at):
-            raise InputError(f"{at:g}, expected a finite number", place="start_position_m")
-        faults = Effects(parameters=LAG)
-        super().__init__(machine, step_s, 0.0, at, ready, longest_step_s=AXIS_STEP_S, faults=faults)
-
 
 def live_machine(
     machine: Hoist | Axis, step_s: float, payload_kg: float, start: float | None, ready: Sequence[str]
 ) -> LiveMachine:
     """The machine as it is served. start: m or rad, None for mid rail or zero. InputError for what cannot be."""
     make = LivePlant if kind_of(machine).plant.kind == HOIST.plant.kind else LiveAxis
-    return make(machine, step_s, payload_kg, start, ready)  # type: ignore[arg-type]
+    return make(machine, step_s, payload_kg, start, ready)

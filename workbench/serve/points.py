@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.names import unit_of
-from workbench.serve.plant import MOST_BRAKE_LATE_S
 
 if TYPE_CHECKING:
-    from workbench.effects import Effect
-    from workbench.serve.plant import LiveMachine, LivePlant
+    from workbench.serve.plant import LivePlant
     from workbench.serve.session import Session
 
-TORQUE, BRAKE = "torque_motor_nm", "brake_closed"
-RESET = "reset"
+TORQUE, BRAKE, RESET = "torque_motor_nm", "brake_closed", "reset"
+MOST_BRAKE_LATE_S = 10.0
 OF_AXES = ("watchdog", "waiting", "diverged", "skipped")  # flags that an axis may have
 FLAGS: tuple[tuple[str, str], ...] = (
     ("brake_closed", "the brake holds the motor shaft"),
@@ -39,13 +37,16 @@ class Point:
 
     name: str
     kind: Literal["number", "switch"]
-    unit: str
     meaning: str
     read: Callable[[Session], float]
     write: Callable[[Session, float], object] | None = None
     lowest: float = -math.inf
     highest: float = math.inf
     fits: Callable[[float], None] | None = None  # raises InputError for what is out of range in another way
+
+    @property
+    def unit(self) -> str:
+        return unit_of(self.name) if self.kind == "number" else ""
 
     def check(self, value: object) -> float:
         """The value as a number. InputError where it is none, or out of range."""
@@ -68,79 +69,61 @@ def inputs(session: Session) -> tuple[Point, ...]:
     """What may be written, in the order of every protocol's addresses; those of effects come last."""
     plant = session.plant
     drive, most = plant.kind.drive, plant.most_input()
-    whole = "of all motors, hoisting positive" if drive.parts else "on the axis, forward positive"
-    made = [
-        Point(plant.plant.input, "number", drive.unit, f"{drive.quantity} {whole}", lambda s: s.asked,
-              lambda s, value: s.command(value), -most, most)
-    ]  # fmt: skip
+    asked = f"{drive.quantity} {'of all motors, hoisting' if drive.parts else 'on the axis, forward'} positive"
+    still = f"1: {'hang' if plant.has_brake else 'stand'} still at the start again, without faults"
+    made = [Point(plant.plant.input, "number", asked, lambda s: s.asked, lambda s, x: s.command(x), -most, most)]
     if plant.has_brake:
-        made += _of_a_hoist(cast("LivePlant", plant))
-    still = "hang still at the start again" if plant.has_brake else "stand still at the start again"
-    made.append(
-        Point(RESET, "switch", "", f"1: {still}, without faults", lambda s: 0.0,
-              lambda s, value: s.reset() if value else None)
-    )  # fmt: skip
+        hoist = cast("LivePlant", plant)
+        made += [
+            _number("payload_kg", "what the carriage holds", "m_p", 0.0, hoist.most_payload_kg),
+            _number("slack_m", "wire that came off the drum", "slack_m", 0.0, hoist.most_slack_m),
+            Point("brake_late_s", "number", "how late the brake lets go", lambda s: s.brake_late_s,
+                  lambda s, x: s.delay_brake(x), 0.0, MOST_BRAKE_LATE_S),
+            Point(BRAKE, "switch", "the brake is asked to hold", lambda s: float(s.brake_asked),
+                  lambda s, x: s.ask_brake(bool(x))),
+            Point("motor_lost", "switch", "one motor gives no torque", lambda s: float(s.plant.motor_lost),
+                  lambda s, x: s.plant.lose_motor(bool(x))),
+        ]  # fmt: skip
+    made.append(Point(RESET, "switch", still, lambda s: 0.0, lambda s, x: s.reset() if x else None))
     for effect in plant.effects.values():
-        for parameter, (low, high) in plant.effect_parameters(effect.id).items():
-            made.append(_of_an_effect(effect, parameter, plant.plant.kind, low, high))
+        for name, (symbol, low, high) in plant.effect_parameters(effect.id).items():
+
+            def fits(value: float, effect: Any = effect, name: str = name) -> None:
+                effect.check(name, value, plant.plant.kind)
+
+            made.append(_number(f"effects.{effect.id}.{name}", effect.meaning, symbol, low, high, fits))
     return tuple(made)
 
 
-def _of_a_hoist(plant: LivePlant) -> list[Point]:
-    """Payload and faults."""
-
-    def of(session: Session) -> LivePlant:
-        return cast("LivePlant", session.plant)
-
-    return [
-        Point("payload_kg", "number", "kg", "what the carriage holds", lambda s: s.plant.payload_kg,
-              lambda s, value: of(s).carry(value), 0.0, plant.most_payload_kg()),
-        Point("slack_m", "number", "m", "wire that came off the drum", lambda s: of(s).slack_m,
-              lambda s, value: of(s).let_out(value), 0.0, plant.most_slack_m()),
-        Point("brake_late_s", "number", "s", "how late the brake lets go", lambda s: s.brake_late_s,
-              lambda s, value: s.delay_brake(value), 0.0, MOST_BRAKE_LATE_S),
-        Point(BRAKE, "switch", "", "the brake is asked to hold", lambda s: float(s.brake_asked),
-              lambda s, value: s.ask_brake(bool(value))),
-        Point("motor_lost", "switch", "", "one motor gives no torque", lambda s: float(s.plant.motor_lost),
-              lambda s, value: s.plant.lose_motor(bool(value))),
-    ]  # fmt: skip
-
-
-def _of_an_effect(effect: Effect, parameter: str, kind: str, lowest: float, highest: float) -> Point:
-    return Point(
-        f"effects.{effect.id}.{parameter}", "number", unit_of(parameter), effect.meaning,
-        lambda s: s.plant.effect_value(effect.id, parameter),
-        lambda s, value: s.plant.set_effect(effect.id, parameter, value), lowest, highest,
-        lambda value: effect.check(parameter, value, kind),
-    )  # fmt: skip
-
-
-def outputs(plant: LiveMachine) -> tuple[Point, ...]:
-    """What may be read, in the order of every protocol's addresses."""
-    drive = plant.kind.drive
-    at_work = f"{drive.quantity}_at_work_{drive.suffix}"
-    signals = [Point(s.name, "number", unit_of(s.name), s.meaning, _signal(s.name)) for s in plant.plant.signals]
-    payload = Point("payload_now_kg", "number", "kg", "what the carriage holds", lambda s: s.plant.payload_kg)
-    return (
-        Point("time_s", "number", "s", "time of the plant", lambda s: s.plant.time_s),
-        Point(at_work, "number", drive.unit, f"{drive.quantity} behind limits and lag", lambda s: s.plant.at_work),
-        *signals,
-        *([payload] if plant.carries else []),
-        Point("skipped_s", "number", "s", "time of the plant that was left out since the start", lambda s: s.skipped_s),
-        *(
-            Point(f"is_{name}", "switch", "", meaning, _flag(bit))
-            for bit, (name, meaning) in enumerate(FLAGS)
-            if plant.has_brake or name in OF_AXES
-        ),
-    )
+def _number(
+    name: str, meaning: str, symbol: str, low: float, high: float, fits: Callable[[float], None] | None = None
+) -> Point:
+    """A number of the plant's equations."""
+    read, write = lambda s: s.plant.value(symbol), lambda s, x: s.plant.put(symbol, x)
+    return Point(name, "number", meaning, read, write, low, high, fits)
 
 
 def _signal(name: str) -> Callable[[Session], float]:
-    return lambda session: session.plant.signal(name)
+    return lambda s: s.plant.signal(name)
 
 
-def _flag(bit: int) -> Callable[[Session], float]:
-    return lambda session: float(session.flags >> bit & 1)
+def outputs(session: Session) -> tuple[Point, ...]:
+    """What may be read, in the order of every protocol's addresses."""
+    plant = session.plant
+    drive = plant.kind.drive
+    behind, left_out = f"{drive.quantity} behind limits and lag", "time of the plant that was left out since the start"
+    rows: list[tuple[str, str, Callable[[Session], float]]] = [
+        ("time_s", "time of the plant", lambda s: s.plant.time_s),
+        (f"{drive.quantity}_at_work_{drive.suffix}", behind, lambda s: s.plant.at_work),
+        *((signal.name, signal.meaning, _signal(signal.name)) for signal in plant.plant.signals),
+        *([("payload_now_kg", "what the carriage holds", lambda s: s.plant.value("m_p"))] if plant.carries else []),
+        ("skipped_s", left_out, lambda s: s.skipped_s),
+    ]
+    flags = [
+        Point(f"is_{name}", "switch", meaning, lambda s, bit=bit: float(s.flags >> bit & 1))
+        for bit, (name, meaning) in enumerate(FLAGS) if plant.has_brake or name in OF_AXES
+    ]  # fmt: skip
+    return (*(Point(name, "number", meaning, read) for name, meaning, read in rows), *flags)
 
 
 def point_of(points: tuple[Point, ...], name: str) -> Point:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ipaddress
 import math
 import os
@@ -9,30 +10,20 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from workbench.core.errors import InputError
 from workbench.effects import effects_for
 from workbench.machines import Axis, Hoist, plant_of
 from workbench.serve.plant import live_machine
 from workbench.serve.session import Say, Session
-from workbench.serve.tcp import ModbusServer, OpcUaServer
+from workbench.serve.tcp import ModbusServer, OpcUaServer, TcpServer
 from workbench.serve.udp import UdpServer
 
 ProtocolName = Literal["udp", "modbus", "opcua"]
 PORTS: dict[str, int] = {"udp": 5560, "modbus": 5020, "opcua": 4840}
 HIGHEST_RATE_HZ, LOWEST_RATE_HZ = 20_000.0, 1.0
 TOKEN_CHARACTERS = (8, 16)
-
-
-class Server(Protocol):
-    """A protocol at work. run returns when `until(now)` says so; it calls `listening` once clients may come."""
-
-    port: int
-
-    def run(self, until: Callable[[float], bool], listening: Callable[[], None]) -> None: ...
-
-    def close(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -56,10 +47,9 @@ class Wish:
 
     def check(self) -> None:
         """InputError for what cannot be."""
-        if not LOWEST_RATE_HZ <= self.rate_hz <= HIGHEST_RATE_HZ:
-            raise InputError(
-                f"{self.rate_hz:g} Hz, expected {LOWEST_RATE_HZ:g} to {HIGHEST_RATE_HZ:g} Hz", place="rate_hz"
-            )
+        lowest, highest = LOWEST_RATE_HZ, HIGHEST_RATE_HZ
+        if not lowest <= self.rate_hz <= highest:
+            raise InputError(f"{self.rate_hz:g} Hz, expected {lowest:g} to {highest:g} Hz", place="rate_hz")
         if not 0.0 < self.watchdog_s < math.inf:
             raise InputError(f"{self.watchdog_s:g} s, expected more than 0", place="watchdog_s")
         if self.lock_step and self.protocol != "udp":
@@ -68,21 +58,15 @@ class Wish:
         if self.token and not (least <= len(self.token) <= most and self.token.isascii() and self.token.isprintable()):
             raise InputError(f"expected {least} to {most} printable characters of ASCII", place="token")
         if not self.token and not self.local:
-            raise InputError(
-                f"{self.address} is reached from other computers, where anybody may move the plant: give a token too, "
-                "see docs/deployment.md",
-                place="address",
-            )
+            reached = f"{self.address} is reached from other computers, where anybody may move the plant"
+            raise InputError(f"{reached}: give a token too, see docs/deployment.md", place="address")
 
     @property
     def local(self) -> bool:
         """Whether only this computer reaches the address."""
-        if self.address == "localhost":
-            return True
-        try:
+        with contextlib.suppress(ValueError):
             return ipaddress.ip_address(self.address).is_loopback
-        except ValueError:
-            return False
+        return self.address == "localhost"
 
 
 def serve(
@@ -103,7 +87,13 @@ def serve(
     step_s = 1.0 / wish.rate_hz
     plant = live_machine(machine, step_s, wish.payload_kg, wish.start_position_m, wish.ready)
     session = Session(plant, step_s, wish.watchdog_s, watchdog_brake=wish.watchdog_brake, clock=time.monotonic, say=say)
-    server = _server(session, wish)
+    port = PORTS[wish.protocol] if wish.port is None else wish.port
+    server: UdpServer | TcpServer
+    if wish.protocol == "udp":
+        server = UdpServer(session, wish.address, port, wish.send_every, wish.token, wish.lock_step)
+    else:
+        make = ModbusServer if wish.protocol == "modbus" else OpcUaServer
+        server = make(session, wish.address, port, wish.token)
     for name in plant.left_out:
         session.say(f"{name} acts on the log's sensors and is not in the plant: signals here are the true ones")
     if wish.priority:
@@ -126,21 +116,10 @@ def serve(
         return stop.is_set() or now >= ends
 
     try:
-        if isinstance(server, UdpServer) and wish.lock_step:
-            server.run_in_lock_step(until, listening)
-        else:
-            server.run(until, listening)
+        server.run(until, listening)
     finally:
         server.close()
     return session.status()
-
-
-def _server(session: Session, wish: Wish) -> Server:
-    port = PORTS[wish.protocol] if wish.port is None else wish.port
-    if wish.protocol == "udp":
-        return UdpServer(session, wish.address, port, wish.send_every, wish.token)
-    make = ModbusServer if wish.protocol == "modbus" else OpcUaServer
-    return make(session, wish.address, port, wish.token)
 
 
 def ask_priority() -> str:
@@ -163,17 +142,14 @@ def last_words(status: dict[str, Any], *, lock_step: bool = False) -> list[str]:
 
 def pace_lines(record: dict[str, Any]) -> list[str]:
     """The record of a pace in words, with the histogram."""
-    steps = max(record["steps"], 1)
     head = (
-        f"{record['steps']} steps at {record['rate_hz']:g} Hz, {record['on_time_percent']:.3f} % on time, "
-        f"{record['overruns']} overruns, {record['skipped_s']:.3f} s skipped, "
-        f"latest start {record['latest_start_ms']:.2f} ms"
-    )
-    width = max(map(len, record["jitter"]))
-    rows = [
-        f"  {name:>{width}}  {count:>8}  {100.0 * count / steps:7.3f} %  {'#' * round(40.0 * count / steps)}"
-        for name, count in record["jitter"].items()
-    ]
+        "{steps} steps at {rate_hz:g} Hz, {on_time_percent:.3f} % on time, {overruns} overruns, "
+        "{skipped_s:.3f} s skipped, latest start {latest_start_ms:.2f} ms"
+    ).format(**record)
+    width, rows = max(map(len, record["jitter"])), []
+    for name, count in record["jitter"].items():
+        share = count / max(record["steps"], 1)
+        rows.append(f"  {name:>{width}}  {count:>8}  {100.0 * share:7.3f} %  {'#' * round(40.0 * share)}")
     return [head, "How late steps began:", *rows]
 
 

@@ -6,6 +6,7 @@ import contextlib
 import math
 import threading
 import time
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -32,7 +33,7 @@ class Pace:
     def __init__(self, step_s: float) -> None:
         self.step_s = step_s
         self.late = [0] * (len(LATE_US) + 1)
-        self.steps = self.on_time = self.overruns = self.pauses = 0
+        self.steps = self.overruns = self.pauses = 0
         self.worst_s = self.skipped_s = 0.0
         self._began = math.nan
         self._due = 0
@@ -54,17 +55,13 @@ class Pace:
             self._began += late - MOST_BEHIND_S
             late = MOST_BEHIND_S
         self.worst_s = max(self.worst_s, late)
-        micro = 1e6 * late
-        self.late[next((i for i, edge in enumerate(LATE_US) if micro < edge), len(LATE_US))] += 1
+        self.late[bisect_right(LATE_US, 1e6 * late)] += 1
 
     def end(self, now: float) -> None:
         """The step has ended."""
         self.steps += 1
         self._due += 1
-        if now <= self.due_s:
-            self.on_time += 1
-        else:
-            self.overruns += 1
+        self.overruns += now > self.due_s
 
     def record(self) -> dict[str, Any]:
         """For JSON: counts, the share on time, the histogram of how late steps began."""
@@ -72,8 +69,8 @@ class Pace:
         return {
             "rate_hz": 1.0 / self.step_s,
             "steps": self.steps,
-            "on_time": self.on_time,
-            "on_time_percent": 100.0 * self.on_time / self.steps if self.steps else 100.0,
+            "on_time": (on_time := self.steps - self.overruns),
+            "on_time_percent": 100.0 * on_time / self.steps if self.steps else 100.0,
             "overruns": self.overruns,
             "pauses": self.pauses,
             "skipped_s": self.skipped_s,
@@ -117,15 +114,14 @@ class Session:
         clock: Callable[[], float],
         say: Say = lambda line: None,
     ) -> None:
-        self.plant: LiveMachine = plant
-        self.step_s, self.watchdog_s, self.clock = step_s, watchdog_s, clock
+        self.plant, self.step_s, self.watchdog_s, self.clock = plant, step_s, watchdog_s, clock
         self._watchdog_brake, self._say_line = watchdog_brake, say
         self.lock = threading.RLock()
         self.pace = Pace(step_s)
         self.counts: Counter[str] = Counter()
         self._said: dict[str, float] = {}
         self.controller: str | None = None
-        self.inputs, self.outputs = tables.inputs(self), tables.outputs(plant)
+        self.inputs, self.outputs = tables.inputs(self), tables.outputs(self)
         self._start()
 
     def _start(self) -> None:
@@ -133,7 +129,7 @@ class Session:
         self.brake_asked: bool = False
         self.brake_late_s: float = 0.0
         self._opens_at: float | None = None  # time of the plant
-        self._waits, self._silent, self._halted = True, False, ""
+        self.waits, self.silent, self._halted = True, False, ""
         self._begin_to_count()
 
     def _begin_to_count(self) -> None:
@@ -144,45 +140,35 @@ class Session:
 
     # What a client asks for.
 
-    @property
-    def torque_nm(self) -> float:
-        """What a hoist's client asked for last: torque of all motors, N m."""
-        return self.asked
-
     def take(self, who: str | None) -> None:
         """`who` controls from now on. InputError where another client does."""
-        if who is None:
-            return
         with self.lock:
-            if self.controller not in (None, who) and not (self._silent or self._waits):
+            if who is not None and self.controller not in (None, who) and not (self.silent or self.waits):
                 raise InputError(
                     f"read only: {self.controller} controls the plant until it is silent for {self.watchdog_s:g} s",
                     place=who,
                 )
-            self.controller = who
+            self.controller = who or self.controller
 
     def command(self, value: float, brake: bool | None = None, who: str | None = None) -> bool:
         """The input from the next step on, in its unit; brake None leaves it. False, and the last input stays, where it
         is no number that the machine can bear. InputError where another client controls."""
         with self.lock:
             self.take(who)
-            drive = self.plant.kind.drive
-            if not abs(value) <= self.plant.most_input():
-                self.refused(
-                    "not_finite",
-                    f"{drive.quantity} {value:g}: expected a finite number, at most {self.plant.most_input():.6g} "
-                    f"{drive.unit} either way; the last {drive.quantity} stays",
-                )
+            drive, most = self.plant.kind.drive, self.plant.most_input()
+            if not abs(value) <= most:
+                expected = f"expected a finite number, at most {most:.6g} {drive.unit} either way"
+                self.refused("not_finite", f"{drive.quantity} {value:g}: {expected}; the last {drive.quantity} stays")
                 return False
             self.asked = value
-            if self._waits:
-                self._waits = False
+            if self.waits:
+                self.waits = False
                 self._begin_to_count()
             self.counts["commands"] += 1
             self._commands += 1
             self.heard_s = self.clock()
-            if self._silent:
-                self._silent = False
+            if self.silent:
+                self.silent = False
                 self.say("the client is back")
             if brake is not None and brake != self.brake_asked:
                 self.ask_brake(brake)
@@ -204,12 +190,9 @@ class Session:
             self.plant.reset()
             self._start()
 
-    def set(self, name: str, value: object, who: str | None = None) -> None:
-        """A point by name. InputError for a name or a value that cannot be, and where another client controls."""
-        self.set_all({name: value}, who)
-
-    def set_all(self, values: Mapping[str, object], who: str | None = None) -> None:
-        """Points by name, all or none."""
+    def set(self, values: Mapping[str, object], who: str | None = None) -> None:
+        """Points by name, all or none. InputError for a name or a value that cannot be, and where another client
+        controls."""
         with self.lock:
             checked = []
             for name, value in values.items():
@@ -233,12 +216,11 @@ class Session:
                 raise InputError(f"unknown order '{key}'; {nearest(str(key), known)}")
         answer: dict[str, Any] = {}
         with self.lock:
-            values, everything = order.get("set", {}), (*self.outputs, *self.inputs)
+            values, wanted, everything = order.get("set", {}), order.get("get", []), (*self.outputs, *self.inputs)
             if not isinstance(values, Mapping):
                 raise InputError("expected names with values", place="set")
-            wanted = order.get("get", [])
             asked = [tables.point_of(everything, str(x)) for x in (wanted if isinstance(wanted, list) else [wanted])]
-            self.set_all(values, who)
+            self.set(values, who)
             if values:
                 answer["set"] = sorted(map(str, values))
             if "get" in order:
@@ -248,6 +230,8 @@ class Session:
             if order.get("points"):
                 answer["points"] = [point.name for point in (*self.inputs, *self.outputs)]
         return answer
+
+    # What is said.
 
     def refused(self, kind: str, line: str) -> None:
         """Counts what was not taken, and says it, at most every SAID_EVERY_S for one kind."""
@@ -271,55 +255,50 @@ class Session:
     def step(self, *, live: bool = True) -> None:
         """One step of the plant. live: silence of the client counts; in lock step there is none."""
         with self.lock:
-            if self._waits or self._halted:
+            if self.waits or self._halted:
                 return
-            now = self.clock()
-            if live and not self._silent and now - self.heard_s > self.watchdog_s:
-                self._silent = True
+            now, plant = self.clock(), self.plant
+            if live and not self.silent and now - self.heard_s > self.watchdog_s:
+                self.silent = True
                 self.counts["watchdog"] += 1
-                brake = ", the brake closes" if self._watchdog_brake and self.plant.has_brake else ""
-                word = self.plant.kind.drive.quantity
-                self.say(f"the client is silent for {self.watchdog_s:g} s: {word} is zero{brake}")
-            if self.brake_asked or (self._silent and self._watchdog_brake):
-                self.plant.close_brake(True)
+                brake = ", the brake closes" if self._watchdog_brake and plant.has_brake else ""
+                self.say(f"the client is silent for {self.watchdog_s:g} s: {plant.kind.drive.quantity} is zero{brake}")
+            if self.brake_asked or (self.silent and self._watchdog_brake):
+                plant.put("brake_closed", 1.0)
                 if not self.brake_asked:
-                    self._opens_at = self.plant.time_s + self.brake_late_s
-            elif self.plant.brake_closed and (self._opens_at is None or self.plant.time_s >= self._opens_at - 1e-9):
-                self.plant.close_brake(False)
+                    self._opens_at = plant.time_s + self.brake_late_s
+            elif plant.value("brake_closed") and plant.time_s >= (self._opens_at or 0.0) - 1e-9:
+                plant.put("brake_closed", 0.0)
             self._move()
             self.counts["steps"] += 1
             self._steps += 1
-            self._rate(now)
+            if now - self._since >= 1.0:
+                self._rate(now)
 
     def _move(self) -> None:
         """The plant's own step; whatever becomes of it, the session goes on."""
-        overloaded = self.plant.overloaded
+        plant, overloaded = self.plant, self.plant.overloaded
         try:
-            self.plant.step(0.0 if self._silent else self.asked)
+            plant.step(0.0 if self.silent else self.asked)
         except ArithmeticError:
-            self.plant.bounded = False
-        if not self.plant.bounded:
+            plant.bounded = False
+        stands = "; the plant stands still until it is reset"
+        if not plant.bounded:
             self._halted = "diverged"
-            self.say("the state grew without bound; the plant stands still until it is reset")
-        elif self.plant.off_rail:
+            self.say(f"the state grew without bound{stands}")
+        elif plant.off_rail:
             self._halted = "off_rail"
-            height = self.plant.signals["position_carriage_m"]
-            self.say(f"the carriage left the rail at height {height:.2f} m; the plant stands still until it is reset")
-        if self.plant.overloaded and not overloaded:
-            self.say(f"a fall of wire carried more than its breaking load, at {self.plant.time_s:.3f} s of the plant")
+            self.say(f"the carriage left the rail at height {plant.signal('position_carriage_m'):.2f} m{stands}")
+        if plant.overloaded and not overloaded:
+            self.say(f"a fall of wire carried more than its breaking load, at {plant.time_s:.3f} s of the plant")
 
     def _rate(self, now: float) -> None:
-        """Whether the client sends more than is used, once a second."""
-        if now - self._since < 1.0:
-            return
+        """Once a second: whether the client sends more than is used, or this computer is too late."""
         if self._commands > TOO_FAST * self._steps:
             self.counts["superseded"] += self._commands - self._steps
-            rate = self._commands / (now - self._since)
-            self._say_rarely(
-                "fast",
-                f"the client sends {rate:.0f} commands a second, the plant takes {1.0 / self.step_s:.0f}: "
-                "the last one before a step counts",
-            )
+            rate, takes = self._commands / (now - self._since), f"the plant takes {1.0 / self.step_s:.0f}"
+            last = "the last one before a step counts"
+            self._say_rarely("fast", f"the client sends {rate:.0f} commands a second, {takes}: {last}")
         if self.skipped_s > 0.0:
             left_out = f"{self.skipped_s:.3f} s of the plant's time were left out so far"
             self._say_rarely("skipped", f"this computer was too late: {left_out}")
@@ -328,25 +307,17 @@ class Session:
     # What is to be seen.
 
     @property
-    def waits(self) -> bool:
-        return self._waits
-
-    @property
-    def silent(self) -> bool:
-        return self._silent
-
-    @property
     def skipped_s(self) -> float:
         """Time of the plant that was left out since the first command."""
-        return 0.0 if self._waits else self.pace.skipped_s - self._skipped_before_s
+        return 0.0 if self.waits else self.pace.skipped_s - self._skipped_before_s
 
     @property
     def flags(self) -> int:
         """Bits in the order of `points.FLAGS`."""
         plant = self.plant
         told = (
-            plant.brake_closed, plant.motor_lost, self._silent, plant.limited, plant.slack,
-            self._halted == "off_rail", self._waits, self._halted == "diverged", self.skipped_s > 0.0, plant.overloaded,
+            plant.value("brake_closed") > 0.5, plant.motor_lost, self.silent, plant.limited, plant.slack,
+            self._halted == "off_rail", self.waits, self._halted == "diverged", self.skipped_s > 0.0, plant.overloaded,
         )  # fmt: skip
         return sum(1 << bit for bit, told_so in enumerate(told) if told_so)
 

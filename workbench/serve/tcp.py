@@ -72,17 +72,14 @@ class TcpServer(ABC):
                     await beside()
             finally:
                 server.close()
-                for task in [task for task in self._clients if task is not None]:
+                clients = [task for task in self._clients if task is not None]
+                for task in clients:
                     task.cancel()
-                await asyncio.gather(*(task for task in self._clients if task is not None), return_exceptions=True)
+                await asyncio.gather(*clients, return_exceptions=True)
 
     async def begin(self, stack: contextlib.AsyncExitStack) -> Callable[[], Any]:
         """What is to be done before clients may come; returns what is done twenty times a second."""
-
-        async def nothing() -> None:
-            pass
-
-        return nothing
+        return lambda: asyncio.sleep(0.0)
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         who = shown(writer.get_extra_info("peername") or ("?", 0))
@@ -104,6 +101,12 @@ class TcpServer(ABC):
             self._clients.discard(task)
             writer.transport.abort()
 
+    def not_taken(self, error: InputError) -> bool:
+        """Counts what was written in vain; whether it was because another client controls."""
+        only = error.problem.startswith("read only")
+        self.session.refused("second_client" if only else "value", str(error))
+        return only
+
     @abstractmethod
     async def talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, who: str) -> None:
         """With one client until it goes. TimeoutError where it is idle, MalformedError for what it must not send."""
@@ -115,22 +118,12 @@ MBAP = struct.Struct(">HHHB")  # transaction, protocol 0, bytes that follow the 
 READ_COILS, READ_DISCRETE, READ_HOLDING, READ_REGISTERS = 1, 2, 3, 4
 WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE_REGISTERS = 5, 6, 15, 16
 NO_FUNCTION, NO_ADDRESS, NO_VALUE, BUSY = 1, 2, 3, 6  # exceptions; busy: another client controls
-MOST_BITS, MOST_REGISTERS = 2000, 125
+MOST_BITS, MOST_REGISTERS, MOST_FLOAT = 2000, 125, 3.4028234e38
 TOKEN_AT, TOKEN_REGISTERS = 60_000, 8  # where a token is written, two characters a register
 
 
 class ModbusError(Exception):
     """An exception of the protocol, by its number."""
-
-
-def words_of(value: float) -> tuple[int, int]:
-    """A number as two registers, the high word first; what float32 cannot hold becomes its largest."""
-    most = 3.4028234e38
-    return struct.unpack(">HH", struct.pack(">f", min(max(value, -most), most)))
-
-
-def number_of(words: Sequence[int]) -> float:
-    return float(struct.unpack(">f", struct.pack(">HH", *words))[0])
 
 
 class ModbusServer(TcpServer):
@@ -156,52 +149,50 @@ class ModbusServer(TcpServer):
                     raise MalformedError("what is no Modbus TCP frame")
                 request = await reader.readexactly(length - 1)
             try:
-                if not let_in:
-                    let_in = self._logs_in(request, who)
-                    answer = request[:5]
-                else:
-                    answer = self._answer(request, who)
+                answer = self._answer(request, who) if let_in else self._logged_in(request, who)
+                let_in = True
             except ModbusError as error:
                 answer = bytes([request[0] | 0x80, error.args[0]])
+            except struct.error:  # fewer bytes than the function has
+                answer = bytes([request[0] | 0x80, NO_VALUE])
             async with asyncio.timeout(IDLE_S):
                 writer.write(MBAP.pack(transaction, 0, len(answer) + 1, unit) + answer)
                 await writer.drain()
 
-    def _logs_in(self, request: bytes, who: str) -> bool:
-        """The token in its registers; anything else is no function yet."""
+    def _logged_in(self, request: bytes, who: str) -> bytes:
+        """The answer to the token in its registers; anything else is no function yet."""
         head = struct.pack(">BHHB", WRITE_REGISTERS, TOKEN_AT, TOKEN_REGISTERS, 2 * TOKEN_REGISTERS)
         given = request[len(head) :] if request.startswith(head) else b""
         if hmac.compare_digest(given, self.token.encode().ljust(2 * TOKEN_REGISTERS, b"\0")):
-            return True
+            return request[:5]
         self.session.refused("token", f"{who} gave no token or the wrong one")
         raise ModbusError(NO_FUNCTION)
 
     def _answer(self, request: bytes, who: str) -> bytes:
         function = request[0]
-        if function in (READ_COILS, READ_DISCRETE, READ_HOLDING, READ_REGISTERS):
-            return self._read(function, *_fields(">HH", request))
-        if function in (WRITE_COIL, WRITE_REGISTER):
-            address, value = _fields(">HH", request)
-            if function == WRITE_REGISTER or value not in (0, 0xFF00):
-                raise ModbusError(NO_VALUE)  # a number is two registers
+        if function in self._tables:
+            return self._read(function, *struct.unpack_from(">HH", request, 1))
+        if function == WRITE_COIL:
+            address, value = struct.unpack_from(">HH", request, 1)
+            if value not in (0, 0xFF00):
+                raise ModbusError(NO_VALUE)
             self._write(READ_COILS, address, [value > 0], who)
             return request
-        if function in (WRITE_COILS, WRITE_REGISTERS):
-            address, count, size = _fields(">HHB", request)
-            data = request[6:]
-            whole = -(-count // 8) if function == WRITE_COILS else 2 * count
-            if not count or size != len(data) or size != whole:
-                raise ModbusError(NO_VALUE)
-            if function == WRITE_COILS:
-                self._write(READ_COILS, address, [data[i // 8] >> (i % 8) & 1 for i in range(count)], who)
-            else:
-                if address % 2 or count % 2:  # a number is two registers and begins at an even one
-                    raise ModbusError(NO_VALUE)
-                words = struct.unpack(f">{count}H", data)
-                numbers = [number_of(words[i : i + 2]) for i in range(0, count, 2)]
-                self._write(READ_HOLDING, address // 2, numbers, who)
-            return request[:5]
-        raise ModbusError(NO_FUNCTION)
+        if function == WRITE_REGISTER:
+            raise ModbusError(NO_VALUE)  # a number is two registers
+        if function not in (WRITE_COILS, WRITE_REGISTERS):
+            raise ModbusError(NO_FUNCTION)
+        address, count, size = struct.unpack_from(">HHB", request, 1)
+        data, bits = request[6:], function == WRITE_COILS
+        if not count or not size == len(data) == (-(-count // 8) if bits else 2 * count):
+            raise ModbusError(NO_VALUE)
+        if bits:
+            self._write(READ_COILS, address, [data[i // 8] >> (i % 8) & 1 for i in range(count)], who)
+        elif address % 2 or count % 2:  # a number is two registers and begins at an even one
+            raise ModbusError(NO_VALUE)
+        else:
+            self._write(READ_HOLDING, address // 2, struct.unpack(f">{count // 2}f", data), who)
+        return request[:5]
 
     def _read(self, function: int, address: int, count: int) -> bytes:
         bits = function in (READ_COILS, READ_DISCRETE)
@@ -210,15 +201,14 @@ class ModbusServer(TcpServer):
             raise ModbusError(NO_VALUE)
         if address + count > width * len(points):
             raise ModbusError(NO_ADDRESS)
-        chosen = points[address // width : (address + count - 1) // width + 1]
         with self.session.lock:
+            chosen = points[address // width : (address + count - 1) // width + 1]
             values = [point.read(self.session) for point in chosen]
         if bits:
-            packed = sum(1 << i for i, value in enumerate(values) if value)
-            data = packed.to_bytes(-(-count // 8), "little")
-        else:
-            words = [word for value in values for word in words_of(value)][address % 2 :][:count]
-            data = struct.pack(f">{count}H", *words)
+            data = sum(1 << i for i, value in enumerate(values) if value).to_bytes(-(-count // 8), "little")
+        else:  # what float32 cannot hold becomes its largest
+            whole = struct.pack(f">{len(values)}f", *(min(max(value, -MOST_FLOAT), MOST_FLOAT) for value in values))
+            data = whole[2 * (address % 2) :][: 2 * count]
         return bytes([function, len(data)]) + data
 
     def _write(self, function: int, first: int, values: Sequence[float], who: str) -> None:
@@ -226,19 +216,9 @@ class ModbusServer(TcpServer):
         if len(points) < len(values):
             raise ModbusError(NO_ADDRESS)
         try:
-            self.session.set_all({point.name: value for point, value in zip(points, values, strict=True)}, who)
+            self.session.set({point.name: value for point, value in zip(points, values, strict=True)}, who)
         except InputError as error:
-            only = error.problem.startswith("read only")
-            self.session.refused("second_client" if only else "value", str(error))
-            raise ModbusError(BUSY if only else NO_VALUE) from error
-
-
-def _fields(form: str, request: bytes) -> tuple[int, ...]:
-    """The fields behind a function's number; the last ones of a write are its data."""
-    try:
-        return struct.unpack_from(form, request, 1)
-    except struct.error as error:
-        raise ModbusError(NO_VALUE) from error
+            raise ModbusError(BUSY if self.not_taken(error) else NO_VALUE) from error
 
 
 # OPC UA: nodes Plant/Inputs/NAME may be written, Plant/Outputs/NAME are read, numbers as Double, switches as Boolean.
@@ -312,9 +292,7 @@ class OpcUaServer(TcpServer):
     async def _node(self, server: Any, parent: Any, point: Point, at: Any) -> Any:
         from asyncua import ua
 
-        value = point.read(self.session)
-        start = bool(value) if point.kind == "switch" else float(value)
-        node = await parent.add_variable(at, f"{at.NamespaceIndex}:{point.name}", start)
+        node = await parent.add_variable(at, f"{at.NamespaceIndex}:{point.name}", self._now(point).Value.Value)
         unit = f" ({point.unit})" if point.unit else ""
         described = ua.DataValue(ua.Variant(ua.LocalizedText(f"{point.meaning}{unit}")))
         await node.write_attribute(ua.AttributeIds.Description, described)
@@ -331,12 +309,10 @@ class OpcUaServer(TcpServer):
 
         def set_value(data: Any, attribute: Any, value: Any) -> None:
             try:
-                self.session.set(point.name, getattr(value.Value, "Value", None), _writer.get())
+                self.session.set({point.name: getattr(value.Value, "Value", None)}, _writer.get())
             except InputError as error:
-                only = error.problem.startswith("read only")
-                self.session.refused("second_client" if only else "value", str(error))
-                codes = ua.StatusCodes
-                raise ua.UaStatusCodeError(codes.BadUserAccessDenied if only else codes.BadOutOfRange) from error
+                denied, codes = self.not_taken(error), ua.StatusCodes
+                raise ua.UaStatusCodeError(codes.BadUserAccessDenied if denied else codes.BadOutOfRange) from error
 
         return set_value
 

@@ -75,7 +75,11 @@ def state_in(data: bytes) -> State | None:
 class UdpServer:
     """The socket of one session. InputError where the port is taken or not ours."""
 
-    def __init__(self, session: Session, address: str, port: int, send_every: int = 1, token: str = "") -> None:
+    def __init__(
+        self, session: Session, address: str, port: int, send_every: int = 1, token: str = "", lock_step: bool = False
+    ) -> None:  # fmt: skip
+        """lock_step: a step for every command, as fast as they come; for tests of a controller, without a clock."""
+        self._lock_step = lock_step
         self._session, self._every, self._token = session, send_every, token.encode().ljust(16, b"\0")
         self._numbers = [point.read for point in session.outputs if point.kind == "number"]
         self._state = struct.Struct(f"{STATE_HEAD.format}{len(self._numbers)}d")
@@ -89,19 +93,15 @@ class UdpServer:
         self._socket.close()
 
     def run(self, until: Callable[[float], bool], listening: Callable[[], None]) -> None:
-        """In real time until `until(now)`."""
+        """Until `until(now)`, in real time or in lock step."""
         listening()
-        run_at_pace(self._session.pace, self._tick, until, self._wait)
-
-    def run_in_lock_step(self, until: Callable[[float], bool], listening: Callable[[], None]) -> None:
-        """A step for every command, as fast as they come; for tests of a controller, without a clock."""
-        listening()
+        if not self._lock_step:
+            run_at_pace(self._session.pace, self._tick, until, self._wait)
         while not until(time.monotonic()):
-            if self._readable(0.05):
-                for commanded in self._drain():
-                    if commanded:
-                        self._session.step(live=False)
-                        self._send()
+            for commanded in self._drain() if self._readable(0.05) else ():
+                if commanded:
+                    self._session.step(live=False)
+                    self._send()
 
     def _readable(self, seconds: float) -> bool:
         return bool(select.select([self._socket], [], [], seconds)[0])
@@ -109,12 +109,10 @@ class UdpServer:
     def _wait(self, seconds: float) -> None:
         """Takes commands as they come, so that a silent second is no queue of a second."""
         if self._readable(min(seconds, 0.1)):
-            for _ in self._drain():
-                pass
+            list(self._drain())
 
     def _tick(self) -> None:
-        for _ in self._drain():
-            pass
+        list(self._drain())
         session = self._session
         session.step()
         if session.counts["steps"] % self._every == 0 and session.clock() - session.heard_s <= SILENT_S:
@@ -140,19 +138,10 @@ class UdpServer:
     def _command(self, data: bytes, sender: Address) -> bool:
         """Whether the datagram was a command, and was taken."""
         session, who = self._session, shown(sender)
-        if data[:4] != COMMAND_MAGIC:
-            old = ": version 1 of the protocol, this is version 2" if data[:4] == b"WBC1" else ""
-            session.refused("magic", f"packet from {who} begins with {data[:4]!r}, expected {COMMAND_MAGIC!r}{old}")
+        if (fault := _fault(data)) is not None:
+            session.refused(fault[0], f"packet from {who} {fault[1]}; it is not used")
             return False
-        if len(data) != COMMAND.size:
-            word = "short" if len(data) < COMMAND.size else "long"
-            session.refused("size", f"packet of {len(data)} bytes from {who} is too {word}: expected {COMMAND.size}")
-            return False
-        _, order, sequence, flags, value, token = COMMAND.unpack(data)
-        if order != BYTE_ORDER:
-            session.refused("byte_order", f"packet from {who} is not little endian: byte order {order:#010x}, expected "
-                            f"{BYTE_ORDER:#010x}; it is not used")  # fmt: skip
-            return False
+        _, _, sequence, flags, value, token = COMMAND.unpack(data)
         if not self._may(token, who):
             return False
         try:
@@ -208,6 +197,20 @@ class UdpServer:
             self._socket.sendto(data, address)
         except OSError:  # full, or nobody there: the next state is newer
             self._session.counts["not_sent"] += 1
+
+
+def _fault(data: bytes) -> tuple[str, str] | None:
+    """What a datagram is counted as, and what is wrong with it; None for a command."""
+    if data[:4] != COMMAND_MAGIC:
+        old = ": version 1 of the protocol, this is version 2" if data[:4] == b"WBC1" else ""
+        return "magic", f"begins with {data[:4]!r}, expected {COMMAND_MAGIC!r}{old}"
+    if len(data) != COMMAND.size:
+        word = "short" if len(data) < COMMAND.size else "long"
+        return "size", f"has {len(data)} bytes, which is too {word}: expected {COMMAND.size}"
+    order = COMMAND.unpack(data)[1]
+    if order != BYTE_ORDER:
+        return "byte_order", f"is not little endian: byte order {order:#010x}, expected {BYTE_ORDER:#010x}"
+    return None
 
 
 def shown(address: Address) -> str:

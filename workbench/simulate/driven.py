@@ -21,7 +21,7 @@ from workbench.core.run import Array, Run
 from workbench.effects import Active, Part, logged_input, moved_by, true_run
 from workbench.engine import kernels
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
-from workbench.simulate.blows import bridged
+from workbench.simulate.impacts import bridged
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import Motion, motion_of, moving
 from workbench.simulate.plant_model import PlantModel, plant_model
@@ -56,7 +56,7 @@ class Balance:
         return self.measured - self.predicted
 
 
-class Bench:
+class InverseSimulation:
     """Runs of one machine, prepared for many predictions with changed parameters."""
 
     def __init__(
@@ -66,9 +66,9 @@ class Bench:
         band_hz: float | None = None,
         active: Active | None = None,
         parts: Sequence[Part] = (),
-        blows: Sequence[Array] = (),
+        impacts: Sequence[Array] = (),
     ) -> None:
-        """active: effects in place of the machine's own. blows: times of each run at which the acceleration is bridged.
+        """active: effects in place of the machine's own. impacts: times of each run where the acceleration is bridged.
         parts: of them, the smallest first; the first one that has
         all that is at work is simulated, which takes less time."""
         self.machine, self.runs, self.plant = machine, tuple(runs), plant_of(machine)
@@ -79,7 +79,7 @@ class Bench:
         ]
         self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
         # The motion behind the log: what a late speed sensor shows is brought forward first.
-        self.blows = tuple(blows) or tuple(np.zeros(0) for _ in self.runs)
+        self.impacts = tuple(impacts) or tuple(np.zeros(0) for _ in self.runs)
         self.motions = [self._motion(j, true_run(run, self.model.active), 0.0) for j, run in enumerate(self.runs)]
         self.symbols = tuple(vars(self.base[0]))
         self.row_of = {symbol: row for row, symbol in enumerate(self.symbols)}
@@ -185,9 +185,9 @@ class Bench:
 
     def _motion(self, j: int, run: Run, earlier_s: float) -> Motion:
         motion = motion_of(run, self.plant, self.band_hz)
-        if not len(self.blows[j]):
+        if not len(self.impacts[j]):
             return motion
-        return replace(motion, acceleration=bridged(run.time_s, motion.acceleration, self.blows[j] - earlier_s))
+        return replace(motion, acceleration=bridged(run.time_s, motion.acceleration, self.impacts[j] - earlier_s))
 
     def _motions_behind(self, j: int, table: Array) -> tuple[list[Motion], list[int]]:
         """The true motions of run j, which differ where sets differ in the sensor's delay, and each set's."""

@@ -13,7 +13,7 @@ from workbench.core.run import Array, Run
 from workbench.effects import true_input
 from workbench.machines import STUDIED, Hoist, of_kind, studied
 from workbench.machines.multibody import Outcome, Shaft, move
-from workbench.simulate.driven import Bench, sensor, start_point
+from workbench.simulate.driven import InverseSimulation, sensor, start_point
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.loop import Outcome as LoopOutcome
 from workbench.simulate.multibody_loop import simulate_multibody_loop
@@ -90,12 +90,12 @@ def compare_models(
     """
     if studied(machine) is None:
         raise InputError(f"is {of_kind(machine)}; the multi-body machine is of {STUDIED}", place="kind")
-    bench = Bench(machine, runs)
-    simulate_replays(machine, Bench(machine, runs[:1]))  # compiles and starts threads: no model's compute time
+    bench = InverseSimulation(machine, runs)
+    simulate_replays(machine, InverseSimulation(machine, runs[:1]))  # compiles: no model's time
     out = []
     for j, run in enumerate(bench.runs):
         progress(run.name)
-        alone = Bench(machine, [run])
+        alone = InverseSimulation(machine, [run])
         began = time.process_time()
         (states,) = simulate_replays(machine, alone)
         lumped_s = time.process_time() - began
@@ -123,7 +123,7 @@ def compare_loops(cases: Sequence[LoopCase], *, step_s: float = STEP_S) -> Model
 
     step_s: of the multi-body model, at most; a step ends at every sample of the controller. InputError as above.
     """
-    simulate_loop(cases[:1], record_every=1)  # compiles and starts threads: no model's compute time
+    simulate_loop(cases[:1], record_every=1)  # compiles: no model's time
     out = []
     for case in cases:
         began = time.process_time()

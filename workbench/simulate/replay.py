@@ -16,7 +16,7 @@ from workbench.core.shown import Brief, Shown
 from workbench.effects import logged, true_input
 from workbench.engine import kernels
 from workbench.machines import Axis, Hoist, Plant
-from workbench.simulate.driven import Balance, Bench, pooled_rms, sensor, start_point
+from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms, sensor, start_point
 
 RESTART_S = 2.0
 
@@ -60,7 +60,7 @@ class ReplayResult(Shown):
 
 def replay_runs(machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None) -> ReplayResult:
     """Replay the measured input of every run on the machine; see `ReplayResult`."""
-    bench = Bench(machine, runs, band_hz)
+    bench = InverseSimulation(machine, runs, band_hz)
     balances = bench.balances()
     states = simulate_replays(machine, bench)
     replays = []
@@ -84,7 +84,7 @@ def replay_runs(machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | Non
     return _together(bench, replays)
 
 
-def _together(bench: Bench, replays: Sequence[Replay]) -> ReplayResult:
+def _together(bench: InverseSimulation, replays: Sequence[Replay]) -> ReplayResult:
     balances = [r.balance for r in replays]
     open_loop = [r.simulated[bench.plant.speeds[0]] - r.balance.motion.speed for r in replays]
     residual = pooled_rms([b.residual[b.inside] for b in balances])
@@ -101,7 +101,7 @@ def _together(bench: Bench, replays: Sequence[Replay]) -> ReplayResult:
     )
 
 
-def simulate_replays(machine: Hoist | Axis, bench: Bench) -> list[Array]:
+def simulate_replays(machine: Hoist | Axis, bench: InverseSimulation) -> list[Array]:
     """States (n, states), positions first, of every run under its measured input, from its first sample."""
     plant, m = bench.plant, len(bench.runs)
     n = max(len(run.time_s) for run in bench.runs)
@@ -128,7 +128,7 @@ def simulate_replays(machine: Hoist | Axis, bench: Bench) -> list[Array]:
 
 def own_log(machine: Hoist | Axis, runs: Sequence[Run]) -> list[Run]:
     """The runs as this machine would have logged them under the same logged input, at the same times, without noise."""
-    bench = Bench(machine, runs)
+    bench = InverseSimulation(machine, runs)
     states = simulate_replays(machine, bench)
     made = []
     for run, of_run in zip(bench.runs, states, strict=True):
@@ -140,13 +140,13 @@ def own_log(machine: Hoist | Axis, runs: Sequence[Run]) -> list[Run]:
     return made
 
 
-def _starts(bench: Bench) -> tuple[Array, Array]:
+def _starts(bench: InverseSimulation) -> tuple[Array, Array]:
     points = [start_point(bench.plant, run, motion) for run, motion in zip(bench.runs, bench.motions, strict=True)]
     clocks = [float(run.time_s[0]) for run in bench.runs]
     return bench.model.starts([x for x, _ in points], [w for _, w in points], clocks, bench.base)
 
 
-def _true_input(machine: Hoist | Axis, bench: Bench, j: int) -> Array:
+def _true_input(machine: Hoist | Axis, bench: InverseSimulation, j: int) -> Array:
     """The true input (n,) of run j, recovered from the logged one."""
     gain, offset = sensor(machine)
     return true_input(bench.model.active, bench.runs[j].time_s, (bench.inputs[j] - offset) / gain)
@@ -166,7 +166,7 @@ def simulated_run(plant: Plant, run: Run, states: Array) -> Run:
     )
 
 
-def _restarted(machine: Hoist | Axis, bench: Bench, j: int, balance: Balance) -> Array:
+def _restarted(machine: Hoist | Axis, bench: InverseSimulation, j: int, balance: Balance) -> Array:
     """Simulated speed (n,) of run j, restarted every 2 s from the measured motion and the states that belong to it."""
     run, motion, plant = bench.runs[j], balance.motion, bench.plant
     n = len(run.time_s)
@@ -206,11 +206,11 @@ def _restarted(machine: Hoist | Axis, bench: Bench, j: int, balance: Balance) ->
     return restarted
 
 
-def _first_position(bench: Bench, j: int) -> float:
+def _first_position(bench: InverseSimulation, j: int) -> float:
     return float(_starts(bench)[0][0, j])
 
 
-def _smooth_speed(bench: Bench, j: int) -> Array:
+def _smooth_speed(bench: InverseSimulation, j: int) -> Array:
     """The measured speed as a start value: the mean of five samples, so that the noise of one sample matters less."""
     speed = bench.motions[j].speed
     padded = np.pad(speed, 2, mode="edge")

@@ -23,9 +23,8 @@ from typing import Any
 from workbench.core.errors import InputError, one_line
 from workbench.effects.loading import know
 from workbench.effects.registry import UserFile, files_behind
-from workbench.study.batch import Spread, run_chunk
 from workbench.study.load import Study
-from workbench.study.store import Chunk, library_versions
+from workbench.study.store import Chunk, Spread, library_versions, run_chunk
 
 _knowing = threading.Lock()
 

@@ -1,7 +1,4 @@
-"""The smallest visible change of a metric, and numbers with as many digits as that allows.
-Two results of the same runs, metric by metric: changes, runs that changed most, regressions beyond a limit.
-Why two results have no run in common, in a sentence.
-A comparison as JSON: what a program reads of it."""
+"""Two results of the same runs, metric by metric: changes, regressions beyond a limit, why no run is in both."""
 
 from __future__ import annotations
 
@@ -10,7 +7,6 @@ import re
 import statistics
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.shown import Shown
@@ -19,7 +15,6 @@ from workbench.study.labels import field_label, shown
 from workbench.study.rows import Row
 
 _UNDECLARED = 1e-3  # of a column that is no declared metric, such as an older version's
-_DIGITS = 5
 
 
 def least(metric: str) -> float:
@@ -34,26 +29,6 @@ def percent(metric: str, a: float, b: float) -> float:
     if abs(a) >= least(metric):
         return 100.0 * (b - a) / abs(a)
     return 0.0 if abs(b - a) < least(metric) else math.copysign(math.inf, b - a)
-
-
-def plain(metric: str, value: float, *, sign: bool = False, digits: int = _DIGITS) -> str:
-    """A value of a metric without an exponent, to so many digits and no finer than what is visible."""
-    if not math.isfinite(value):
-        return "–"
-    finest = -math.floor(math.log10(least(metric)) + 1e-9)
-    wanted = digits - 1 - math.floor(math.log10(abs(value))) if value else finest
-    decimals = max(min(wanted, finest), 0)
-    number = round(value, decimals) + 0.0  # no minus before nothing
-    return f"{number:{'+' if sign and number else ''}.{decimals}f}"
-
-
-def plain_percent(value: float) -> str:
-    """Per cent with its sign; a dash where there was nothing to compare with."""
-    if not math.isfinite(value):
-        return "–"
-    decimals = 2 if abs(value) < 100.0 else 0
-    number = round(value, decimals) + 0.0
-    return f"{number:{'+' if number else ''}.{decimals}f}"
 
 
 _UNIT = re.compile(r"_(rad_s2|rad_s|nm_s|nm_per_s|m_s3|m_s2|m_s|nm2_s|percent_s|percent|nm|rad|hz|db|kw|ws|w|j|n|m|s)$")
@@ -262,14 +237,26 @@ MOST_VALUES = 4
 
 def why_unmatched(a: Sequence[Row], b: Sequence[Row]) -> str:
     """Which of payload, reference and varied fields differ between the runs of a and those of b."""
-    reasons = [
-        *_fields(a, b),
-        *_apart("payload", a, b, _payload),
-        *_apart("reference", a, b, lambda row: row.reference),
+    varied_a, varied_b = (dict.fromkeys(name for row in rows for name in row.assigned) for rows in (a, b))
+    reasons = []
+    for one, name, other in ((varied_a, "A", varied_b), (varied_b, "B", varied_a)):
+        if own := [field_label(field).words for field in one if field not in other]:
+            reasons.append(f"only {name} varies {_listed(own)}")
+    looks: list[tuple[str, Callable[[Row], str]]] = [
+        ("payload", lambda row: f"{row.payload_kg:g} kg"),
+        ("reference", lambda row: row.reference),
     ]
-    for name in _varied(a):
-        if name in _varied(b):
-            reasons += _apart(field_label(name).words, a, b, lambda row, name=name: _assigned(row, name))  # type: ignore[misc]
+    for field in (name for name in varied_a if name in varied_b):
+        label = field_label(field)
+
+        def assigned(row: Row, field: str = field, unit: str = label.unit) -> str:
+            return f"{shown(row.assigned.get(field, ''))} {unit}".strip()
+
+        looks.append((label.words, assigned))
+    for words, of in looks:
+        ours, theirs = (list(dict.fromkeys(of(row) for row in rows)) for rows in (a, b))
+        if not set(ours) & set(theirs):
+            reasons.append(f"{words} is {_listed(ours)} in A and {_listed(theirs)} in B")
     if reasons:
         return "; ".join(reasons)
     if {values_of(row) for row in a} & {values_of(row) for row in b}:
@@ -277,74 +264,6 @@ def why_unmatched(a: Sequence[Row], b: Sequence[Row]) -> str:
     return "no combination of payload, reference and varied values stands in both"
 
 
-def _fields(a: Sequence[Row], b: Sequence[Row]) -> list[str]:
-    """Fields that only one of the two varies."""
-    texts = []
-    for one, name_of_one, other in ((a, "A", b), (b, "B", a)):
-        if own := [field_label(name).words for name in _varied(one) if name not in _varied(other)]:
-            texts.append(f"only {name_of_one} varies {_listed(own)}")
-    return texts
-
-
-def _apart(words: str, a: Sequence[Row], b: Sequence[Row], of: Callable[[Row], str]) -> list[str]:
-    """Nothing where one value is in both."""
-    ours, theirs = (list(dict.fromkeys(of(row) for row in rows)) for rows in (a, b))
-    if set(ours) & set(theirs):
-        return []
-    return [f"{words} is {_listed(ours)} in A and {_listed(theirs)} in B"]
-
-
-def _payload(row: Row) -> str:
-    return f"{row.payload_kg:g} kg"
-
-
-def _assigned(row: Row, name: str) -> str:
-    return f"{shown(row.assigned.get(name, ''))} {field_label(name).unit}".strip()
-
-
-def _varied(rows: Sequence[Row]) -> dict[str, None]:
-    return dict.fromkeys(name for row in rows for name in row.assigned)
-
-
 def _listed(values: Sequence[str]) -> str:
     more = len(values) - MOST_VALUES
     return ", ".join(values[:MOST_VALUES]) + (f" and {more} more" if more > 0 else "")
-
-
-def as_json(comparison: Comparison, limits: Sequence[Limit], worse_runs: Sequence[Regression]) -> dict[str, Any]:
-    """Plain values; null stands for a per cent of nothing."""
-    return {
-        "format": 1,
-        "runs": len(comparison.pairs),
-        "only_a": list(comparison.only_a),
-        "only_b": list(comparison.only_b),
-        "newly_failed": [{"run": pair.name, "reason": pair.b.reason} for pair in comparison.newly_failed],
-        "newly_ok": [{"run": pair.name, "reason": pair.a.reason} for pair in comparison.newly_ok],
-        "metrics": {change.metric: _change_json(change) for change in comparison.changes},
-        "limits": [{"metric": limit.metric, "most": limit.most, "relative": limit.relative} for limit in limits],
-        "regressions": [
-            {"limit": str(run.limit), "worse": _finite(run.worse)} | _pair(run.limit.metric, run.pair)
-            for run in worse_runs
-        ],
-    }
-
-
-def _change_json(change: Change) -> dict[str, Any]:
-    return {
-        "runs": change.runs,
-        "mean_a": change.mean_a,
-        "mean_b": change.mean_b,
-        "mean_delta": change.mean_delta,
-        "mean_percent": _finite(change.mean_percent),
-        "median_delta": change.median_delta,
-        "max_delta": change.max_delta,
-        "moved_most": [_pair(change.metric, pair) for pair in change.worst],
-    }
-
-
-def _pair(metric: str, pair: Pair) -> dict[str, Any]:
-    return {"run": pair.name, "a": pair.a[metric], "b": pair.b[metric]}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -15,17 +15,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from workbench.core.errors import InputError, nearest
-from workbench.core.table import Column, Table, words
 from workbench.machines import Axis, Hoist, kind_of, load_of
 from workbench.metrics import Metric, MetricSet, View, find, set_with, shown_in
-from workbench.study.labels import listed, reads, swept_axes, words_of
+from workbench.study.labels import SweptAxis, listed, reads, swept_axes, words_of
 from workbench.study.rows import Row, hunts, is_astray, metrics_of
 from workbench.study.scenario import CriterionBlock
-from workbench.study.tables import metric_heads, metric_note
 
 TIME = "move_time_s"
 RESERVE = "torque_reserve_percent"  # of the largest torque or force, what the peak leaves
-BEST = "★"
 SAME_TIME_S = 5e-3  # a smaller difference decides nothing
 NEAR = 1e-3  # relative: a difference that counts
 MOST_COMPARED = 256
@@ -61,12 +58,15 @@ class Criterion:
         one = self.most or self.scale or largest
         return abs(value) / one if one else 0.0
 
+    def text(self, value: float) -> str:
+        """A value with its unit."""
+        return f"{self.metric.text(value)} {self.metric.shown_unit}".strip()
+
     @property
     def limit_words(self) -> str:
-        metric, limit = self.metric, self.most if self.most is not None else self.least
-        if limit is None:
-            return "–"
-        return f"{'at most' if self.most is not None else 'at least'} {metric.text(limit)} {metric.shown_unit}".strip()
+        if self.most is not None:
+            return f"at most {self.text(self.most)}"
+        return "–" if self.least is None else f"at least {self.text(self.least)}"
 
 
 def criteria_for(
@@ -117,7 +117,8 @@ class Candidate:
     """A reference with its chosen values at a payload. values: of each criterion, the worst of its runs.
 
     setting: the chosen values, in words; broken: why it is out; shares: u of each criterion; total: their weighted sum;
-    beside: not in the study, but run for the comparison.
+    beside: not in the study, but run for the comparison. keeps: of one that is out, the values of a swept condition at
+    which it keeps every limit.
     """
 
     payload_kg: float
@@ -127,6 +128,7 @@ class Candidate:
     runs: int
     broken: tuple[str, ...]
     beside: bool = False
+    keeps: str = ""
     shares: Mapping[str, float] = field(default_factory=dict)
     total: float = math.nan
 
@@ -143,6 +145,10 @@ class Decision:
     payload_kg: float
     criteria: tuple[Criterion, ...]
     candidates: tuple[Candidate, ...]
+
+    @property
+    def judged(self) -> MetricSet:
+        return set_with([criterion.name for criterion in self.criteria])
 
     @property
     def left(self) -> tuple[Candidate, ...]:
@@ -200,7 +206,9 @@ def decisions(
 
 def candidates(rows: Sequence[Row], criteria: Sequence[Criterion]) -> Iterator[Candidate]:
     """Rows as candidates: those that are alike in reference and chosen values are one."""
-    axes = [axis for axis in swept_axes(rows) if axis.columns[0].startswith(CHOSEN)]
+    varied = swept_axes(rows)
+    axes = [axis for axis in varied if axis.columns[0].startswith(CHOSEN)]
+    conditions = [axis for axis in varied if axis not in axes]
     read = {
         kind: [axis for axis in axes if any(reads(kind, column) for column in axis.columns)]
         for kind in {row.reference for row in rows}
@@ -216,7 +224,19 @@ def candidates(rows: Sequence[Row], criteria: Sequence[Criterion]) -> Iterator[C
         values = {c.name: float(c.metric.worst([row[c.name] for row in good])) if good else math.nan for c in criteria}
         values.setdefault(TIME, max((row[TIME] for row in good), default=math.nan))
         broken = tuple(_broken(own, good, values, criteria))
-        yield Candidate(own[0].payload_kg, reference, setting, values, len(own), broken)
+        keeps = _kept(own, conditions[0], criteria) if broken and len(conditions) == 1 else ""
+        yield Candidate(own[0].payload_kg, reference, setting, values, len(own), broken, keeps=keeps)
+
+
+def _kept(own: Sequence[Row], axis: SweptAxis, criteria: Sequence[Criterion]) -> str:
+    """The values of a condition at which all runs keep every limit, in words."""
+    kept = []
+    for point in axis.points:
+        here = [row for row in own if axis.at(row) == point]
+        values = {c.name: float(c.metric.worst([row[c.name] for row in here])) for c in criteria if here[0].ok}
+        if all(row.ok for row in here) and not list(_broken(here, here, values, criteria)):
+            kept.append(axis.short(point))
+    return f"{axis.words} {listed(kept)}" if kept else ""
 
 
 def _broken(
@@ -230,9 +250,7 @@ def _broken(
         yield "it does not end where its reference does"
     for criterion in criteria:
         if good and criterion.broken(values[criterion.name]):
-            metric = criterion.metric
-            value = f"{metric.text(values[criterion.name])} {metric.shown_unit}".strip()
-            yield f"{metric.label} {value}, {criterion.limit_words}"
+            yield f"{criterion.metric.label} {criterion.text(values[criterion.name])}, {criterion.limit_words}"
 
 
 def _ranked(found: Sequence[Candidate], criteria: Sequence[Criterion]) -> tuple[Candidate, ...]:
@@ -258,14 +276,20 @@ def take_sentences(made: Sequence[Decision]) -> list[str]:
 
 
 def _take(alike: Sequence[Decision], always: bool) -> str:
-    decision, judged = alike[-1], _judged(alike[-1])
+    decision, judged = alike[-1], alike[-1].judged
     taken, rival = decision.taken, decision.rival
     loads = listed([f"{one.payload_kg:g} kg" for one in alike])
     where = "" if not judged.payload else " at every payload" if always and len(alike) > 1 else f" at {loads}"
     if taken is None:
         least = min(decision.candidates, key=lambda c: len(c.broken))
-        return f"Take none of them{where}: {least.words} breaks least, {'; '.join(least.broken)}."
-    figures = [_figure(c.metric, taken) for c in decision.criteria if c.name in (TIME, judged.peak, judged.rms_error)]
+        said = f"Take none of these{where}: {least.words} breaks least, {'; '.join(least.broken)}."
+        at = f"At {decision.payload_kg:g} kg it" if judged.payload else "It"
+        return f"{said} {at} keeps every limit with {least.keeps}." if least.keeps else said
+    figures = [
+        f"{c.metric.label} {c.text(taken.values[c.name])}"
+        for c in decision.criteria
+        if c.name in (TIME, judged.peak, judged.rms_error)
+    ]
     runs = f", the worst of {taken.runs} runs" if taken.runs > 1 else ""
     heaviest = f"at {decision.payload_kg:g} kg " if len(alike) > 1 else ""
     beside = " (run beside the study)" if taken.beside else ""
@@ -294,9 +318,9 @@ def _against(decision: Decision, taken: Candidate, rival: Candidate) -> str:
     ):
         a, b, metric = rival.values[criterion.name], taken.values[criterion.name], criterion.metric
         worse = metric.worse_by(a, b)
-        if abs(worse) < max(metric.visible, 0.005 * abs(a)):
+        if abs(worse) < max(metric.visible, 0.005 * abs(a)) or metric.text(a) == metric.text(b):
             continue
-        change = f"{metric.label} {metric.text(b)} for {metric.text(a)} {metric.shown_unit}".strip()
+        change = f"{metric.label} {metric.text(b)} instead of {metric.text(a)} {metric.shown_unit}".strip()
         (costs if worse > 0.0 else gains).append(change)
     close = rival.total - taken.total < ALIKE * taken.total
     said = f"Against {rival.words} it {f'gains {listed(gains[:3])}' if gains else 'gains nothing that counts'}"
@@ -322,28 +346,6 @@ def weight_that_turns(decision: Decision, taken: Candidate, rival: Candidate) ->
     criterion = max(behind, key=lambda c: max(c.weight, 1e-3) * (taken.shares[c.name] - rival.shares[c.name]))
     gap = taken.shares[criterion.name] - rival.shares[criterion.name]
     return criterion, criterion.weight + (rival.total - taken.total) / gap
-
-
-def _figure(metric: Metric, candidate: Candidate) -> str:
-    return f"{metric.label} {metric.text(candidate.values[metric.name])} {metric.shown_unit}".strip()
-
-
-def _judged(decision: Decision) -> MetricSet:
-    return set_with([criterion.name for criterion in decision.criteria])
-
-
-def criteria_table(decision: Decision) -> Table:
-    """Each criterion with weight, limit and its value for the one taken and for its rival."""
-    shown = [candidate for candidate in (decision.taken, decision.rival) if candidate is not None]
-    columns = [words("criterion"), Column("weight"), words("limit"), *(Column(c.words) for c in shown)]
-    lines = [
-        [c.metric.heading, f"{c.weight:g}", c.limit_words]
-        + [f"{c.metric.text(one.values[c.name])} {c.metric.shown_unit}".strip() for one in shown]
-        for c in decision.criteria
-    ]
-    lines.append(["Weighted sum of shares", "", "", *(f"{one.total:.3f}" for one in shown)])
-    where = f"At {decision.payload_kg:g} kg. " if _judged(decision).payload else ""
-    return Table(columns, lines, f"{where}The least weighted sum is taken of those that keep every limit.")
 
 
 def verdict(
@@ -378,23 +380,3 @@ def choices(rows: Sequence[Row]) -> list[Choice]:
         for kind, own in of_kind.items()
         if own
     ]
-
-
-def decision_table(rows: Sequence[Row]) -> Table | None:
-    """A row a reference, the best of each column marked; None where there is nothing to choose."""
-    compared = choices(rows)
-    if len(compared) < 2:
-        return None
-    metrics = [
-        m for m in shown_in(View.DECISION, metrics_of(rows)) if all(not math.isnan(c.values[m.name]) for c in compared)
-    ]
-    lines = [[c.reference] for c in compared]
-    for metric in metrics:
-        values = [c.values[metric.name] for c in compared]
-        best = min(values, key=abs) if metric.better == "zero" else -metric.worst([-value for value in values])
-        for line, value in zip(lines, values, strict=True):
-            text = metric.text(value)
-            line.append(f"{BEST} {text}" if text == metric.text(best) else text)
-    worst = "The worst of the payloads; " if metrics_of(rows).payload else ""
-    note = f"{worst}{BEST}: the best of the column. {metric_note(metrics)}"
-    return Table([words("reference"), *metric_heads(metrics)], lines, note)

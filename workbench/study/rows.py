@@ -1,6 +1,8 @@
-"""One run in the index of a study.
-Whether a result's files are still what was written: their hashes stand in its manifest.
-The index of a study: its rows as a table, the same bytes for the same rows, and back."""
+"""Arrow columns from plain values and back, by way of their buffers.
+
+`pyarrow.array` and `to_numpy` would do, but they import pandas wherever that is installed, which costs a study
+a quarter of its two seconds.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +14,59 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from workbench.core.errors import InputError, nearest
 from workbench.core.input_file import open_input, read_input, readable_file
+from workbench.core.run import Array
+from workbench.logs.formats.parquet_file import float_array
 from workbench.metrics import MetricSet, set_with
-from workbench.study import arrow
+
+
+def numbers(values: Sequence[float | None] | Array) -> Any:
+    """A float64 column; None becomes a null."""
+    import pyarrow as pa
+
+    if isinstance(values, np.ndarray):
+        return pa.Array.from_buffers(
+            pa.float64(), len(values), [None, pa.py_buffer(np.ascontiguousarray(values, dtype=np.float64))]
+        )
+    known = np.array([value is not None for value in values], dtype=bool)
+    data = np.array([0.0 if value is None else value for value in values], dtype=np.float64)
+    bits = None if known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
+    return pa.Array.from_buffers(pa.float64(), len(data), [bits, pa.py_buffer(data)])
+
+
+def texts(values: Sequence[str]) -> Any:
+    """A string column."""
+    import pyarrow as pa
+
+    encoded = [value.encode() for value in values]
+    ends = np.cumsum([0, *(len(value) for value in encoded)], dtype=np.int32)
+    return pa.StringArray.from_buffers(len(values), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
+
+
+def arrow_table(columns: Mapping[str, Any]) -> Any:
+    """A table of such columns."""
+    import pyarrow as pa
+
+    return pa.Table.from_arrays(list(columns.values()), names=list(columns))
+
+
+def columns_of(table: Any) -> dict[str, Array]:
+    """The float64 columns of a table as arrays, by name."""
+    return {name: float_array(table[name]) for name in table.column_names}
+
+
+def parquet_bytes(table: Any, **how: Any) -> bytes:
+    """The table as the bytes of a Parquet file; `how` is Arrow's own way of writing it."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    stream = pa.BufferOutputStream()
+    pq.write_table(table, stream, **how)
+    data: bytes = stream.getvalue().to_pybytes()
+    return data
 
 
 @dataclass(frozen=True)
@@ -114,14 +165,14 @@ def index_table(rows: Sequence[Row]) -> Any:
     columns: dict[str, Any] = {}
     for name in _OWN:
         values = [getattr(row, name) for row in rows]
-        columns[name] = arrow.numbers(values) if name == "payload_kg" else arrow.texts(values)
+        columns[name] = numbers(values) if name == "payload_kg" else texts(values)
     assigned = [name for name in _names(row.assigned for row in rows) if name not in columns]
     for name in assigned:
         columns[name] = _mixed([row.assigned.get(name) for row in rows])
     fixed = [metric.name for metric in metrics_of(rows).metrics if metric.fixed]
     for name in _names([dict.fromkeys(fixed), *(row.metrics for row in rows)]):
-        columns[name] = arrow.numbers([row.metrics.get(name) for row in rows])
-    return arrow.table(columns).replace_schema_metadata({_ASSIGNED: json.dumps(assigned)})
+        columns[name] = numbers([row.metrics.get(name) for row in rows])
+    return arrow_table(columns).replace_schema_metadata({_ASSIGNED: json.dumps(assigned)})
 
 
 def joined(tables: Sequence[Any]) -> Any:
@@ -229,8 +280,8 @@ def _names(records: Iterable[Mapping[str, Any]]) -> dict[str, None]:
 
 def _mixed(values: Sequence[float | str | None]) -> Any:
     if any(isinstance(value, str) for value in values):
-        return arrow.texts([_text(value) for value in values])
-    return arrow.numbers([None if value is None else float(value) for value in values])
+        return texts([_text(value) for value in values])
+    return numbers([None if value is None else float(value) for value in values])
 
 
 def _text(value: float | str | None) -> str:
@@ -252,7 +303,7 @@ def _is_text(table: Any, name: str) -> bool:
 def _as_text(table: Any, names: Iterable[str]) -> Any:
     for name in names:
         if name in table.column_names and not _is_text(table, name):
-            column = arrow.texts([_text(value) for value in table[name].to_pylist()])
+            column = texts([_text(value) for value in table[name].to_pylist()])
             table = table.set_column(table.column_names.index(name), name, column)
     return table
 

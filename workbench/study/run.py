@@ -7,12 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.shown import Shown
 from workbench.logs.signal_files import Labelled
-from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines import AnyKind, Axis, Hoist, kind_of
 from workbench.metrics import RunFacts, columns, run_metrics, set_of
 from workbench.references import Plan
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
@@ -93,17 +95,17 @@ def _multibody(cases: Sequence[LoopCase], record_every: int, step_s: float, thre
 def driven_motion(spec: RunSpec, plan: Plan) -> tuple[Array, Array | None]:
     """The driven coordinate's speed at the controller's samples; its position where the controller follows that."""
     loop = kind_of(spec.machine).looped
-    per_way = loop.per_way(spec.machine)
-    return _sampled(plan, spec.controller.sample_time_s, spec.duration_s, per_way, loop.position_loop)
+    per_displacement = loop.per_displacement(spec.machine)
+    return _sampled(plan, spec.controller.sample_time_s, spec.duration_s, per_displacement, loop.position_loop)
 
 
 @lru_cache(maxsize=32)
 def _sampled(
-    plan: Plan, sample_time_s: float, duration_s: float, per_way: float, placed: bool
+    plan: Plan, sample_time_s: float, duration_s: float, per_displacement: float, placed: bool
 ) -> tuple[Array, Array | None]:
     """Cached by the plan's identity: equal motions are one plan."""
     profile = plan.sample(sample_time_s, duration_s)
-    return profile.speed_m_s * per_way, profile.position_m * per_way if placed else None
+    return profile.speed_m_s * per_displacement, profile.position_m * per_displacement if placed else None
 
 
 def _finished(spec: RunSpec, plan: Plan, result: LoopResult) -> Row:
@@ -156,11 +158,26 @@ def _reason(spec: RunSpec, result: LoopResult) -> str:
 
 @dataclass(frozen=True, repr=False)
 class StudyResult(Shown):
-    """All rows in the order of the scenario, and the signals of the runs by run_id."""
+    """All rows in the order of the scenario, and the signals of the runs by run_id. folder: where they are kept."""
 
     study: Study
     rows: Sequence[Row]
     runs: Mapping[str, Run] = field(default_factory=dict)
+    folder: Path | None = None
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return self.study.scenario.name
+
+    @property
+    def machine(self) -> AnyKind:
+        return self.study.machine
+
+    @property
+    def scenario(self) -> dict[str, Any]:
+        """As its file has it, complete."""
+        return self.study.scenario.model_dump(mode="json", exclude_none=True)
 
 
 def run_study(study: Study) -> StudyResult:

@@ -13,14 +13,14 @@ from workbench.core.errors import InputError, nearest
 from workbench.core.run import Array, Run
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
-from workbench.figures.panels import Panels
-from workbench.figures.replay import input_profiles
 from workbench.logs import Campaign
 from workbench.logs.mapping import Proposed
 from workbench.machines import plant_of
 from workbench.study.labels import metric_label
 from workbench.view.numbers import figures
 from workbench.view.page import Section, save_page
+from workbench.view.panels import Panels
+from workbench.view.replay import input_profiles
 from workbench.view.style import BLUE, line
 from workbench.view.words import words_of
 

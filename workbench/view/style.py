@@ -63,6 +63,12 @@ def label(name: str) -> str:
     return name if kind is None else kind.label
 
 
+def faint(colour: str, opacity: float = 0.15) -> str:
+    """A colour of the palette that lets through what lies below."""
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{opacity:g})"
+
+
 AXIS: dict[str, Any] = {
     "showline": True,
     "linecolor": GREY,

@@ -17,7 +17,7 @@ from workbench.core.errors import InputError
 from workbench.core.record import Finite, Payload, Position, Record
 from workbench.core.run import Run
 from workbench.core.yaml_strict import load, validate
-from workbench.logs.formats import suffixes
+from workbench.logs.formats.known import suffixes
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Column, Entry, Name, read_runs
 from workbench.machines import Axis, Hoist, kind_of
@@ -125,9 +125,8 @@ class Arrivals:
     def read(self, arrived: Arrived) -> Run:
         """The log, checked and repaired as a campaign's. InputError for what is wrong with it."""
         assert arrived.entry is not None
-        wanted = kind_of(self._machine).signals
         runs = self._folder / RUNS
-        (run,), _ = read_run(arrived.entry, arrived.file, self._machine, wanted, self.columns, None, runs, whole=True)
+        (run,), _ = read_run(arrived.entry, arrived.file, self._machine, self.columns, None, runs, whole=True)
         return run
 
 

@@ -24,10 +24,9 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.core.names import unit_of, words_of
 from workbench.core.run import Array, Run
-from workbench.diagnose.diagnose import diagnose
+from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.hypotheses.fit import Fitted, estimates
 from workbench.diagnose.machines import machine_of, with_effects
-from workbench.diagnose.records import Diagnosis
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, get_value, kind_of, with_values
 from workbench.watch.change import Baseline

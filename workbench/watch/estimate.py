@@ -9,10 +9,9 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.identify.fit import STEP, fit
-from workbench.identify.models import BalanceModel
-from workbench.identify.parameters import Free, free_parameters
+from workbench.identify.model import BalanceModel, Free, free_parameters
 from workbench.machines import Axis, Hoist, kind_of
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ def estimate(machine: Hoist | Axis, run: Run, keys: Sequence[str] | None = None)
     InputError where the machine hardly moves in the run.
     """
     keys = watched_keys(machine) if keys is None else tuple(keys)
-    model = BalanceModel(Bench(machine, [run]))
+    model = BalanceModel(InverseSimulation(machine, [run]))
     free = free_parameters(machine, [run], keys)
     result = fit(model, free)
     sigma = max(result.noise_rms, result.residual_rms)
@@ -68,7 +67,7 @@ def shift(machine: Hoist | Axis, run: Run, other: Hoist | Axis, keys: Sequence[s
 
     Linear around the nominal values, the noise the sensor's. other: the machine with effects.
     """
-    model, changed = BalanceModel(Bench(machine, [run])), BalanceModel(Bench(other, [run]))
+    model, changed = BalanceModel(InverseSimulation(machine, [run])), BalanceModel(InverseSimulation(other, [run]))
     changed.rows = model.rows
     free = free_parameters(machine, [run], keys)
     zero, out = _around_nominal(model, free)

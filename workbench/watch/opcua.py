@@ -19,7 +19,6 @@ from pydantic import Field, model_validator
 from workbench.core.errors import InputError, nearest
 from workbench.core.record import Finite, Payload, Position, Record
 from workbench.core.yaml_strict import load, validate
-from workbench.logs.plausible import driven_signals
 from workbench.machines import TIME, Axis, Hoist, Kind, kind_of
 from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid, start_value, with_payload
 
@@ -100,7 +99,7 @@ def nodes_of(file: Path | None, machine: Hoist | Axis) -> Nodes:
             text = f"needs a node for {height_signal(kind)}, or start_position_m where all cycles begin"
             raise InputError(text, file=file, place="start_position_m")
         fixed["start_position_m"] = made.start_position_m
-    position, speed = driven_signals(kind)
+    position, speed = kind.plant.positions[0], kind.plant.speeds[0]
     nodes = dict(made.nodes) | ({TRIGGER: Node(node=made.trigger)} if made.trigger is not None else {})
     return Nodes(nodes, speed if speed in nodes else position, speed not in nodes, fixed)
 

@@ -25,7 +25,7 @@ from workbench.study.store import Finished, read_finished
 from workbench.view.style import label
 
 if TYPE_CHECKING:
-    from workbench.reports.study import Noted
+    from workbench.view.study import Noted
 
 KIND, OPEN = "batch", "batches open"
 UPLOAD = "upload a scenario"
@@ -160,7 +160,7 @@ def check_size(study: Study) -> None:
 
 def _results(job: Job) -> None:
     """Everything about a batch that is done. InputError where its result is damaged."""
-    from workbench.reports.study import conclusions, figures_of, what_was_run
+    from workbench.view.study import conclusions, figures_of, what_was_run
 
     folder = result_folder(job)
     if folder is None:
@@ -249,7 +249,7 @@ def _figures(job: Job, figures: Sequence[Noted]) -> None:
 
 
 def _runs(folder: Path, count: int) -> None:
-    from workbench.reports.study import run_tables
+    from workbench.view.study import run_tables
 
     index = read_table(folder / INDEX)
     for run_table in run_tables(rows_of(index)):

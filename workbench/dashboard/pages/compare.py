@@ -18,14 +18,12 @@ from workbench.core.run import Run
 from workbench.dashboard import session
 from workbench.dashboard.pages.study_desk import scenario_file
 from workbench.dashboard.widgets import SAME, chart, plain, text
-from workbench.figures.study import MOST_COLUMNS, overview
-from workbench.figures.study_axis import axis_overview
-from workbench.figures.study_plane import torque_speed_plane
 from workbench.machines import Axis, Hoist, Kind, kind_of, studied
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, motor_torque_limit_nm, peak_limit
 from workbench.study.scenario import Scenario
+from workbench.view.study_figures import MOST_COLUMNS, axis_overview, overview, torque_speed_plane
 from workbench.view.style import label
 
 MOST_SAID = 3  # values by which a machine is told from another of its name

@@ -12,20 +12,20 @@ import streamlit as st
 from workbench.analysis.family import Member, family, operating_points, weakest
 from workbench.analysis.linearise import Motion
 from workbench.analysis.tune import STEPS, Goal, Tuned, TuneProgress, Weights, tune
-from workbench.analysis.usual import usual_settings
+from workbench.analysis.usual import usual_heights, usual_settings
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
 from workbench.dashboard import session
 from workbench.dashboard.machines import controller, session_machine, set_controller, taken_over
 from workbench.dashboard.pages.study_desk import Desk, with_gains
 from workbench.dashboard.widgets import Number, beside, chart, guarded, numbers, plain, problem, table
-from workbench.figures.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.machines.files import machine_text
-from workbench.reports.loop import report
-from workbench.reports.loop import tuning as tuning_report
-from workbench.reports.loop.case import MOST, LoopCaseFile, usual_heights
-from workbench.reports.loop.case import numbers as numbers_in
+from workbench.study.loop_design import MOST, DesignCase
+from workbench.study.loop_design import numbers as numbers_in
+from workbench.view import loop as report
+from workbench.view import tune as tuning_report
+from workbench.view.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
 
 MOTIONS: dict[str, Motion] = {"hoisting": "hoisting", "lowering": "lowering", "at rest": "at_rest"}
 STEP = 1.04  # from one step of a gain's slider to the next
@@ -51,7 +51,7 @@ class Question:
 class TunedCase:
     """A tuning, with the case that it was asked for and the machine's text."""
 
-    case: LoopCaseFile
+    case: DesignCase
     tuned: Tuned
     machine: str
 
@@ -65,7 +65,7 @@ def show() -> None:
     if bad:  # after every control is drawn: each shows what the session keeps
         problem(bad[0])
         return
-    case = LoopCaseFile(asked.machine, settings, "on this page", asked.payloads_kg, asked.heights_m, None)
+    case = DesignCase(asked.machine, settings, "on this page", asked.payloads_kg, asked.heights_m, None)
     top = st.container()
     _tune(case, asked)
     with guarded():
@@ -223,7 +223,7 @@ def _slider(label: str, key: str, options: Sequence[float], least: float) -> flo
     return float(left.select_slider(label, sorted({*options, now}), key=key, format_func=form))
 
 
-def loops(case: LoopCaseFile, motion: Motion) -> list[Member]:
+def loops(case: DesignCase, motion: Motion) -> list[Member]:
     """Every payload at every height. InputError for a height off the rail."""
     said = machine_text(case.machine), case.settings.model_dump_json()
     return _loops(said, case.payloads_kg, case.heights_m, motion, case)
@@ -233,21 +233,21 @@ def loops(case: LoopCaseFile, motion: Motion) -> list[Member]:
 @st.cache_resource(max_entries=60, show_spinner=False)
 def _loops(
     said: tuple[str, str], payloads_kg: tuple[float, ...], heights_m: tuple[float, ...], motion: Motion,
-    _case: LoopCaseFile,
+    _case: DesignCase,
 ) -> list[Member]:  # fmt: skip
     points = operating_points(_case.machine, payloads_kg, heights_m, motion)
     return family(_case.machine, _case.settings, points)
 
 
-def _by_rule(case: LoopCaseFile) -> LoopCaseFile:
+def _by_rule(case: DesignCase) -> DesignCase:
     """The same loop under the gains that a rule of thumb gives: the baseline of the numbers."""
     rule = rule_settings(case.machine)
     gains = {name: getattr(rule, name) for name in (*rule.GAINS, *(["kv_per_s"] if isinstance(rule, Cascade) else []))}
     settings = case.settings.model_copy(update=gains)
-    return LoopCaseFile(case.machine, settings, "by rule", case.payloads_kg, case.heights_m, None)
+    return DesignCase(case.machine, settings, "by rule", case.payloads_kg, case.heights_m, None)
 
 
-def _numbers(case: LoopCaseFile, members: Sequence[Member], before: Sequence[Member]) -> None:
+def _numbers(case: DesignCase, members: Sequence[Member], before: Sequence[Member]) -> None:
     """The least of each margin over all loops, against that under the gains by rule."""
     now, then = weakest(members).margins, weakest(before).margins
     if not now.stable:
@@ -279,7 +279,7 @@ def _numbers(case: LoopCaseFile, members: Sequence[Member], before: Sequence[Mem
     st.caption(f"{over}{rule}.")
 
 
-def _tune(case: LoopCaseFile, asked: Question) -> None:
+def _tune(case: DesignCase, asked: Question) -> None:
     """Tunes for a goal, which sets the session's controller, and draws the page anew."""
     if asked.goal is None:
         return
@@ -303,7 +303,7 @@ def _tune(case: LoopCaseFile, asked: Question) -> None:
     st.rerun()
 
 
-def _tuned_before(case: LoopCaseFile) -> None:
+def _tuned_before(case: DesignCase) -> None:
     """What the last tuning found."""
     last = st.session_state.get(TUNED)
     if not isinstance(last, TunedCase):

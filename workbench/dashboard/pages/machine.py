@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import streamlit as st
 
+from workbench.analysis.usual import usual_controller
 from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.core.run import Run
@@ -26,7 +27,6 @@ from workbench.references import (
     plan_motion,
     planned_kinds,
 )
-from workbench.reports.loop.case import usual_controller
 from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
 from workbench.view.style import label
 

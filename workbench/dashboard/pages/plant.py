@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import streamlit as st
 
+from workbench.analysis.usual import usual_controller
 from workbench.core.errors import InputError
 from workbench.core.names import unit_of, words_of
 from workbench.core.run import Array
@@ -21,7 +22,6 @@ from workbench.figures.served import last_seconds, late_starts
 from workbench.machines import HOIST, Hoist
 from workbench.machines.files import machine_text
 from workbench.references import allowed_carriage_speed_m_s, planned_kinds
-from workbench.reports.loop.case import usual_controller
 from workbench.serve.serve import HIGHEST_RATE_HZ, LOWEST_RATE_HZ, PORTS, ProtocolName, Wish, chosen_ready
 from workbench.simulate.loop import torque_limits
 from workbench.view.style import label

@@ -34,26 +34,22 @@ from workbench.dashboard.pages.study_desk import (
 )
 from workbench.dashboard.pages.study_form import controls, desk_key, set_desk
 from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, problem, table, text
-from workbench.figures.pareto import pareto
 from workbench.figures.signals import Stretch, browser
-from workbench.figures.study import overview, peak_torque_over_payload
-from workbench.figures.study_axis import axis_overview
-from workbench.figures.study_page import save_study_page, start_of_move
-from workbench.figures.study_plane import torque_speed_plane
 from workbench.logs.signal_files import FORMS
 from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
 from workbench.machines.files import machine_text
 from workbench.metrics import Metric, View, columns, shown_in
 from workbench.references import BASELINE
-from workbench.study.decide import decision_table, verdict
-from workbench.study.findings import SIGN, alarm, sentences, utilisation
+from workbench.study.beside import damping_sentence, over_payload, over_ramps
+from workbench.study.conclude import SIGN, alarm, fronts, sentences, utilisation
+from workbench.study.decide import verdict
 from workbench.study.labels import swept_axes
 from workbench.study.load import Study, changed, plan_study
-from workbench.study.pareto import fronts
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, labelled_runs, motor_torque_limit_nm, peak_limit, run_study
 from workbench.study.scenario import Scenario
-from workbench.study.side import damping_sentence, over_payload, over_ramps
+from workbench.view.study import decision_table, save_study_page, start_of_move
+from workbench.view.study_figures import axis_overview, overview, pareto, peak_torque_over_payload, torque_speed_plane
 from workbench.view.style import label
 
 log = logging.getLogger(__name__)

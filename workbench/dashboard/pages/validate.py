@@ -17,20 +17,19 @@ from workbench.dashboard.jobs import INPUTS, Job, jobs_of, poll, result_folder, 
 from workbench.dashboard.machines import keep_machine, kept_machines
 from workbench.dashboard.widgets import Number, beside, chart, guarded, notes, numbers, plain, problem, table
 from workbench.dashboard.work import VIEW, read_view, shown
-from workbench.figures.identify import Estimate, correlation_matrix, estimates
 from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign
 from workbench.machines import studied
 from workbench.machines.files import machine_text
-from workbench.reports.identify import report as identify_report
-from workbench.reports.identify.page import friction
-from workbench.reports.replay import report
-from workbench.reports.replay.page import RESIDUAL_NOTE, inputs, residuals, speeds
 from workbench.simulate.multibody_loop import check_multibody
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.study.labels import field_label
+from workbench.view import identify as identify_report
+from workbench.view import replay as report
+from workbench.view.identify import Shift, correlation_matrix, estimates, friction
 from workbench.view.numbers import with_error
 from workbench.view.page import Section
+from workbench.view.replay import RESIDUAL_NOTE, inputs, residuals, speeds
 from workbench.view.words import words_of
 
 if TYPE_CHECKING:
@@ -169,7 +168,7 @@ def _estimates(identified: Identification) -> Figure:
         else:
             continue
         name, said = in_words(free.key, value, error)
-        drawn.append(Estimate(name, shift / unit, spread / unit, said))
+        drawn.append(Shift(name, shift / unit, spread / unit, said))
     return estimates(drawn, "tolerances" if held else "% of nominal", 1.0 if held else None)
 
 

@@ -43,7 +43,7 @@ from workbench.machines import kind_of
 STEP = 2.0  # of both sizes, from one tried to the next
 BOUNDS = ((0.5, 1024.0), (1.0, 16.0))
 MOST = 500.0  # independent samples that a parameter pays for
-PLAY = "backlash"  # the effect whose impacts are found in the logs (`simulate/blows.py`)
+PLAY = "backlash"  # the effect whose impacts are found in the logs (`simulate/impacts.py`)
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def only_mends(problem: Problem, effect: str) -> bool:
     takes what any other law leaves there.
     """
     if effect == PLAY:
-        return kind_of(problem.machine).bridged_blows and not problem.struck
+        return kind_of(problem.machine).bridged_impacts and not problem.struck
     return problem.struck and _is_lag(problem, effect)
 
 

@@ -238,14 +238,14 @@ def base_parameters(machine: Any, runs: Sequence[Run]) -> dict[str, Scalar]:
 
 
 def nuisance_parameters(machine: Any, runs: Sequence[Run]) -> dict[str, FreeParameter]:
-    """Name -> parameter of the small amounts of effects that every machine of the kind has (`Kind.traces`).
+    """Name -> parameter of the small amounts of effects that every machine of the kind has (`Kind.nuisances`).
 
     An effect counts as a cause only beyond that amount. A hypothesis with the effect replaces its nuisance.
     """
     kind = kind_of(machine)
     sizes = kind.sizes(machine, runs)
     free: dict[str, FreeParameter] = {}
-    for trace in kind.traces:
+    for trace in kind.nuisances:
         std = trace.std(machine, sizes)
         if not trace.fitted or std <= 0.0:
             continue
@@ -269,7 +269,7 @@ def nuisance_std(machine: Any, runs: Sequence[Run], name: str) -> dict[str, floa
     """Symbol -> standard deviation of the nuisance amount of an effect that is not fitted. Empty for other effects."""
     kind = kind_of(machine)
     sizes = kind.sizes(machine, runs)
-    std = next((t.std(machine, sizes) for t in kind.traces if t.effect == name and not t.fitted), 0.0)
+    std = next((t.std(machine, sizes) for t in kind.nuisances if t.effect == name and not t.fitted), 0.0)
     if std <= 0.0:
         return {}
     amount = next(r for r in ranges_of(find(name, kind.name), machine, runs) if r.vanishes_at is not None)

@@ -24,7 +24,7 @@ from scipy.linalg.lapack import dtbtrs
 
 from workbench.core.run import Array
 from workbench.machines import kind_of
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 
 SPREAD = 0.7  # standard deviation of the logarithm of a campaign's own size over the default
@@ -114,10 +114,10 @@ def _gains_of(white: Array, size: Array, carry: Array) -> _Gains:
     return _Gains(diagonals, into, d, 1.0 / np.sqrt(innovation), float(np.sum(np.log(innovation))))
 
 
-def model_error_of(bench: Bench, rows: list[np.ndarray]) -> tuple[Array, Array]:
+def model_error_of(bench: InverseSimulation, rows: list[np.ndarray]) -> tuple[Array, Array]:
     """(all rows,) each, of the input, in its unit: at any speed, and near standstill."""
     kind = kind_of(bench.machine)
-    share = kind.discrepancy
+    share = kind.model_error
     friction = friction_level(bench)
     largest = max(float(np.max(np.abs(u))) for u in bench.measured)
     moving, standstill = [], []
@@ -131,25 +131,30 @@ def model_error_of(bench: Bench, rows: list[np.ndarray]) -> tuple[Array, Array]:
     return np.concatenate(moving), np.concatenate(standstill)
 
 
-def friction_level(bench: Bench) -> float:
+def friction_level(bench: InverseSimulation) -> float:
     """Coulomb friction at the driven coordinate, both ways on average, in the input's unit."""
     kind = kind_of(bench.machine)
     levels = [float(getattr(bench.base[0], symbol)) for symbol in kind.friction.levels]
-    level = float(np.mean(levels)) * kind.lever_of(bench.machine)
+    level = float(np.mean(levels)) * kind.transmission_of(bench.machine)
     return max(level, LEAST_LEVEL * max(float(np.max(np.abs(u))) for u in bench.measured))
 
 
-def carries(bench: Bench, rows: list[np.ndarray]) -> Array:
+def carries(bench: InverseSimulation, rows: list[np.ndarray]) -> Array:
     """(all rows,): the correlation of each row's model error with that of the row before it in its run."""
     parts = []
     for run, at in zip(bench.runs, rows, strict=True):
         apart = np.diff(run.time_s[at], prepend=-math.inf)
-        parts.append(np.exp(-apart / kind_of(bench.machine).discrepancy.time_s) if len(at) else apart)
+        parts.append(np.exp(-apart / kind_of(bench.machine).model_error.time_s) if len(at) else apart)
     return np.concatenate(parts)
 
 
 def error_model(
-    bench: Bench, rows: list[np.ndarray], row_noise: Array, share: float, noise: float, tension: float | None
+    bench: InverseSimulation,
+    rows: list[np.ndarray],
+    row_noise: Array,
+    share: float,
+    noise: float,
+    tension: float | None,
 ) -> ErrorModel:
     """row_noise: (rows of the input,), rms in the band. share: how many independent values one row stands for.
 

@@ -24,8 +24,8 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.model_error import ErrorModel, Sizes, error_model
 from workbench.effects import Effect, find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.machines import kind_of
-from workbench.simulate.blows import beside, blows_of
-from workbench.simulate.driven import Bench
+from workbench.simulate.driven import InverseSimulation
+from workbench.simulate.impacts import beside, impacts_of
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
 
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the model error, which hangs together
@@ -33,7 +33,7 @@ SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
 STEP = 1e-3  # of z, for derivatives
 LATE_STEP = 0.5  # of a sample, for derivatives by a delay: friction jumps between two samples, not on the way
-BLOW_GUARD_S = 0.04  # around a blow of a play, not looked at: how well its time can be foretold
+IMPACT_GUARD_S = 0.04  # around an impact of a play, not looked at: how well its time can be foretold
 LATE_OF_BAND = 0.05  # of its period, at least: over less, the jumps of friction outweigh what the band shows
 
 TENSION = "tension_dead_line_n"
@@ -63,15 +63,17 @@ class Problem:
         kind = kind_of(machine)
         self.machine, self.runs = machine, tuple(runs)
         self.active = searchable(machine, runs)
-        blows = blows_of(machine, runs)
-        self.bench = Bench(machine, runs, band_hz, active=self.active, parts=parts(machine, runs), blows=blows)
+        impacts = impacts_of(machine, runs)
+        self.bench = InverseSimulation(
+            machine, runs, band_hz, active=self.active, parts=parts(machine, runs), impacts=impacts
+        )
         self._idle = idle_sensors(machine, runs)
         self._smooth: dict[int, LowpassAt] = {}
         self.band_hz = self.bench.band_hz
         self.rows: list[np.ndarray] = []
         spacing = []
-        for run, at_speed, blows_s in zip(self.bench.runs, self.bench.moving, self.bench.blows, strict=True):
-            moving = at_speed & ~beside(run.time_s, blows_s, BLOW_GUARD_S)
+        for run, at_speed, impacts_s in zip(self.bench.runs, self.bench.moving, self.bench.impacts, strict=True):
+            moving = at_speed & ~beside(run.time_s, impacts_s, IMPACT_GUARD_S)
             stride = max(1, int(1.0 / (SAMPLES_PER_PERIOD * self.band_hz * run.sample_time_s)))
             stride = max(stride, int(np.count_nonzero(moving)) // MOST_ROWS)
             self.rows.append(np.flatnonzero(moving)[::stride])
@@ -140,7 +142,7 @@ class Problem:
     @property
     def struck(self) -> bool:
         """Whether impacts of a play come again in the runs, and no lag of a sensor has made them."""
-        return not self.lagging and any(len(blows) for blows in self.bench.blows)
+        return not self.lagging and any(len(impacts) for impacts in self.bench.impacts)
 
     def without_impacts(self) -> Problem:
         """The same campaign, where a lag of a sensor explains what looked like impacts: kinks of a late signal."""

@@ -79,7 +79,7 @@ def signatures_of(
 ) -> list[Signature]:
     """Every effect's signatures around the setting `base`. shapes_of: an effect's shapes, None to try all.
 
-    Where blows come again, an amount that has `tries` starts from each of them: a play shows at its own share only.
+    Where impacts come again, an amount that has `tries` starts from each of them: a play shows at its own share only.
     """
     planned: list[tuple[Effect, dict[str, float], tuple[Ranged, ...], Ranged | None, list[dict[str, float]]]] = []
     for effect in effects:

@@ -15,13 +15,25 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection, columns_signed, linear_gain, start_of
 from workbench.diagnose.isolation.lines import Line, on_campaign, on_menu
 from workbench.diagnose.isolation.planned import Planned, menu
-from workbench.diagnose.isolation.records import NextRun
 from workbench.machines import kind_of
 
 LEAST = 0.35  # of the noise, rms: no model is more exact than that
 APART = 3.0  # standard deviations: then a run decides
 WORTH = 1.0  # more than now: less is not worth a run
 RIVALS = 3  # that the leading hypothesis is held against
+
+
+@dataclass(frozen=True)
+class NextRun:
+    """The run that would decide between the open hypotheses. separation: distance of their predictions with this
+    run, in standard deviations; now: the same without it."""
+
+    why: str
+    payload_kg: float
+    profile: str
+    signals: tuple[str, ...]
+    separation: float
+    now: float
 
 
 @dataclass(frozen=True)

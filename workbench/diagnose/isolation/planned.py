@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.location.variables import place
+from workbench.diagnose.location.profiles import place
 from workbench.machines import kind_of
 from workbench.references import Limits, Step, plan_motion
 from workbench.simulate.lowpass import lowpass
@@ -63,7 +63,7 @@ def menu(problem: Problem) -> list[Planned]:
 
 def seen_in(problem: Problem) -> Seen:
     """Largest speed and acceleration in the band, and the range of heights, of all runs."""
-    bench, lift = problem.bench, kind_of(problem.machine).lever_of(problem.machine)
+    bench, lift = problem.bench, kind_of(problem.machine).transmission_of(problem.machine)
     places = [place(bench, j) for j in range(len(bench.runs))]
     smooth = [
         [lowpass(run.time_s, values, bench.band_hz)[inside] for values in (motion.speed, motion.acceleration)]
@@ -115,7 +115,7 @@ def _run(problem: Problem, seen: Seen, speed: float, steps: Sequence[Step], payl
     last = max(problem.runs, key=lambda run: run.start_time_s)
     after = last.start_time_s + last.duration_s + BETWEEN_S
     signals: dict[str, Array] = {plant.input: np.zeros(n)}
-    signals[plant.speeds[0]] = profile.speed_m_s / kind.lever_of(machine)
+    signals[plant.speeds[0]] = profile.speed_m_s / kind.transmission_of(machine)
     if kind.moved.placed_by_log:
         signals[plant.positions[0]] = profile.position_m
     if kind.dead_line is not None:

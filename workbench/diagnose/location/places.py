@@ -1,25 +1,369 @@
-"""Where an unknown cause lies: each part of the machine with its probability.
-
-The unknown force may enter at any port. The probability of a port follows from the marginal likelihood of the
-unexplained residual and from its prior weight, which matters only between ports that the runs cannot tell apart.
-"""
+"""Where an unknown cause lies: each part of the machine with its probability."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import log_ndtr, logsumexp
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.location.events import Pulse, event_ports, pulses_of
-from workbench.diagnose.location.evidence import Evidence, Weigher
-from workbench.diagnose.location.ports import Port, Ports
-from workbench.diagnose.location.records import PlaceProbability
-from workbench.diagnose.location.survey import Survey, survey_of
+from workbench.diagnose.location.ports import SENSOR, Port, Ports
+from workbench.diagnose.location.survey import Course, Survey, at_rows, since_reversal, survey_of
+
+
+@dataclass(frozen=True)
+class PlaceProbability:
+    """How likely the cause lies in a part of the machine, 0 to 1."""
+
+    subsystem: str
+    probability: float
+
+
+@dataclass(frozen=True)
+class Event:
+    """A brief stretch of one run, s on its own clock, that a force of one part of the machine accounts for.
+
+    energy: its share of the gap's. largest: the force's largest value, as input, N m (N)."""
+
+    run: str
+    from_s: float
+    to_s: float
+    subsystem: str
+    energy: float
+    largest: float
+
+
+SIZES = 8  # of s
+SMALLEST = 0.3  # s, of the noise
+LARGEST = 2.0  # s, of the residual at the nominal machine
+DISCREPANCIES = tuple(2.0**k for k in range(11))  # g
+FEWER = 30.0  # of the logarithm: where a step of g is worse by so much, no further one that way is tried
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """log: of the marginal likelihood. size, discrepancy: s, N m (N), and g where it is largest."""
+
+    log: float
+    size: float
+    discrepancy: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Whitened:
+    """At one size g of the discrepancy: data and base whitened, and the likelihood of the base alone."""
+
+    size: float
+    y: Array
+    base: Array
+    factor: tuple[Array, bool]
+    z: Array
+    alone: float
+
+
+def _with(errors: ErrorModel, size: float) -> ErrorModel:
+    """Near standstill the discrepancy is as large beside the rest as the search has left it."""
+    return errors.sized((size, errors.sizes[1]))
+
+
+class Weigher:
+    """Marginal likelihoods on one survey."""
+
+    def __init__(self, survey: Survey) -> None:
+        self.survey = survey
+        gap, nominal = survey.gap_rms, float(np.sqrt(np.mean(survey.residual[: survey.inputs] ** 2)))
+        self.sizes = np.geomspace(SMALLEST * survey.noise, max(LARGEST * max(nominal, gap), survey.noise), SIZES)
+        self.whitened: list[_Whitened] = []
+        for g in DISCREPANCIES:
+            self.whitened.append(self._at(g))
+            # A port takes something away: it never needs more discrepancy than nothing does.
+            if self.whitened[-1].alone < max(w.alone for w in self.whitened) - FEWER:
+                break
+
+    def _at(self, g: float) -> _Whitened:
+        s = self.survey
+        errors = _with(s.errors, g)
+        white = errors.whiten(np.column_stack([s.base, s.residual]))
+        base, y = white[:, :-1], white[:, -1]
+        pull = base.T @ y
+        factor = cho_factor(np.eye(len(pull)) + base.T @ base)
+        z = cho_solve(factor, pull)
+        log = -0.5 * (float(y @ y) - float(pull @ z)) - float(np.sum(np.log(np.diag(factor[0]))))
+        log -= 0.5 * errors.log_det() + 0.5 * (math.log(g) / SPREAD) ** 2
+        return _Whitened(g, y, base, factor, z, log)
+
+    def nothing(self) -> float:
+        """The logarithm of the marginal likelihood of the base parameters alone."""
+        return float(logsumexp([w.alone for w in self.whitened]) - math.log(len(self.whitened)))
+
+    def evidence(self, columns: Array, positive: bool = False) -> Evidence:
+        """columns: (samples, k) of a port. positive: whether the amounts cannot be negative, all in all."""
+        return self.evidences([columns], [positive])[0]
+
+    def evidences(self, columns: Sequence[Array], positive: Sequence[bool]) -> list[Evidence]:
+        """As `evidence`, for several ports, which are whitened together.
+
+        From the largest discrepancy down: what a port explains shows as less discrepancy, step by step, so that one
+        for which a step is for the worse is followed no further."""
+        tables = np.full((len(columns), len(self.whitened), SIZES), -np.inf)
+        active = list(range(len(columns)))
+        for i in reversed(range(len(self.whitened))):
+            w = self.whitened[i]
+            ends = np.cumsum([columns[k].shape[1] for k in active])[:-1]
+            together = np.hstack([columns[k] for k in active])
+            parts = np.split(_with(self.survey.errors, w.size).whiten(together), ends, axis=1)
+            for k, phi in zip(active, parts, strict=True):
+                tables[k, i] = w.alone + self._gain(w, phi, positive[k])
+            active = [k for k in active if np.max(tables[k, i]) > np.max(tables[k]) - FEWER]
+            if not active:
+                break
+        return [self._summed(table) for table in tables]
+
+    def _gain(self, w: _Whitened, phi: Array, positive: bool) -> Array:
+        """(SIZES,) what whitened columns add to the logarithm of the likelihood."""
+        cross = phi.T @ w.base
+        inner = phi.T @ phi - cross @ cho_solve(w.factor, cross.T)
+        q = phi.T @ w.y - cross @ w.z
+        value, vector = np.linalg.eigh(inner)
+        value, along = np.maximum(value, 0.0), vector.T @ q
+        s2 = self.sizes[:, None] ** 2
+        gain = np.sum(0.5 * s2 * along**2 / (1.0 + s2 * value) - 0.5 * np.log1p(s2 * value), axis=1)
+        if positive:
+            c, share = np.sum(vector, axis=0), 1.0 / (1.0 + s2 * value)
+            mean, spread = self.sizes * np.sum(share * c * along, axis=1), np.sqrt(np.sum(share * c**2, axis=1))
+            gain += math.log(2.0) + log_ndtr(mean / spread)
+        return np.asarray(gain, dtype=float)
+
+    def _summed(self, table: Array) -> Evidence:
+        i, j = (int(k) for k in np.unravel_index(int(np.argmax(table)), table.shape))
+        log = float(logsumexp(table) - math.log(table.size))
+        return Evidence(log, float(self.sizes[j]), self.whitened[i].size)
+
+    def part(self, columns: Array, at: Evidence) -> Array:
+        """(samples,) the posterior mean of the port's contribution."""
+        w = next(w for w in self.whitened if w.size == at.discrepancy)
+        phi = at.size * _with(self.survey.errors, at.discrepancy).whiten(columns)
+        a = np.hstack([w.base, phi])
+        amounts = np.linalg.solve(a.T @ a + np.eye(a.shape[1]), a.T @ w.y)[w.base.shape[1] :]
+        return np.asarray(at.size * (columns @ amounts), dtype=float)
+
+
+NEIGHBOURS = 5  # nearest states
+RECURS = 0.4  # of a stretch's energy
+FINE = 0.03  # of the range of places: as near they are one
+NEAREST = 1e-4  # of that range: a reversal's own place
+
+
+def states_of(survey: Survey) -> list[Array]:
+    """Sets of state variables, (inputs, k) each and scaled to the order of one, with which a force may come back.
+    Speed with acceleration; the way since the last reversal; the place: each with the direction."""
+    parts: list[list[Array]] = [[], [], []]
+    fastest = max(float(np.max(np.abs(c.speed))) for c in survey.runs)
+    hardest = max(float(np.max(np.abs(c.acceleration))) for c in survey.runs)
+    span = max(float(np.max(c.position)) for c in survey.runs) - min(float(np.min(c.position)) for c in survey.runs)
+    for c in survey.runs:
+        speed, hard, gone, place = (
+            np.interp(c.at, c.time, x) for x in (c.speed, c.acceleration, since_reversal(c), c.position)
+        )
+        ahead = np.sign(speed)
+        parts[0].append(np.stack([ahead, speed / fastest, hard / max(hardest, 1e-300)], axis=1))
+        parts[1].append(np.stack([ahead, np.log(gone / span + NEAREST), speed / fastest], axis=1))
+        parts[2].append(np.stack([ahead, place / max(span, 1e-300) / FINE], axis=1))
+    return [np.concatenate(values) for values in parts]
+
+
+def comes_back(left: Array, mine: np.ndarray, states: list[Array]) -> bool:
+    """Whether the residual in a stretch, `mine`, comes back in the same state of the machine: the mean over the nearest
+    states outside removes RECURS of its energy."""
+    inside, outside = np.flatnonzero(mine), np.flatnonzero(~mine)
+    if not len(inside) or len(outside) <= NEIGHBOURS:
+        return False
+    energy = float(left[inside] @ left[inside])
+    for state in states:
+        away = np.sum((state[inside][:, None] - state[outside]) ** 2, axis=2)
+        nearest = np.argpartition(away, NEIGHBOURS, axis=1)[:, :NEIGHBOURS]
+        rest = left[inside] - np.mean(left[outside][nearest], axis=1)
+        if float(rest @ rest) < (1.0 - RECURS) * energy:
+            return True
+    return False
+
+
+SHORTEST_S, LONGEST_S, WIDTHS = 0.3, 5.0, 7  # of a pulse, from beginning to end
+MOST, TRIED = 4, 16  # pulses
+STEP = 0.125  # of a pulse's width: from one tried to the next
+HUBER = 1.5  # of the robust scale
+ROUNDS = 12  # of the robust fit
+HATS = 5  # in a pulse's window: its shape is free
+BESIDE = 0.25  # of its width, on either side
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """A stretch of one run, s on its own clock."""
+
+    run: int
+    from_s: float
+    to_s: float
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """evidence: of the pulses, at no particular place. choices: the cost of choosing run, moment and width of each."""
+
+    pulses: tuple[Pulse, ...]
+    evidence: Evidence
+    choices: float
+
+
+def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
+    """The pulses that explain most, as many as gain more than the cost of their choice; None without any.
+
+    A part of the residual that comes back in the same state of the machine is no event."""
+    left = robust_left(survey)
+    times = [c.at for c in survey.runs]
+    begins = np.cumsum([0, *map(len, times)])
+    widths = widths_of(survey)
+    choices = math.log(sum(max(float(len(t)), 1.0) for t in times) * len(widths))
+    states, open_to = states_of(survey), np.array(left)
+    pulses: list[Pulse] = []
+    best: Pulses | None = None
+    for _ in range(TRIED):
+        pulse = _strongest(survey, open_to, times, begins, widths)
+        if pulse is None or len(pulses) >= MOST:
+            break
+        mine = np.zeros(len(left), dtype=bool)
+        j = pulse.run
+        mine[begins[j] : begins[j + 1]] = (times[j] >= pulse.from_s) & (times[j] <= pulse.to_s)
+        open_to[mine] = 0.0
+        if comes_back(left, mine, states):
+            continue
+        pulses = _joined([*pulses, pulse])
+        evidence = weigher.evidence(torque_columns(survey, pulses))
+        price = choices * len(pulses)
+        if best is not None and evidence.log - price <= best.evidence.log - best.choices:
+            break
+        best = Pulses(tuple(pulses), evidence, price)
+    return best
+
+
+def widths_of(survey: Survey) -> Array:
+    shortest = max(SHORTEST_S if survey.hoist else 0.05, 0.7 / survey.band_hz)
+    longest = min(LONGEST_S, 0.2 * min(float(np.ptp(c.time)) for c in survey.runs))
+    return np.geomspace(shortest, max(longest, 2.0 * shortest), WIDTHS)
+
+
+def robust_left(survey: Survey) -> Array:
+    """(inputs,) the residual with the base parameters fitted so that single stretches do not bend them. P. J. Huber,
+    Robust Statistics, 1981, 7.3: weights fall with the residual beyond HUBER scales."""
+    y, base = survey.residual[: survey.inputs], survey.base[: survey.inputs]
+    spread = survey.errors.white[: survey.inputs] / survey.noise  # of a row as if it stood for one independent value
+    weights, left = np.ones(len(y)), y
+    hold = np.eye(base.shape[1])
+    for _ in range(ROUNDS):
+        scale = max(1.4826 * float(np.median(np.abs(left))), survey.noise)
+        weights = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left), 1e-300))
+        a = base / (spread * scale)[:, None]
+        gram = a.T @ (a * weights[:, None]) + hold
+        z = np.linalg.solve(gram, a.T @ (weights * y / (spread * scale)))
+        left = y - base @ z
+    return np.asarray(left, dtype=float)
+
+
+def _strongest(survey: Survey, left: Array, times: list[Array], begins: Array, widths: Array) -> Pulse | None:
+    """The smooth pulse, of a force or of the speed that is shown, that takes most of the squares."""
+    best, most = None, 0.0
+    for j, t in enumerate(times):
+        mine = left[begins[j] : begins[j + 1]]
+        if len(t) < 4:
+            continue
+        rate = np.interp(t, survey.runs[j].time, survey.runs[j].turn_rate)
+        for width in widths:
+            middle = np.arange(t[0], t[-1], STEP * width)
+            away = (t[:, None] - middle) / width
+            bump = np.where(np.abs(away) < 0.5, np.cos(math.pi * away) ** 2, 0.0)
+            for shape in (bump, np.gradient(bump * rate[:, None], t, axis=0)):
+                gain = (shape.T @ mine) ** 2 / np.maximum(np.sum(shape**2, axis=0), 1e-12)
+                k = int(np.argmax(gain))
+                if gain[k] > most:
+                    most, half = float(gain[k]), (0.5 + BESIDE) * width
+                    best = Pulse(j, float(middle[k] - half), float(middle[k] + half))
+    return best
+
+
+def _joined(pulses: list[Pulse]) -> list[Pulse]:
+    """The pulses with overlapping ones merged."""
+    joined: list[Pulse] = []
+    for pulse in sorted(pulses, key=lambda p: (p.run, p.from_s)):
+        if joined and joined[-1].run == pulse.run and pulse.from_s <= joined[-1].to_s:
+            joined[-1] = Pulse(pulse.run, joined[-1].from_s, max(joined[-1].to_s, pulse.to_s))
+        else:
+            joined.append(pulse)
+    return joined
+
+
+def _hats(survey: Survey, pulses: list[Pulse] | tuple[Pulse, ...]) -> list[Array]:
+    """Of each run (n, k): hats in each window, zero at its ends."""
+    out = []
+    for j, c in enumerate(survey.runs):
+        parts = []
+        for pulse in pulses:
+            knots = np.linspace(pulse.from_s, pulse.to_s, HATS + 2)
+            x = (c.time[:, None] - knots[1:-1]) / (knots[1] - knots[0])
+            parts.append(np.maximum(1.0 - np.abs(x), 0.0) * float(pulse.run == j))
+        out.append(np.hstack(parts))
+    return out
+
+
+def torque_columns(survey: Survey, pulses: list[Pulse] | tuple[Pulse, ...]) -> Array:
+    return _scaled(survey, at_rows(survey, _hats(survey, pulses)), 0.0)
+
+
+def _scaled(survey: Survey, rows: Array, pull: float, sensed: bool = False) -> Array:
+    return survey.shown(rows / math.sqrt(max(float(np.mean(np.sum(rows**2, axis=1))), 1e-300)), pull, sensed)
+
+
+def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:
+    """A force of free shape within the pulses, at each part: friction turns over with the way, and only brakes."""
+    shapes = _hats(survey, pulses.pulses)
+
+    def rows(of: str) -> Array:
+        return at_rows(survey, [x * _carrier(c, of)[:, None] for c, x in zip(survey.runs, shapes, strict=True)])
+
+    def port(subsystem: str, of: str, pull: float, weight: float, positive: bool = False) -> Port:
+        columns = _scaled(survey, rows(of), pull, subsystem == SENSOR)
+        return Port(subsystem, "event", "its moment", columns, weight, positive)
+
+    slipped = [np.gradient(x * c.turn_rate[:, None], c.time, axis=0) for c, x in zip(survey.runs, shapes, strict=True)]
+    slip = Port("speed_sensor", "event", "its moment", _scaled(survey, at_rows(survey, slipped), 0.0), 1.0)
+    if not survey.hoist:
+        yield port("axis", "free", 0.0, 0.5)
+        yield port("axis", "way", 0.0, 0.5, True)
+        yield port(SENSOR, "free", 0.0, 1.0)
+        yield slip
+        return
+    yield port("guide", "way", 1.0, 1.0, True)
+    yield port("brake", "way", 0.0, 0.6, True)
+    yield port("sheave", "way", -1.0, 0.3, True)
+    yield port("motor", "free", 0.0, 0.6)
+    yield port("drum", "free", 0.0, 0.4)
+    yield port(SENSOR, "free", 0.0, 0.6)
+    yield port("payload", "free", 1.0, 0.7)
+    yield port("platform", "mass", 1.0, 0.7)
+    yield slip
+
+
+def _carrier(c: Course, of: str) -> Array:
+    if of == "way":
+        return c.way
+    return np.full(len(c.time), c.mass) if of == "mass" else np.ones(len(c.time))
+
 
 SHOWN = 0.005  # probability
 TOGETHER = 1000  # columns that are whitened at once

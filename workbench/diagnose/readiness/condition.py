@@ -3,21 +3,86 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.readiness.checks import check_runs
-from workbench.diagnose.readiness.cross_checks import FAR, reference_of, reference_slope
-from workbench.diagnose.readiness.lateness import lateness
-from workbench.diagnose.readiness.records import Condition, RunCondition
-from workbench.diagnose.readiness.same_machine import listed
+from workbench.diagnose.readiness.checks import FAR, listed, reference_of, reference_slope
 from workbench.logs import Campaign
-from workbench.logs.channels import clipped, is_constant
+from workbench.logs.raw_run import is_constant
+from workbench.logs.samples import clipped
 from workbench.machines import kind_of
 
-__all__ = ["check_runs", "condition"]
+
+@dataclass(frozen=True)
+class RunCondition:
+    """The condition of one run's log. noise_rms: of the input in the band, N m (N). moving_share: share of the
+    samples in motion. delay_s: logged speed behind its reference, None without one."""
+
+    name: str
+    samples: int
+    sample_time_s: float
+    noise_rms: float
+    moving_share: float
+    clipped_share: float
+    outliers: int
+    delay_s: float | None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Condition:
+    """The condition of all logs. sentences: repairs, omissions and warnings."""
+
+    runs: tuple[RunCondition, ...]
+    band_hz: float
+    noise_rms: float
+    sentences: tuple[str, ...]
+
+
+LONGEST_S = 2.0  # a signal that is later than that follows something else
+REFINEMENTS = 20
+LARGEST_CHANGE_S = 0.02  # of one refinement: noise may put the correlation's peak some samples off
+
+
+def lateness(time_s: Array, reference: Array, signal: Array) -> float | None:
+    """The delay in s of `signal`, (n,), behind `reference`, (n,); None if neither moves.
+
+    Cross-correlation finds it to a sample; then the shift d is refined that leaves the least of
+    signal − gain·reference(t − d) − offset, by Gauss-Newton. Negative where the signal leads.
+    """
+    step = float(np.median(np.diff(time_s)))
+    even = np.arange(time_s[0], time_s[-1] + 0.5 * step, step)
+    r, s = (np.interp(even, time_s, values) for values in (reference, signal))
+    r, s = r - r.mean(), s - s.mean()
+    if not (r.any() and s.any()):
+        return None
+    n = len(even)
+    most = min(int(LONGEST_S / step), n // 4)
+    if most < 2:
+        return None
+    size = 1 << (2 * n - 1).bit_length()
+    product = np.fft.irfft(np.fft.rfft(s, size) * np.conj(np.fft.rfft(r, size)), size)
+    lags = np.arange(-most, most + 1)
+    shift = float(lags[int(np.argmax(product[lags]))]) * step
+    # Away from the ends every shifted sample has its reference.
+    rows = slice(most, n - most)
+    for _ in range(REFINEMENTS):
+        at = even[rows] - shift
+        moved = np.interp(at, even, r)
+        slope = np.interp(at, even, np.gradient(r, step))
+        x = np.stack([moved, np.ones_like(moved), -slope], axis=1)
+        coefficients, *_ = np.linalg.lstsq(x, s[rows], rcond=1e-10)
+        if abs(coefficients[0]) < 1e-9:
+            return None
+        change = float(coefficients[2] / coefficients[0])
+        shift += float(np.clip(change, -LARGEST_CHANGE_S, LARGEST_CHANGE_S))
+        if abs(change) < 1e-3 * step:
+            break
+    return shift if abs(shift) < LONGEST_S else None
+
 
 SPIKE = 10.0  # of the channel's noise: a single sample that far off both its neighbours
 CLIPPED = 0.002  # share of the samples worth a sentence

@@ -125,4 +125,4 @@ def gain_of(problem: Problem, setting: Setting) -> float:
 def lever_of(machine: Hoist | Axis, acts_on: str) -> float:
     """Input that a force (torque) at a place takes on a stiff machine: m/rad, or 1."""
     kind = kind_of(machine)
-    return kind.lever_of(machine) if kind.ports[acts_on].levered else 1.0
+    return kind.transmission_of(machine) if kind.ports[acts_on].on_moved else 1.0

@@ -59,7 +59,7 @@ class Remainder(Left):
 
 @dataclass(frozen=True)
 class Candidate:
-    """One hypothesis with its evidence. gain: the fall of chi^2 and tolerances together.
+    """One hypothesis. gain: the fall of chi^2 and tolerances together; merit: its evidence, as diagnosis.json calls it.
 
     residual_rms, held_out_rms: N m (N); held_out_rms is None for what was not fitted. explained: share of the gap's
     energy. against: the reasons against it. failure: why its fit broke down, "" for one that did not.
@@ -67,7 +67,7 @@ class Candidate:
 
     effects: Names
     gain: float
-    evidence: float
+    merit: float
     residual_rms: float | None
     held_out_rms: float | None
     explained: float | None
@@ -79,21 +79,21 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One row of the ranking. non_identifiable: what differs from it in name only; the probability is of all."""
+    """One row of the ranking. twins: what differs from it in name only; the probability is of all."""
 
     verdict: VerdictWord
     effects: Names
     probability: float
-    non_identifiable: tuple[Names, ...] = ()
+    twins: tuple[Names, ...] = ()
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step to an answer, with one effect more. evidence: of these effects; left_rms: the rms of their
+    """One step to an answer, with one effect more. merit: of these effects; left_rms: the rms of their
     residual, in the input's unit."""
 
     effects: Names
-    evidence: float
+    merit: float
     left_rms: float
 
 
@@ -119,9 +119,9 @@ class Verdict:
         return self.ranking[0].probability
 
     @property
-    def non_identifiable(self) -> tuple[Names, ...]:
+    def twins(self) -> tuple[Names, ...]:
         """What differs from the answer in name only."""
-        return self.ranking[0].non_identifiable
+        return self.ranking[0].twins
 
 
 def rank(

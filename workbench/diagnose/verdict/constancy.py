@@ -19,8 +19,7 @@ from workbench.diagnose.hypotheses.evidence import PLAY
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.settings import CHANCE, FORETOLD, RESTS, VARIES
-from workbench.diagnose.location.profiles import OnTop, basis, hats
-from workbench.diagnose.location.variables import spacing, variables
+from workbench.diagnose.location.profiles import OnTop, basis, hats, spacing, variables
 from workbench.diagnose.location.where import free_of
 
 LEAST = 1e-3  # of what is left: where the tolerances alone tell of a cause, it takes nothing off the residual

@@ -77,7 +77,7 @@ class Judged:
     @property
     def of_answer(self) -> tuple[Names, ...]:
         """What differs from the answer in name only."""
-        return self.ranking[0].non_identifiable
+        return self.ranking[0].twins
 
 
 def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:

@@ -13,7 +13,7 @@ CONTACT = 2.0 * math.pi * 100.0  # rad/s, of the teeth on their flank: beyond wh
 LEAST_SHARE = 0.1  # a smaller share of the inertia carries a smaller part of the load
 SETTLES_S = 0.02  # at a run's start the load lies on the flank that it presses against
 FORETOLD = 0.3  # of a play and its share, and of 1: its teeth meet some milliseconds off what two rigid parts foretell
-PLAYS = tuple(0.0005 * 1.3**k for k in range(16))  # the blow of a play a third larger comes a pulse's width later
+PLAYS = tuple(0.0005 * 1.3**k for k in range(16))  # the impact of a play a third larger comes a pulse's width later
 
 
 @effect(
@@ -136,7 +136,7 @@ def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
     equation="within the play M → (1 − share) M and F = share (rub friction + load/share);  q' = v − w;  "
     "M w' = T − rub friction(w) − load/share;  T: pushes beyond ±play/2, critically damped at 100 Hz",
     reference="M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38, 2002",
-    shows="after each reversal the motor moves without the load for a short way; the blow at its end is left out",
+    shows="after each reversal the motor moves without the load for a short way; the impact at its end is left out",
     memory=[
         EffectMemory("q", _lead_rate, start=lambda e, p: where(p.C < 0.0, -0.5, 0.5) * e.play,
                      scale=lambda e, p: e.play),

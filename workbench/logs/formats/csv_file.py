@@ -6,13 +6,11 @@ import csv
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from workbench.core.errors import InputError
-from workbench.logs.formats.declared import Limits, LogFormat, Opened
-
-if TYPE_CHECKING:
-    from workbench.core.run import Array
+from workbench.core.run import Array
+from workbench.logs.formats.declared import LogFormat, Opened
+from workbench.logs.formats.parquet_file import float_array
 
 MISSING = ["", "nan", "NaN", "NAN", "NA", "n/a", "null", "NULL", "None", "-nan", "#N/A"]
 _HEADER_BYTES = 1_000_000
@@ -38,11 +36,7 @@ def open_csv(file: Path) -> Opened:
         raise InputError("header is not UTF-8 text", line=1) from error
     raw = _header_names(header, sample)
     names = [name.strip() for name in raw]
-
-    def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
-        return _pieces(file, raw, [raw[names.index(name)] for name in wanted])
-
-    return Opened(names, pieces)
+    return Opened(names, lambda wanted, limits: _pieces(file, raw, [raw[names.index(name)] for name in wanted]))
 
 
 def _header_names(header: str, sample: str) -> list[str]:
@@ -65,8 +59,6 @@ def _header_names(header: str, sample: str) -> list[str]:
 def _pieces(file: Path, raw: Sequence[str], wanted: Sequence[str]) -> Iterator[tuple[int, Array]]:
     import pyarrow as pa
     import pyarrow.csv
-
-    from workbench.logs.formats.arrow import float_array
 
     if _is_header_only(file):  # the fast reader takes that for a fault
         return
@@ -159,6 +151,6 @@ CSV = LogFormat(
         "missing sample. Semicolons, tabs, decimal commas, a row of units and compressed files are refused by name."
     ),
     isolated=False,
-    imports=("pyarrow.csv", "workbench.logs.formats.arrow"),
+    imports=("pyarrow.csv",),
     row_name=line_of,
 )

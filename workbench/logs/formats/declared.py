@@ -1,4 +1,7 @@
-"""The declaration of a log format. A new format is a `LogFormat` in a file of its own, listed in known.py."""
+"""The declaration of a log format, the limits of what a file may hold, and channels of several rates over one time.
+
+A new format is a module `NAME_file.py` in this folder with one `LogFormat`; see known.py.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from workbench.core.errors import InputError
-
-if TYPE_CHECKING:
-    from workbench.core.run import Array
+from workbench.core.run import Array
 
 MB = 1_000_000
+TIME = "time_s"
 
 
 @dataclass(frozen=True)
@@ -64,11 +67,6 @@ class Opened:
     pieces: Callable[[Sequence[str], Limits], Iterator[tuple[int, Array]]]
 
 
-def row_number(file: Path, row: int) -> str:
-    """The name of data row `row`, counted from 0, in a file without lines."""
-    return f"row {row + 1}"
-
-
 @dataclass(frozen=True)
 class LogFormat:
     """One format of logs.
@@ -78,7 +76,7 @@ class LogFormat:
     never runs in this process. imports: every module that it needs, loaded before a file is touched, since the worker
     can open no other file afterwards; one that is not installed is left out. about: a sentence for the documentation.
     own, uploaded: what a file may take that its user owns, and one that came from elsewhere. row_name: how a user
-    finds a data row.
+    finds a data row, counted from 0.
     """
 
     name: str
@@ -89,7 +87,7 @@ class LogFormat:
     imports: tuple[str, ...] = field(default=())
     own: Limits = OWN
     uploaded: Limits = UPLOADED
-    row_name: Callable[[Path, int], str] = row_number
+    row_name: Callable[[Path, int], str] = lambda file, row: f"row {row + 1}"
 
 
 @contextmanager
@@ -108,3 +106,55 @@ def plain_errors(format_name: str, limits: Limits) -> Iterator[None]:
             raise InputError(f"cannot be read: {error.strerror}") from error
         first = (str(error).splitlines() or [""])[0] or type(error).__name__
         raise InputError(f"is not a readable {format_name} file: {first[:200]}") from error
+
+
+def real_numbers(name: str, values: Array) -> Array:
+    """A channel as float64. InputError for what is no row of real numbers."""
+    if values.dtype.kind not in "fiub" or values.ndim != 1:
+        raise InputError(f"holds {values.dtype}, expected real numbers", place=name)
+    return np.ascontiguousarray(values, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel of a file. unit: as the file says it, "" where it does not. time_s, values: (n,)."""
+
+    name: str
+    unit: str
+    time_s: Array
+    values: Array
+
+
+def titled(name: str, unit: str) -> str:
+    """A column's name with its unit behind it."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def distinct(names: Sequence[str]) -> list[str]:
+    """Unique names: repeated ones get a number."""
+    seen: dict[str, int] = {}
+    out = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        out.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return out
+
+
+def at_times(channel: Channel, time_s: Array) -> Array:
+    """The channel at other times: linear between its samples, missing beyond its ends."""
+    known = np.isfinite(channel.values) & np.isfinite(channel.time_s)
+    t, v = channel.time_s[known], channel.values[known]
+    if len(t) == len(time_s) and np.array_equal(t, time_s):
+        return v
+    if len(t) == 0:
+        return np.full(len(time_s), np.nan)
+    # Half a step of its own beyond its ends still belongs to it: clocks of groups do not begin at the same moment.
+    slack = 0.5 * float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    out = np.interp(time_s, t, v)
+    out[(time_s < t[0] - slack) | (time_s > t[-1] + slack)] = np.nan
+    return np.asarray(out)
+
+
+def fastest(channels: Sequence[Channel]) -> Array:
+    """The time of the channel with the most samples. ValueError where there is none."""
+    return max(channels, key=lambda channel: len(channel.time_s)).time_s

@@ -19,7 +19,7 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.core.input_file import read_input
 from workbench.core.run import Array
-from workbench.logs.formats.rates import Channel
+from workbench.logs.formats.declared import Channel
 
 MOST_HEAD = 200  # lines before the numbers
 _DATE = re.compile(r'"?\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(:\d{2}([.,]\d{1,6})?)?(Z|[+-]\d{2}:?\d{2})?"?')

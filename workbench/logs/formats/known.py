@@ -1,28 +1,33 @@
-"""The log formats that are read."""
+"""The log formats that are read, each declared in its module of this folder, and what docs/formats.md says of them.
+
+`python -m workbench.logs.formats.known docs/formats.md` writes their section between its two marks.
+"""
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
+import sys
+import textwrap
 from pathlib import Path
 
+import workbench.logs.formats as folder
 from workbench.core.errors import InputError
-from workbench.logs.formats.csv_file import CSV
-from workbench.logs.formats.declared import LogFormat
-from workbench.logs.formats.mat_file import MAT
-from workbench.logs.formats.mdf_file import MDF
-from workbench.logs.formats.parquet_file import PARQUET
-from workbench.logs.formats.tdms_file import TDMS
+from workbench.logs.formats.declared import MB, Limits, LogFormat
 
-FORMATS: list[LogFormat] = [CSV, PARQUET, MAT, MDF, TDMS]
-
+# Every LogFormat of a module NAME_file.py; CSV, which needs no extra, is named first.
+FORMATS: list[LogFormat] = [
+    declared
+    for module in sorted(module.name for module in pkgutil.iter_modules(folder.__path__) if "_file" in module.name)
+    for declared in vars(importlib.import_module(f"{folder.__name__}.{module}")).values()
+    if isinstance(declared, LogFormat)
+]
 # What people also keep logs in. It is not read, and the error says what it is.
 _NOT_YET = {
     ".dat": "MDF3", ".xlsx": "Excel", ".xls": "Excel", ".gz": "gzip",
     ".zip": "zip", ".h5": "HDF5", ".hdf5": "HDF5", ".feather": "Feather",
 }  # fmt: skip
-
-
-def formats() -> tuple[LogFormat, ...]:
-    return tuple(FORMATS)
+BEGIN, END = "<!-- log formats: made by workbench.logs.formats.known -->\n", "<!-- end of log formats -->\n"
 
 
 def suffixes() -> tuple[str, ...]:
@@ -30,10 +35,10 @@ def suffixes() -> tuple[str, ...]:
     return tuple(suffix for log_format in FORMATS for suffix in log_format.suffixes)
 
 
-def listed(word: str = "or") -> str:
-    """The first ending of each format as a sentence has them: ".csv, .parquet or .mat"."""
+def listed() -> str:
+    """The first ending of each format as a sentence has them: ".csv, .mat or .parquet"."""
     first = [log_format.suffixes[0] for log_format in FORMATS]
-    return f" {word} ".join([", ".join(first[:-1]), first[-1]]) if len(first) > 1 else first[0]
+    return " or ".join([", ".join(first[:-1]), first[-1]])
 
 
 def format_of(file: Path) -> LogFormat:
@@ -44,3 +49,35 @@ def format_of(file: Path) -> LogFormat:
             return log_format
     what = f"{_NOT_YET[suffix]} files are" if suffix in _NOT_YET else f"a file that ends in '{suffix}' is"
     raise InputError(f"{what} not read by this version; save the log as {listed()}", file=file)
+
+
+def section() -> str:
+    """The formats with their endings and properties, and the limits, for the documentation."""
+    lines = []
+    for one in FORMATS:
+        text = f"- **{one.name}** ({', '.join(f'`{suffix}`' for suffix in one.suffixes)}): {one.about}"
+        lines.append(textwrap.fill(text, 116, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False))
+    lines += ["", "Limits of one log, counted in what is produced from it:", ""]
+    lines += ["| format | whose | rows | unpacked | processor time | memory of the reader | read in |"]
+    lines += ["|---|---|---|---|---|---|---|"]
+    for one in FORMATS:
+        own = "a worker" if one.isolated else "this process"
+        lines.append(f"| {one.name} | your own | {_cells(one.own)} | {own} |")
+        lines.append(f"| {one.name} | uploaded | {_cells(one.uploaded)} | a worker |")
+    return "\n".join(lines) + "\n"
+
+
+def _cells(limits: Limits) -> str:
+    memory = limits.memory_bytes / MB
+    return f"{limits.rows / MB:g} million | {limits.bytes / MB:g} MB | {limits.seconds:g} s | {memory:g} MB"
+
+
+def written(page: str) -> str:
+    """The page with the section of today."""
+    before, _, rest = page.partition(BEGIN)
+    return f"{before}{BEGIN}{section()}{END}{rest.partition(END)[2]}"
+
+
+if __name__ == "__main__":
+    file = Path(sys.argv[1])
+    file.write_text(written(file.read_text(encoding="utf-8")), encoding="utf-8")

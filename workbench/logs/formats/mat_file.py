@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.logs.formats.declared import Limits, LogFormat, Opened
-
-if TYPE_CHECKING:
-    from workbench.core.run import Array
+from workbench.core.run import Array
+from workbench.logs.formats.declared import Limits, LogFormat, Opened, real_numbers
 
 _HDF5 = b"\x89HDF"
 _KINDS = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
@@ -29,25 +29,12 @@ def open_mat(file: Path) -> Opened:
         raise InputError("is not a readable MAT file: it begins with zeros")
     import scipy.io
 
-    lengths = [
-        (str(name), max(shape))
-        for name, shape, kind in scipy.io.whosmat(str(file))
-        if kind in _KINDS and len(shape) == 2 and min(shape) == 1 and max(shape) > 1
-    ]
-    return Opened([name for name, _ in lengths], lambda wanted, limits: _pieces(file, wanted, dict(lengths), limits))
-
-
-def _pieces(file: Path, wanted: Sequence[str], lengths: dict[str, int], limits: Limits) -> Iterator[tuple[int, Array]]:
-    """Vector by vector: each is unpacked as a whole, so that its header is asked for its length first."""
-    import numpy as np
-    import scipy.io
-
-    limits.check(max(lengths[name] for name in wanted), sum(lengths[name] for name in wanted))
-    for index, name in enumerate(wanted):
+    def values(name: str) -> Array:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # scipy warns where it guesses
-            values = scipy.io.loadmat(str(file), variable_names=[name])[name]
-        yield index, _real(name, np.asarray(values).ravel())
+            return np.asarray(scipy.io.loadmat(str(file), variable_names=[name])[name])
+
+    return _vectors({str(name): shape for name, shape, kind in scipy.io.whosmat(str(file)) if kind in _KINDS}, values)
 
 
 def _open73(file: Path) -> Opened:
@@ -61,16 +48,15 @@ def _open73(file: Path) -> Opened:
     while h5py.h5pl.size():  # a data set may ask for a filter, which is a library looked for in these folders
         h5py.h5pl.remove(0)
     held = h5py.File(file, "r")
-    names = []
     for name in held:
         _check_within(held, name)
-        if isinstance(item := held[name], h5py.Dataset) and _is_vector73(item):
-            names.append(name)
-
-    def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
-        return _pieces73(held, wanted, limits)
-
-    return Opened(names, pieces)
+    shapes = {}
+    for name, item in held.items():
+        kind = item.attrs.get("MATLAB_class", b"double")
+        kind = kind if isinstance(kind, str) else bytes(kind).decode(errors="replace")
+        if isinstance(item, h5py.Dataset) and kind in _KINDS:
+            shapes[name] = item.shape
+    return _vectors(shapes, lambda name: np.asarray(held[name][()]))
 
 
 def _check_within(held: Any, name: str) -> None:
@@ -80,40 +66,26 @@ def _check_within(held: Any, name: str) -> None:
     why = ""
     if not isinstance(held.get(name, getlink=True), h5py.HardLink):
         why = "is a link to another place or file"
-    elif isinstance(item := held[name], h5py.Dataset):
-        if item.external:
-            why = "keeps its samples in another file"
-        elif item.is_virtual:
-            why = "is put together of other data sets"
+    elif isinstance(item := held[name], h5py.Dataset) and item.external:
+        why = "keeps its samples in another file"
+    elif isinstance(item, h5py.Dataset) and item.is_virtual:
+        why = "is put together of other data sets"
     if why:
         raise InputError(f"{why}; expected samples in the file itself, as MATLAB saves them", place=name)
 
 
-def _is_vector73(item: Any) -> bool:
-    kind = item.attrs.get("MATLAB_class", b"double")
-    kind = kind.encode() if isinstance(kind, str) else bytes(kind)
-    return (
-        kind in [name.encode() for name in _KINDS]
-        and len(item.shape) == 2
-        and min(item.shape) == 1
-        and max(item.shape) > 1
-    )
+def _vectors(shapes: Mapping[str, tuple[int, ...]], values: Callable[[str], Array]) -> Opened:
+    """Vector by vector: each is unpacked as a whole, so that its header is asked for its length first."""
+    lengths = {
+        name: max(shape) for name, shape in shapes.items() if len(shape) == 2 and min(shape) == 1 and max(shape) > 1
+    }
 
+    def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
+        limits.check(max(lengths[name] for name in wanted), sum(lengths[name] for name in wanted))
+        for index, name in enumerate(wanted):
+            yield index, real_numbers(name, values(name).ravel())
 
-def _pieces73(held: Any, wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
-    import numpy as np
-
-    limits.check(max(held[name].size for name in wanted), sum(held[name].size for name in wanted))
-    for index, name in enumerate(wanted):
-        yield index, _real(name, np.asarray(held[name][()]).ravel())
-
-
-def _real(name: str, values: Array) -> Array:
-    import numpy as np
-
-    if values.dtype.kind not in "fiub":
-        raise InputError(f"holds {values.dtype}, expected real numbers", place=name)
-    return np.ascontiguousarray(values, dtype=np.float64)
+    return Opened(list(lengths), pieces)
 
 
 MAT = LogFormat(

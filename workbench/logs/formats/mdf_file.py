@@ -7,14 +7,23 @@ import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.logs.formats.declared import Limits, LogFormat, Opened
-
-if TYPE_CHECKING:
-    from workbench.core.run import Array
-
+from workbench.core.run import Array
+from workbench.logs.formats.declared import (
+    TIME,
+    Channel,
+    Limits,
+    LogFormat,
+    Opened,
+    at_times,
+    distinct,
+    real_numbers,
+    titled,
+)
 
 _FUNCTIONS = "sin|cos|tan|asin|acos|atan|arcsin|arccos|arctan|sinh|cosh|tanh|exp|log|log10|sqrt|abs|pow"
 _TOKEN = re.compile(rf"\s+|[-+*/(),]|X1?\b|(\d+\.?\d*|\.\d+)([eE][-+]?\d{{1,3}})?|({_FUNCTIONS})(?=\()")
@@ -30,8 +39,6 @@ def open_mdf(file: Path) -> Opened:
         from asammdf import MDF
     except ImportError as error:
         raise InputError("MDF files need the extra 'import': pip install '.[import]'") from error
-    from workbench.logs.formats.rates import TIME, distinct, titled
-
     _without_temporary_files()
     # As a stream: a path may be copied, unpacked, or looked for under another name. What is attached stays packed.
     mdf: Any = MDF(file.open("rb"), **_CLOSED)
@@ -49,8 +56,20 @@ def open_mdf(file: Path) -> Opened:
         raise InputError("holds no channels with samples")
     longest = max({g for g, _ in places}, key=lambda g: mdf.groups[g].channel_group.cycles_nr)
 
+    known = dict(zip(titles, places, strict=True))
+
     def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
-        return _pieces(mdf, dict(zip(titles, places, strict=True)), longest, wanted, limits)
+        rows = int(mdf.groups[longest].channel_group.cycles_nr)
+        limits.check(rows, rows * len(wanted))
+        time_s = np.asarray(mdf.get_master(longest), dtype=np.float64)
+        for index, name in enumerate(wanted):
+            if name == TIME:
+                yield index, time_s
+                continue
+            signal = mdf.get(group=known[name][0], index=known[name][1])
+            values = real_numbers(name, np.asarray(signal.samples))
+            own = Channel(name, "", np.asarray(signal.timestamps, dtype=np.float64), values)
+            yield index, np.ascontiguousarray(at_times(own, time_s))
 
     return Opened([TIME, *titles], pieces)
 
@@ -92,29 +111,6 @@ def _unit(channel: Any) -> str:
     return str(unit).strip()
 
 
-def _pieces(
-    mdf: Any, places: dict[str, tuple[int, int]], longest: int, wanted: Sequence[str], limits: Limits
-) -> Iterator[tuple[int, Array]]:
-    import numpy as np
-
-    from workbench.logs.formats.rates import TIME, Channel, at_times
-
-    rows = int(mdf.groups[longest].channel_group.cycles_nr)
-    limits.check(rows, rows * len(wanted))
-    time_s = np.asarray(mdf.get_master(longest), dtype=np.float64)
-    for index, name in enumerate(wanted):
-        if name == TIME:
-            yield index, time_s
-            continue
-        g, i = places[name]
-        signal = mdf.get(group=g, index=i)
-        values = np.asarray(signal.samples)
-        if values.dtype.kind not in "fiub" or values.ndim != 1:
-            raise InputError(f"holds {values.dtype}, expected real numbers", place=name)
-        own = Channel(name, "", np.asarray(signal.timestamps, dtype=np.float64), values.astype(np.float64))
-        yield index, np.ascontiguousarray(at_times(own, time_s))
-
-
 MDF = LogFormat(
     name="MDF4",
     suffixes=(".mf4", ".mdf"),
@@ -124,5 +120,5 @@ MDF = LogFormat(
         "`time_s` is the time of the group with the most samples, and channels of other rates are taken at it, linear "
         "between their samples and missing beyond their ends."
     ),
-    imports=("asammdf", "asammdf.blocks.mdf_v3", "asammdf.blocks.mdf_v4", "workbench.logs.formats.rates"),
+    imports=("asammdf", "asammdf.blocks.mdf_v3", "asammdf.blocks.mdf_v4"),
 )

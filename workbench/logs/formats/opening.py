@@ -19,31 +19,24 @@ from workbench.logs.formats.known import format_of
 
 
 @dataclass(frozen=True)
-class Table:
-    """The columns asked for, each (n,) float64 with NaN for an empty cell, and where each row stands in the file.
+class LogFile:
+    """An open log: its column names; its columns are read when they are asked for.
 
-    `row_name(i)` names data row i (from 0) as the user finds it: "line 12" or "row 11".
-    InputError when the columns differ in length.
+    row_name(i) names data row i (from 0) as the user finds it: "line 12" or "row 11".
     """
 
     file: Path
-    columns: Mapping[str, Array]
+    names: tuple[str, ...]
+    columns: Callable[[Sequence[str]], dict[str, Array]]
     row_name: Callable[[int], str]
 
-    def __post_init__(self) -> None:
-        lengths = {name: len(column) for name, column in self.columns.items()}
-        if len(set(lengths.values())) > 1:
-            listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
+    def read(self, wanted: Sequence[str]) -> Mapping[str, Array]:
+        """Each column (n,) float64 with NaN for an empty cell. InputError when they differ in length."""
+        columns = self.columns(wanted)
+        if len({len(column) for column in columns.values()}) > 1:
+            listed = ", ".join(f"{name} {len(column)}" for name, column in columns.items())
             raise InputError(f"its columns differ in length: {listed}", file=self.file)
-
-
-@dataclass(frozen=True)
-class LogFile:
-    """An open log: its column names, and a reader of chosen columns."""
-
-    file: Path
-    names: tuple[str, ...]
-    read: Callable[[Sequence[str]], Table]
+        return columns
 
 
 @contextmanager
@@ -60,23 +53,23 @@ def open_log(file: Path, *, uploaded: bool = False) -> Iterator[LogFile]:
     opening: AbstractContextManager[Opened] = (worker.opened if apart else _opened_here)(file, log_format, limits)
     with _naming(file):
         opened = opening.__enter__()
+
+    def columns(wanted: Sequence[str]) -> dict[str, Array]:
+        parts: list[list[Array]] = [[] for _ in wanted]
+        with _naming(file):
+            for column, piece in limits.counted(opened.pieces(wanted, limits), len(wanted)):
+                parts[column].append(piece)
+        joined = {}
+        for name, part in zip(wanted, parts, strict=True):  # pieces are freed as they are joined
+            joined[name] = np.concatenate(part) if part else np.empty(0)
+            part.clear()
+        return joined
+
     try:
         if len(set(opened.names)) < len(opened.names):
             doubled = next(name for name in opened.names if list(opened.names).count(name) > 1)
             raise InputError(f"column '{doubled}' is doubled", file=file)
-
-        def read(wanted: Sequence[str]) -> Table:
-            parts: list[list[Array]] = [[] for _ in wanted]
-            with _naming(file):
-                for column, piece in limits.counted(opened.pieces(wanted, limits), len(wanted)):
-                    parts[column].append(piece)
-            columns = []
-            for part in parts:  # pieces are freed as they are joined
-                columns.append(np.concatenate(part) if part else np.empty(0))
-                part.clear()
-            return Table(file, dict(zip(wanted, columns, strict=True)), partial(log_format.row_name, file))
-
-        yield LogFile(file, tuple(opened.names), read)
+        yield LogFile(file, tuple(opened.names), columns, partial(log_format.row_name, file))
     finally:
         opening.__exit__(None, None, None)
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.logs.formats.declared import Limits, LogFormat, Opened
-
-if TYPE_CHECKING:
-    from workbench.core.run import Array
+from workbench.core.run import Array
+from workbench.logs.formats.declared import TIME, Channel, Limits, LogFormat, Opened, at_times, distinct, titled
 
 _INCREMENT, _OFFSET, _UNIT = "wf_increment", "wf_start_offset", "unit_string"
 
@@ -23,8 +23,6 @@ def open_tdms(file: Path) -> Opened:
         from nptdms import TdmsFile
     except ImportError as error:
         raise InputError("TDMS files need the extra 'import': pip install '.[import]'") from error
-    from workbench.logs.formats.rates import TIME, distinct, titled
-
     # As a stream: of a path, the index file beside it would be opened too.
     tdms = TdmsFile.open(file.open("rb"))
     channels = [c for group in tdms.groups() for c in group.channels() if len(c) and c.dtype.kind in "fiub"]
@@ -36,31 +34,21 @@ def open_tdms(file: Path) -> Opened:
     longest = max(timed, key=len) if timed else None
 
     def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
-        return _pieces(known, longest, wanted, limits)
+        rows = max(len(known[name]) for name in wanted if name != TIME) if longest is None else len(longest)
+        limits.check(rows, rows * len(wanted))
+        for index, name in enumerate(wanted):
+            if name == TIME and longest is not None:
+                yield index, _time(longest)
+                continue
+            values = np.asarray(known[name][:], dtype=np.float64)
+            if longest is not None and known[name].properties.get(_INCREMENT):
+                values = at_times(Channel(name, "", _time(known[name]), values), _time(longest))
+            yield index, np.ascontiguousarray(values)
 
     return Opened([TIME, *plain] if longest is not None else plain, pieces)
 
 
-def _pieces(known: dict[str, Any], longest: Any, wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
-    import numpy as np
-
-    from workbench.logs.formats.rates import TIME, Channel, at_times
-
-    rows = max(len(known[name]) for name in wanted if name != TIME) if longest is None else len(longest)
-    limits.check(rows, rows * len(wanted))
-    for index, name in enumerate(wanted):
-        if name == TIME and longest is not None:
-            yield index, _time(longest)
-            continue
-        values = np.asarray(known[name][:], dtype=np.float64)
-        if longest is not None and known[name].properties.get(_INCREMENT):
-            values = at_times(Channel(name, "", _time(known[name]), values), _time(longest))
-        yield index, np.ascontiguousarray(values)
-
-
 def _time(channel: Any) -> Array:
-    import numpy as np
-
     step, start = float(channel.properties[_INCREMENT]), float(channel.properties.get(_OFFSET, 0.0))
     return np.asarray(start + step * np.arange(len(channel)), dtype=np.float64)
 
@@ -74,5 +62,5 @@ TDMS = LogFormat(
         "channels carry their rate (`wf_increment`), `time_s` is the time of the longest, and the others are taken at "
         "it, linear between their samples and missing beyond their ends."
     ),
-    imports=("nptdms", "workbench.logs.formats.rates"),
+    imports=("nptdms",),
 )

@@ -1,9 +1,9 @@
-"""The process that parses logs which may be damaged, and how this process talks with it.
+"""The process that parses logs which may be damaged, what it may touch, and how this process talks with it.
 
 Where the system can fork, the worker never touches a file: it loads the parsers once, and each log is parsed by a child
-of its own, with limits on processor time and memory, which can open nothing but that log (confined.py). A child that
-dies takes the worker with it, by exit status 128 + signal. Elsewhere (Windows) the worker parses one log and ends, and
-only time is limited.
+of its own, with limits on processor time and memory, which can open nothing but that log. A child that dies takes the
+worker with it, by exit status 128 + signal. Elsewhere (Windows) the worker parses one log and ends, and only time is
+limited.
 
 Both sides send frames: a kind, a number and bytes. The bytes are JSON, or samples as they lie in memory; nothing that a
 worker sends is unpickled or executed.
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import ctypes
 import importlib
 import json
 import os
@@ -33,7 +34,6 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.logs.formats.confined import confine, limit
 from workbench.logs.formats.declared import Limits, LogFormat, Opened, plain_errors
 
 IDLE_S = 30.0  # without a question for so long, a worker ends
@@ -57,6 +57,14 @@ _CALM = {
 _POSIX = os.name == "posix"
 _CAN_FORK = hasattr(os, "fork") and sys.platform != "win32"
 
+# Linux has Landlock (kernel 5.13 and newer, unless it is switched off). Source: Linux,
+# Documentation/userspace-api/landlock.rst; the numbers of the system calls are those of every processor.
+_CREATE, _ADD, _RESTRICT, _VERSION = 444, 445, 446, 1
+_NO_NEW_PRIVILEGES = 38  # of prctl
+_READ_FILE, _BENEATH = 1 << 2, 1
+_RIGHTS = {1: 13, 2: 14, 3: 15, 4: 15}  # version -> rights to files that it handles; 16 in newer ones
+_libc = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
+
 _idle: list[Worker] = []
 _lock = threading.Lock()
 
@@ -65,42 +73,35 @@ _lock = threading.Lock()
 
 
 def _send(stream: IO[bytes], kind: bytes, payload: Any = b"", number: int = 0) -> None:
-    """One frame, whole; the payload is bytes or a contiguous array. The stream is not buffered."""
+    """One frame, whole; the payload is bytes or a contiguous array."""
     view = memoryview(payload).cast("B") if len(payload) else memoryview(b"")
     for part in (memoryview(HEAD.pack(kind, number, len(view))), view):
         while part:
-            part = part[stream.write(part) :]
-
-
-def _send_text(stream: IO[bytes], kind: bytes, data: object) -> None:
-    _send(stream, kind, json.dumps(data).encode())
+            part = part[stream.write(part) :]  # a stream that is not buffered may take less
+    stream.flush()
 
 
 def _head(stream: IO[bytes]) -> tuple[bytes, int, int]:
     """(kind, number, length of what follows). EOFError when the other side is gone."""
-    raw = bytearray(HEAD.size)
-    _fill(stream, raw)
-    kind, number, length = HEAD.unpack(raw)
-    return kind, number, length
+    return HEAD.unpack(_filled(stream, bytearray(HEAD.size)))
 
 
 def _text(stream: IO[bytes], length: int) -> Any:
     """A frame's JSON."""
     if length > MOST_TEXT:
         raise EOFError
-    raw = bytearray(length)
-    _fill(stream, raw)
-    return json.loads(raw)
+    return json.loads(_filled(stream, bytearray(length)))
 
 
-def _fill(stream: IO[bytes], into: Any) -> None:
-    """Exactly as many bytes as `into` holds. EOFError when fewer come."""
+def _filled(stream: IO[bytes], into: Any) -> Any:
+    """`into`, filled with as many bytes as it holds. EOFError when fewer come."""
     view = memoryview(into).cast("B") if len(into) else memoryview(b"")
     while view:
         count = stream.readinto(view)  # type: ignore[attr-defined]
         if not count:
             raise EOFError
         view = view[count:]
+    return into
 
 
 # What runs in the worker
@@ -149,7 +150,7 @@ def _serve(asked: dict[str, Any], requests: IO[bytes], answers: IO[bytes]) -> No
         with plain_errors(asked["name"], limits):
             module, function = asked["open"]
             opened = getattr(importlib.import_module(module), function)(Path(asked["file"]))
-        _send_text(answers, NAMES, list(opened.names))
+        _send(answers, NAMES, json.dumps(list(opened.names)).encode())
         kind, _, length = _head(requests)
         wanted = _text(requests, length)
         if kind == READ:
@@ -158,7 +159,53 @@ def _serve(asked: dict[str, Any], requests: IO[bytes], answers: IO[bytes]) -> No
                     _send(answers, PIECE, piece, column)
         _send(answers, DONE)
     except InputError as error:
-        _send_text(answers, ERROR, {"problem": error.problem, "line": error.line, "place": error.place})
+        _send(answers, ERROR, json.dumps([error.problem, error.line, error.place]).encode())
+
+
+def landlock_version() -> int:
+    """Of the kernel's interface; 0 where there is none."""
+    return 0 if _libc is None else max(int(_libc.syscall(_CREATE, None, 0, _VERSION)), 0)
+
+
+def confine(file: Path) -> bool:
+    """From now on this process can open `file` for reading, and no other file, folder, device or TCP socket. What is
+    open stays open. False where the system cannot do that."""
+    version = landlock_version()
+    if not version or _libc is None:
+        return False
+    files = (1 << _RIGHTS.get(version, 16)) - 1
+    network, scope = (0b11 if version >= 4 else 0), (0b11 if version >= 6 else 0)
+    size = 24 if version >= 6 else 16 if version >= 4 else 8
+    ruleset = _libc.syscall(_CREATE, struct.pack("=QQQ", files, network, scope), size, 0)
+    if ruleset < 0:
+        return False
+    place = os.open(file, getattr(os, "O_PATH", 0) | os.O_CLOEXEC)
+    try:
+        rule = struct.pack("=Qi", _READ_FILE, place)
+        return (
+            _libc.syscall(_ADD, ruleset, _BENEATH, rule, 0) == 0
+            and _libc.prctl(_NO_NEW_PRIVILEGES, 1, 0, 0, 0) == 0
+            and _libc.syscall(_RESTRICT, ruleset, 0) == 0
+        )
+    finally:
+        os.close(place)
+        os.close(ruleset)
+
+
+def limit(limits: Limits) -> None:
+    """Processor time, memory beyond what is held already, no core file, no file written. POSIX only."""
+    import resource
+
+    def bound(which: int, most: int, beyond: int = 0) -> None:
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(which, (most, most + beyond))
+
+    bound(resource.RLIMIT_CPU, max(1, round(limits.seconds)), beyond=2)  # at the second one comes SIGKILL
+    bound(resource.RLIMIT_CORE, 0)
+    bound(resource.RLIMIT_FSIZE, 0)
+    with contextlib.suppress(OSError):  # only Linux has this file; macOS does not keep to this limit anyway
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        bound(resource.RLIMIT_AS, pages * resource.getpagesize() + limits.memory_bytes)
 
 
 # What this process sees of it
@@ -172,20 +219,30 @@ def opened(file: Path, log_format: LogFormat, limits: Limits) -> Iterator[Opened
         yield Opened(worker.names(file, log_format, limits), worker.pieces)
     finally:
         worker.close()
-        _given_back(worker)
 
 
 def start_early(imports: tuple[str, ...]) -> None:
     """A worker that loads these modules while the caller goes on."""
     worker = _taken()
     worker.ask(IMPORT, {"imports": imports})
-    _given_back(worker)
+    worker.close()
+
+
+def _taken() -> Worker:
+    """A worker that runs and will not end before the next request."""
+    with _lock:
+        while _idle:
+            worker = _idle.pop()
+            if worker.process.poll() is None and time.monotonic() - worker.used_s < IDLE_S / 2:
+                return worker
+            worker.end()
+    return Worker()
 
 
 class Worker:
     """One worker process; it has one log open at a time.
 
-    `state`: "idle", "open" (the log's names are told, the worker waits), "busy" (an answer is on its way), "ended".
+    `state`: "idle", "open" (the log's names are told, the worker waits), "busy" (an answer is on its way).
     """
 
     def __init__(self) -> None:
@@ -196,19 +253,13 @@ class Worker:
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, bufsize=0,
             env={**os.environ, **_CALM}, **apart,
         )  # fmt: skip
-        assert self.process.stdin is not None and self.process.stdout is not None
         self.requests: Any = self.process.stdin
         self.answers: Any = self.process.stdout
         self.state, self.late, self.used_s = "idle", False, time.monotonic()
 
-    @property
-    def usable(self) -> bool:
-        """Whether the worker runs and will not end before the next request."""
-        return self.state == "idle" and self.process.poll() is None and time.monotonic() - self.used_s < IDLE_S / 2
-
     def ask(self, kind: bytes, what: object) -> None:
         try:
-            _send_text(self.requests, kind, what)
+            _send(self.requests, kind, json.dumps(what).encode())
         except OSError:  # it is gone; the answer that does not come says so
             self.state = "busy"
 
@@ -230,30 +281,31 @@ class Worker:
         self.state = "busy"
         self.ask(READ, list(wanted))
         with self._watched(limits):
-            while True:
-                kind, column, length = self._answer(PIECE, DONE)
-                if kind == DONE:
-                    self.state = "idle"
-                    return
+            while (answer := self._answer(PIECE, DONE))[0] == PIECE:
+                _, column, length = answer
                 if column >= len(wanted) or length % 8 or length > limits.bytes:
                     raise EOFError
-                piece = np.empty(length // 8)
-                _fill(self.answers, piece)
-                yield column, piece
+                yield column, _filled(self.answers, np.empty(length // 8))
+        self.state = "idle"
 
     def close(self) -> None:
-        """Close the log. A worker that is still reading it, or does not answer, is ended."""
+        """Close the log. A worker that forks for each log is kept for the next one; one that is still reading, or does
+        not answer, is ended."""
         if self.state == "open":
             self.ask(CLOSE, None)
             with contextlib.suppress(EOFError, InputError, ValueError, KeyError):
                 self._answer(DONE)
                 self.state = "idle"
-        if self.state != "idle":
+        self.used_s = time.monotonic()
+        with _lock:
+            if kept := self.state == "idle" and _CAN_FORK and len(_idle) < MOST_IDLE:
+                _idle.append(self)
+        if not kept:
             self.end()
 
     def end(self) -> None:
         """Kill it, and what it has started."""
-        self.state = "ended"
+        self.state = "busy"
         self._kill()
         for stream in (self.requests, self.answers):
             with contextlib.suppress(OSError):
@@ -270,9 +322,9 @@ class Worker:
     def _answer(self, *kinds: bytes) -> tuple[bytes, int, int]:
         kind, number, length = _head(self.answers)
         if kind == ERROR:
-            error = _text(self.answers, length)
+            problem, line, place = _text(self.answers, length)
             self.state = "idle"
-            raise InputError(error["problem"], line=error["line"], place=error["place"])
+            raise InputError(problem, line=line, place=place)
         if kind not in kinds:
             raise EOFError
         return kind, number, length
@@ -307,28 +359,6 @@ class Worker:
             return "takes more memory than there is: its reader was killed"
         name = signal.Signals(number).name if number in {int(known) for known in signal.Signals} else f"status {status}"
         return f"is damaged: it crashes the reader of its format ({name})"
-
-
-def _taken() -> Worker:
-    with _lock:
-        while _idle:
-            worker = _idle.pop()
-            if worker.usable:
-                return worker
-            worker.end()
-    return Worker()
-
-
-def _given_back(worker: Worker) -> None:
-    """Keep the worker for the next log if it forks for each one; otherwise it has parsed a file and ends."""
-    if worker.state == "idle" and _CAN_FORK:
-        worker.used_s = time.monotonic()
-        with _lock:
-            if len(_idle) < MOST_IDLE:
-                _idle.append(worker)
-                return
-    if worker.state != "ended":
-        worker.end()
 
 
 @atexit.register

@@ -12,7 +12,7 @@ import pkgutil
 from dataclasses import replace
 from typing import Any, TypeVar, cast
 
-from workbench.machines.kind import Kind, Load
+from workbench.machines.declare import Kind, Load
 from workbench.machines.kinds.axis import LINEAR, ROTARY, Axis
 from workbench.machines.kinds.hoist import KIND as HOIST
 from workbench.machines.kinds.hoist import Hoist
@@ -25,7 +25,12 @@ AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
 def _found() -> dict[str, Kind]:
     """The kinds that this package's modules hold, those of full studies first."""
     modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
-    kinds = [value for module in modules for value in vars(module).values() if isinstance(value, Kind)]
+    kinds = [
+        value
+        for module in modules
+        for name, value in vars(module).items()
+        if isinstance(value, Kind) and name[0] != "_"
+    ]
     return {kind.name: kind for kind in sorted(kinds, key=lambda kind: not kind.studies)}
 
 

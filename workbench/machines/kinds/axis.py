@@ -13,92 +13,56 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from operator import attrgetter
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from workbench.core.record import (
-    Delay,
-    EffectValues,
-    Force,
-    Gain,
-    Identified,
-    Inertia,
-    Lag,
-    Level,
-    LogTraits,
-    Mass,
-    Offset,
-    Record,
-    Slope,
-    Speed,
-    Standstill,
-    Tolerance,
-    by_name,
-    renamed,
-)
+from workbench.core import record
+from workbench.core.record import Record, by_name, renamed
 from workbench.core.run import Array, Run
+from workbench.machines import declare
 from workbench.machines.correction import MeasuredCorrection, Numbers
-from workbench.machines.kind import (
-    TIME,
-    BaseValue,
-    ClosedLoop,
-    CrossCheck,
-    Directions,
-    Discrepancy,
-    Friction,
-    Input,
-    Kind,
-    Load,
-    Moved,
-    Port,
-    RigidBody,
-    SignalSet,
-    Sizes,
-    Table,
-    TopSpeed,
-    Trace,
-    Turning,
-)
+from workbench.machines.declare import ClosedLoop, Kind, Load, Sizes, Value
 from workbench.machines.plant import NO_EFFECTS, Effects, Output, Plant
 from workbench.symbolic.expr import Scalar, absolute, clip, cos, sin, where
 
 
 class LinearGravity(Record):
-    constant_n: Offset = 0.0
+    constant_n: record.Offset = 0.0
 
 
 class RotaryGravity(Record):
-    sine_nm: Offset = 0.0
-    constant_nm: Offset = 0.0
+    sine_nm: record.Offset = 0.0
+    constant_nm: record.Offset = 0.0
 
 
 class LinearFriction(Record):
     """Below `standstill_speed_m_s` the Coulomb force falls linearly to zero with the speed."""
 
-    coulomb_forward_n: Level
-    coulomb_backward_n: Level
-    viscous_n_s_per_m: Slope
-    standstill_speed_m_s: Standstill = 1e-4
+    coulomb_forward_n: record.Level
+    coulomb_backward_n: record.Level
+    viscous_n_s_per_m: record.Slope
+    standstill_speed_m_s: record.Standstill = 1e-4
 
 
 class RotaryFriction(Record):
     """Below `standstill_speed_rad_s` the Coulomb torque falls linearly to zero with the speed."""
 
-    coulomb_forward_nm: Level
-    coulomb_backward_nm: Level
-    viscous_nm_s_per_rad: Slope
-    standstill_speed_rad_s: Standstill = 1e-4
+    coulomb_forward_nm: record.Level
+    coulomb_backward_nm: record.Level
+    viscous_nm_s_per_rad: record.Slope
+    standstill_speed_rad_s: record.Standstill = 1e-4
 
 
 class AxisTolerances(Record):
     """One standard deviation of each nominal value, relative unless the name carries a unit."""
 
-    inertia: Tolerance = 0.02
-    coulomb: Tolerance = 0.05
-    viscous: Tolerance = 0.1
-    gravity: Tolerance = 0.05
+    inertia: record.Tolerance = 0.02
+    coulomb: record.Tolerance = 0.05
+    viscous: record.Tolerance = 0.1
+    gravity: record.Tolerance = 0.05
 
 
 OFFSET_TOLERANCE = 0.001  # of the largest measured input, where the file gives none: a transducer of class 0.1
@@ -107,8 +71,8 @@ OFFSET_TOLERANCE = 0.001  # of the largest measured input, where the file gives 
 class LinearTolerances(AxisTolerances):
     """`torque_gain` and `torque_offset_nm` are accepted as other names of force_gain and force_offset_n."""
 
-    force_gain: Tolerance = 0.005
-    force_offset_n: Level | None = None
+    force_gain: record.Tolerance = 0.005
+    force_offset_n: record.Level | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -119,8 +83,8 @@ class LinearTolerances(AxisTolerances):
 class RotaryTolerances(AxisTolerances):
     """`force_gain` and `force_offset_n` are accepted as other names of torque_gain and torque_offset_nm."""
 
-    torque_gain: Tolerance = 0.005
-    torque_offset_nm: Level | None = None
+    torque_gain: record.Tolerance = 0.005
+    torque_offset_nm: record.Level | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -131,15 +95,15 @@ class RotaryTolerances(AxisTolerances):
 class LinearSensors(Record):
     """Logged force = gain · true force + offset."""
 
-    force_gain: Gain = 1.0
-    force_offset_n: Offset = 0.0
+    force_gain: record.Gain = 1.0
+    force_offset_n: record.Offset = 0.0
 
 
 class RotarySensors(Record):
     """Logged torque = gain · true torque + offset."""
 
-    torque_gain: Gain = 1.0
-    torque_offset_nm: Offset = 0.0
+    torque_gain: record.Gain = 1.0
+    torque_offset_nm: record.Offset = 0.0
 
 
 COUNTS = Field(ge=0, le=100_000_000, strict=True)
@@ -154,9 +118,9 @@ class AxisDrive(Record):
     position; 1 ms is one sample, the computing delay of a controller that acts at its next sample.
     """
 
-    torque_lag_s: Lag = 0.0005
-    speed_filter_s: Lag = 0.001
-    speed_delay_s: Delay = 0.001
+    torque_lag_s: record.Lag = 0.0005
+    speed_filter_s: record.Lag = 0.001
+    speed_delay_s: record.Delay = 0.001
 
     KEYS: ClassVar[tuple[str, str, str]]  # of the limit, the nominal input and the top speed
 
@@ -179,9 +143,9 @@ class LinearDrive(AxisDrive):
     """force_limit_n: the largest force, either way; nominal_force_n: the one that it gives without end. top_speed_m_s:
     what no motion may exceed. encoder_counts_per_m: the resolution of position and counted speed, 0 is ideal."""
 
-    force_limit_n: Force | None = None
-    nominal_force_n: Force | None = None
-    top_speed_m_s: Speed | None = None
+    force_limit_n: record.Force | None = None
+    nominal_force_n: record.Force | None = None
+    top_speed_m_s: record.Speed | None = None
     encoder_counts_per_m: Annotated[int, COUNTS] = 10_000_000
 
     KEYS: ClassVar[tuple[str, str, str]] = ("force_limit_n", "nominal_force_n", "top_speed_m_s")
@@ -197,9 +161,9 @@ class RotaryDrive(AxisDrive):
     top_speed_rad_s: what no motion may exceed. encoder_counts_per_turn: the resolution of angle and counted speed, 0 is
     ideal."""
 
-    torque_limit_nm: Force | None = None
-    nominal_torque_nm: Force | None = None
-    top_speed_rad_s: Speed | None = None
+    torque_limit_nm: record.Force | None = None
+    nominal_torque_nm: record.Force | None = None
+    top_speed_rad_s: record.Speed | None = None
     encoder_counts_per_turn: Annotated[int, COUNTS] = 1_048_576
 
     KEYS: ClassVar[tuple[str, str, str]] = ("torque_limit_nm", "nominal_torque_nm", "top_speed_rad_s")
@@ -237,22 +201,21 @@ class RotaryCorrection(MeasuredCorrection):
 
 
 class Axis(Record):
-    """What linear and rotary axes share. The class attributes name their keys and signals alike."""
+    """What all axes share. The class attributes name their keys and signals alike."""
 
     format: Literal[1] = 1
     kind: str = "axis"
     name: str = "axis"
     drive: LinearDrive | RotaryDrive = LinearDrive()
     tolerances: AxisTolerances = AxisTolerances()
-    effects: EffectValues = Field(default_factory=dict)
+    effects: record.EffectValues = Field(default_factory=dict)
     # The small amounts of effects that every machine of the kind has: at work as effects are, and no causes.
-    allowances: EffectValues = Field(default_factory=dict)
-    log: LogTraits = LogTraits()
+    allowances: record.EffectValues = Field(default_factory=dict)
+    log: record.LogTraits = record.LogTraits()
     measured_correction: MeasuredCorrection | None = None
-    identified: Identified = Field(default_factory=dict)
+    identified: record.Identified = Field(default_factory=dict)
 
-    # role -> dotted name of the value, the same roles for both motions
-    value_of: ClassVar[dict[str, str]] = {}
+    value_of: ClassVar[dict[str, str]]  # role -> dotted name of the value, the same roles for every axis
     input_signal: ClassVar[str]
     position_signal: ClassVar[str]
     speed_signal: ClassVar[str]
@@ -260,21 +223,15 @@ class Axis(Record):
     CORRECTION: ClassVar[type[MeasuredCorrection]]
 
     def role(self, name: str) -> float:
-        """The value of a role: inertia, coulomb_forward, coulomb_backward, viscous, gravity_sine,
-        gravity_constant, gain, offset, gain_tolerance. A linear axis has no sine load: 0."""
-        target: object = self
+        """The value of a role, or the tolerance of the input's gain; 0 of what the axis does not have."""
+        if name == "gain_tolerance":
+            return float(getattr(self.tolerances, self.value_of["gain"].rpartition(".")[2]))
         dotted = self.value_of[name]
-        if not dotted:
-            return 0.0
-        for part in dotted.split("."):
-            target = getattr(target, part)
-        assert isinstance(target, float)
-        return target
+        return float(attrgetter(dotted)(self)) if dotted else 0.0
 
     def offset_tolerance(self, largest_input: float) -> float:
         """Tolerance of the input's offset, in the input's unit; where missing, 0.1 % of the largest measured input."""
-        tolerances = getattr(self, "tolerances")  # noqa: B009  declared by each motion
-        stated = tolerances.force_offset_n if isinstance(tolerances, LinearTolerances) else tolerances.torque_offset_nm
+        stated = getattr(self.tolerances, self.value_of["offset"].rpartition(".")[2])
         return OFFSET_TOLERANCE * largest_input if stated is None else float(stated)
 
 
@@ -284,7 +241,7 @@ class LinearAxis(Axis):
     kind: Literal["axis"] = "axis"
     motion: Literal["linear"] = "linear"
     name: str = "linear axis"
-    mass_kg: Mass
+    mass_kg: record.Mass
     gravity: LinearGravity = LinearGravity()
     friction: LinearFriction
     drive: Annotated[LinearDrive, *by_name(LINEAR_DRIVES)] = LinearDrive()
@@ -294,14 +251,14 @@ class LinearAxis(Axis):
 
     value_of: ClassVar[dict[str, str]] = {
         "inertia": "mass_kg",
+        "viscous": "friction.viscous_n_s_per_m",
         "coulomb_forward": "friction.coulomb_forward_n",
         "coulomb_backward": "friction.coulomb_backward_n",
-        "viscous": "friction.viscous_n_s_per_m",
+        "standstill": "friction.standstill_speed_m_s",
         "gravity_sine": "",
         "gravity_constant": "gravity.constant_n",
         "gain": "sensors.force_gain",
         "offset": "sensors.force_offset_n",
-        "gain_tolerance": "tolerances.force_gain",
     }
     input_signal: ClassVar[str] = "force_n"
     position_signal: ClassVar[str] = "position_m"
@@ -310,15 +267,9 @@ class LinearAxis(Axis):
     CORRECTION: ClassVar[type[MeasuredCorrection]] = LinearCorrection
 
 
-class RotaryAxis(Axis):
-    """`motion: rotary`: kg m², N m, rad."""
+class Rotary(Axis):
+    """What all axes in N m and rad share, whatever turns."""
 
-    kind: Literal["axis"] = "axis"
-    motion: Literal["rotary"] = "rotary"
-    name: str = "rotary axis"
-    inertia_kg_m2: Inertia
-    gravity: RotaryGravity = RotaryGravity()
-    friction: RotaryFriction
     drive: Annotated[RotaryDrive, *by_name(ROTARY_DRIVES)] = RotaryDrive()
     sensors: RotarySensors = RotarySensors()
     tolerances: RotaryTolerances = RotaryTolerances()
@@ -326,20 +277,31 @@ class RotaryAxis(Axis):
 
     value_of: ClassVar[dict[str, str]] = {
         "inertia": "inertia_kg_m2",
+        "viscous": "friction.viscous_nm_s_per_rad",
         "coulomb_forward": "friction.coulomb_forward_nm",
         "coulomb_backward": "friction.coulomb_backward_nm",
-        "viscous": "friction.viscous_nm_s_per_rad",
+        "standstill": "friction.standstill_speed_rad_s",
         "gravity_sine": "gravity.sine_nm",
         "gravity_constant": "gravity.constant_nm",
         "gain": "sensors.torque_gain",
         "offset": "sensors.torque_offset_nm",
-        "gain_tolerance": "tolerances.torque_gain",
     }
     input_signal: ClassVar[str] = "torque_nm"
     position_signal: ClassVar[str] = "angle_rad"
     speed_signal: ClassVar[str] = "speed_rad_s"
     reference_signal: ClassVar[str] = "angle_reference_rad"
     CORRECTION: ClassVar[type[MeasuredCorrection]] = RotaryCorrection
+
+
+class RotaryAxis(Rotary):
+    """`motion: rotary`: kg m², N m, rad."""
+
+    kind: Literal["axis"] = "axis"
+    motion: Literal["rotary"] = "rotary"
+    name: str = "rotary axis"
+    inertia_kg_m2: record.Inertia
+    gravity: RotaryGravity = RotaryGravity()
+    friction: RotaryFriction
 
 
 PLACES = {
@@ -391,16 +353,39 @@ def dissipation(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, 
     return friction(y[0], p) * y[0]
 
 
+def axis_values(machine: type[Axis]) -> tuple[Value, ...]:
+    """The values that all axes have. The dynamics are what a fit looks for: free there, and held in a diagnosis."""
+    key = machine.value_of
+    rows: tuple[tuple[str, str, str, str], ...] = (
+        ("inertia", "M", "inertia", ""),
+        ("viscous", "B", "viscous", "input/speed"),
+        ("coulomb_forward", "F_f", "coulomb", "input"),
+        ("coulomb_backward", "F_b", "coulomb", "input"),
+        ("gravity_sine", "G", "gravity", "input"),
+        ("gravity_constant", "C", "gravity", "input"),
+    )
+    gain, offset = (key[role].rpartition(".")[2] for role in ("gain", "offset"))
+    return (
+        *(
+            Value(
+                key[role], symbol, tolerance, in_fit=False, free=role != "gravity_sine", signed=tolerance == "gravity",
+                scale=scale,
+            )
+            for role, symbol, tolerance, scale in rows
+            if key[role]
+        ),
+        Value(key["gain"], tolerance=gain, scale="input"),
+        Value(key["offset"], "", offset, "absolute", OFFSET_TOLERANCE, signed=True, scale="input"),
+        Value(key["standstill"], "v_s", spread="factor", in_fit=False),
+    )  # fmt: skip
+
+
 def axis_plant(
-    kind: str,
-    position: str,
-    speed: str,
-    drive: str,
-    parameters: Mapping[str, str | float],
-    inertia: Callable[[Any], Scalar] = lambda p: p.M,
+    kind: str, machine: type[Axis], values: Sequence[Value], inertia: Callable[[Any], Scalar] = lambda p: p.M
 ) -> Plant:
     """An axis' plant. inertia(p): all that moves, kg or kg m^2; p.M is what effects on the inertia are a share of."""
-    acceleration = "acceleration_m_s2" if drive == "force_n" else "acceleration_rad_s2"
+    position, speed = machine.position_signal, machine.speed_signal
+    acceleration = "acceleration_m_s2" if machine.input_signal == "force_n" else "acceleration_rad_s2"
 
     def accelerations(
         t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
@@ -428,8 +413,8 @@ def axis_plant(
         kind=kind,
         positions=(position,),
         speeds=(speed,),
-        input=drive,
-        parameters=parameters,
+        input=machine.input_signal,
+        parameters={"G": 0.0, **declare.parameters_of(values)},
         places=PLACES,
         signals=(Output(position, "position"), Output(speed, "speed"), Output(acceleration, "acceleration")),
         accelerations=accelerations,
@@ -442,44 +427,7 @@ def axis_plant(
     )
 
 
-AXIS_LINEAR = axis_plant(
-    "axis-linear",
-    "position_m",
-    "velocity_m_s",
-    "force_n",
-    {
-        "M": "mass_kg",
-        "B": "friction.viscous_n_s_per_m",
-        "F_f": "friction.coulomb_forward_n",
-        "F_b": "friction.coulomb_backward_n",
-        "v_s": "friction.standstill_speed_m_s",
-        "G": 0.0,
-        "C": "gravity.constant_n",
-    },
-)
-AXIS_ROTARY = axis_plant(
-    "axis-rotary",
-    "angle_rad",
-    "speed_rad_s",
-    "torque_nm",
-    {
-        "M": "inertia_kg_m2",
-        "B": "friction.viscous_nm_s_per_rad",
-        "F_f": "friction.coulomb_forward_nm",
-        "F_b": "friction.coulomb_backward_nm",
-        "v_s": "friction.standstill_speed_rad_s",
-        "G": "gravity.sine_nm",
-        "C": "gravity.constant_nm",
-    },
-)
-
-
-DIRECTIONS = Directions(
-    ("forward", "backward"), (("go forward", "a way back"), ("go backward", "a way forward")), "Forward"
-)
-
-
-def sizes(kind: str, m: Axis, runs: Sequence[Run]) -> Sizes:
+def _sizes(kind: str, m: Axis, runs: Sequence[Run]) -> Sizes:
     """An axis says little about its own sizes, so its runs are asked where there are any."""
     inertia = m.role("inertia")
     force = max([float(np.max(np.abs(run[m.input_signal]))) for run in runs], default=0.0)
@@ -517,19 +465,19 @@ def _fastest(m: Axis, run: Run) -> float:
     return float(np.max(np.abs((position[window:] - position[:-window]) / (time[window:] - time[:-window]))))
 
 
-def rigid(m: Axis, payload_kg: float) -> RigidBody:
+def rigid(m: Axis, payload_kg: float) -> declare.RigidBody:
     """It need not hold its load: friction may. A sine load goes with the angle."""
-    return RigidBody(m.role("inertia"), 0.0, wave=m.role("gravity_sine") != 0.0)
+    return declare.RigidBody(m.role("inertia"), 0.0, wave=m.role("gravity_sine") != 0.0)
 
 
 def cross_checks(
     m: Axis, run: Run, position: Array, smooth: Callable[[Array], Array], slope: Callable[[Array, Array], float]
-) -> Iterator[CrossCheck]:
+) -> Iterator[declare.CrossCheck]:
     """Position against speed, where both are logged."""
     at, speed = m.position_signal, m.speed_signal
     if at in run and speed in run:
         ratio = slope(smooth(run[speed]), np.gradient(smooth(run[at]), run.time_s))
-        yield CrossCheck(
+        yield declare.CrossCheck(
             ratio,
             f"{at} changes {ratio:.3g} times as fast as {speed} says; is the sign of one of them flipped, "
             "or are they in different units?",
@@ -542,30 +490,6 @@ def _transmitted(p: Any, s: Any, u: Array, acceleration: Array, payload_kg: floa
 
 def _way(s: Any, p: Any) -> Array:
     return np.clip(s.v / p.v_s, -1.0, 1.0)
-
-
-def _base(machine: type[Axis], standstill: str) -> tuple[BaseValue, ...]:
-    """The dynamics of an axis are what a fit looks for: free there, and held in a diagnosis."""
-    key = machine.value_of
-    relative = {
-        "inertia": "inertia",
-        "viscous": "viscous",
-        "coulomb_forward": "coulomb",
-        "coulomb_backward": "coulomb",
-        "gravity_sine": "gravity",
-        "gravity_constant": "gravity",
-    }
-    gain, offset = (key[role].rpartition(".")[2] for role in ("gain", "offset"))
-    return (
-        *(
-            BaseValue(key[role], tolerance, in_fit=False, signed=tolerance == "gravity")
-            for role, tolerance in relative.items()
-            if key[role]
-        ),
-        BaseValue(key["gain"], gain),
-        BaseValue(key["offset"], offset, spread="absolute", default=OFFSET_TOLERANCE, signed=True),
-        BaseValue(standstill, spread="factor", in_fit=False),
-    )
 
 
 def _load(m: Any, payload_kg: float) -> Load | None:
@@ -590,10 +514,10 @@ def _feed_forward_friction(p: Any, v: Scalar) -> Scalar:
     return where(v > 0.0, p.F_f, where(v < 0.0, -p.F_b, 0.0)) + p.B * v
 
 
-def _top_speed(m: Any) -> TopSpeed:
+def _top_speed(m: Any) -> declare.TopSpeed:
     top = m.drive.top_speed
     unit = "m/s" if m.input_signal == "force_n" else "rad/s"
-    return TopSpeed(
+    return declare.TopSpeed(
         math.inf if top is None else top, f"{{limit:g}} {unit} is beyond the drive's top speed, {top:g}" if top else ""
     )
 
@@ -624,12 +548,10 @@ def _drive_words(m: Any) -> str:
     return ", ".join(stated)
 
 
-def closed_loop(machine: type[Axis], plant: Plant) -> ClosedLoop:
+def _closed_loop(machine: type[Axis], plant: Plant, values: Sequence[Value]) -> ClosedLoop:
     """A position loop over a sampled PI speed loop, both at the motor's encoder."""
     position, speed = machine.position_signal, machine.speed_signal
     linear = machine.input_signal == "force_n"
-    key = machine.value_of
-    roles = ("inertia", "viscous", "coulomb_forward", "coulomb_backward", "gravity_sine", "gravity_constant")
     references = (machine.reference_signal, "velocity_reference_m_s" if linear else "speed_reference_rad_s")
     shown = (name for name in (signal.name for signal in plant.signals) if name not in (position, speed))
     return ClosedLoop(
@@ -639,7 +561,7 @@ def closed_loop(machine: type[Axis], plant: Plant) -> ClosedLoop:
         recorded=(machine.input_signal, position, speed, *references, *shown),
         rail=lambda m: (-math.inf, math.inf),
         top=lambda m: math.inf,
-        per_way=lambda m: 1.0,
+        per_displacement=lambda m: 1.0,
         top_speed=_top_speed,
         speed_scale=lambda m: 2.0 * _even_speed(m),
         input_scale=_input_scale,
@@ -657,7 +579,7 @@ def closed_loop(machine: type[Axis], plant: Plant) -> ClosedLoop:
         where=lambda payload_kg, place: f"{place:g} {'m' if linear else 'rad'}",
         motion_words={"hoisting": "forward", "lowering": "backward", "at_rest": "at_rest"},
         more_often=("at every position", "position"),
-        drawn=tuple(key[role] for role in roles if key[role]),
+        drawn=tuple(value.key for value in values if value.symbol and not value.exact and value.spread == "relative"),
         position_loop=True,
         inertia=lambda p: p.M,
         load=lambda p, x: p.G * sin(x) + p.C,
@@ -666,102 +588,88 @@ def closed_loop(machine: type[Axis], plant: Plant) -> ClosedLoop:
 
 
 def axis_kind(
-    machine: type[Axis],
-    plant: Plant,
-    *,
-    example: Mapping[str, Any],
-    family: tuple[str, ...],
-    drive: Input,
-    moved: Moved,
-    standstill: str,
-    turning: tuple[Turning, ...] = (),
-    more: dict[str, Any] | None = None,
+    machine: type[Axis], plant: Plant, values: tuple[Value, ...], example: Mapping[str, Any], noun: str = "axis"
 ) -> Kind:
-    """The record of an axis of one motion. more: further fields, or others in place of an axis' own."""
-    key, unit = machine.value_of, drive.suffix
-    position, speed = machine.position_signal, machine.speed_signal
-    levels = [key[role] for role in ("coulomb_forward", "coulomb_backward", "gravity_sine", "gravity_constant")]
-    over = (Table(speed, "axis", lambda s, p: absolute(s.v)), Table(position, "axis", lambda s, p: s.x))
-    turns = (Table("angle_in_turn_rad", "axis", lambda s, p: s.x, turn=True),) if turning else ()
-    clocks = (
-        Table("time_s", "axis", lambda s, p: s.t),
-        Table("campaign_time_s", "axis", lambda s, p: s.t + p.start_time_s),
-    )
-    fields: dict[str, Any] = {
-        "name": plant.kind,
-        "record": machine,
-        "noun": "axis",
-        "plant": plant,
-        "example": lambda: machine.model_validate(example),
-        "family": family,
-        "words": {"n": unit, "m": moved.unit, "input": unit, "up": "forward", "dn": "backward"},
-        "drive": drive,
-        "moved": moved,
-        "directions": DIRECTIONS,
-        "signals": SignalSet(
-            needed=(((TIME,),), ((machine.input_signal,),), ((position,), (speed,))),
+    """The declaration of an axis; noun: of what its encoder shows."""
+    key, position, speed = machine.value_of, machine.position_signal, machine.speed_signal
+    linear = machine.input_signal == "force_n"
+    drive = declare.Input("force", "N", "n") if linear else declare.Input("torque", "N m", "nm")
+    unit, family = ("m", "axis-linear") if linear else ("rad", "axis-rotary")
+    tables = [
+        declare.Table(speed, "axis", lambda s, p: absolute(s.v)),
+        declare.Table(position, "axis", lambda s, p: s.x),
+        declare.Table("angle_in_turn_rad", "axis", lambda s, p: s.x, turn=True),
+        declare.Table("time_s", "axis", lambda s, p: s.t),
+        declare.Table("campaign_time_s", "axis", lambda s, p: s.t + p.start_time_s),
+    ]
+    angle = "motor's angle within a turn" if noun == "motor" else "angle within a turn"
+    return Kind(
+        name=plant.kind,
+        record=machine,
+        noun="axis",
+        plant=plant,
+        values=values,
+        example=lambda: machine.model_validate(example),
+        family=tuple(dict.fromkeys((plant.kind, family, "axis"))),
+        words={"n": drive.suffix, "m": unit, "input": drive.suffix, "up": "forward", "dn": "backward"},
+        drive=drive,
+        moved=declare.Moved(
+            noun, unit, f"{'position' if noun == 'axis' else 'angle'} of the {noun}", placed_by_log=True
+        ),
+        directions=declare.Directions(
+            ("forward", "backward"), (("go forward", "a way back"), ("go backward", "a way forward")), "Forward"
+        ),
+        signals=declare.SignalSet(
+            needed=(((declare.TIME,),), ((machine.input_signal,),), ((position,), (speed,))),
             optional=(machine.reference_signal,),
         ),
-        "reference": (machine.reference_signal, position),
-        "speed_scale": ("the largest measured speed", "largest"),
-        "sensor": (key["gain"], key["offset"]),
-        "friction": Friction(("F_f", "F_b"), {"B": 0.0}, speed, friction, viscous=True, unit=drive.unit),
-        "base": _base(machine, standstill),
-        "free": tuple(
-            key[role] for role in ("inertia", "viscous", "coulomb_forward", "coulomb_backward", "gravity_constant")
-        ),
-        "sizes": partial(sizes, plant.kind),
-        "rigid": rigid,
-        "bridged_blows": True,
-        "transmitted": _transmitted,
-        "tables": (*over, *turns, *clocks),
-        "ports": {"axis": Port("axis_force", drive.unit, "v", lambda s, p: s.switch, _way, levered=False)},
-        "floor": "own",
+        reference=(machine.reference_signal, position),
+        speed_scale=("the largest measured speed", "largest"),
+        sensor=(key["gain"], key["offset"]),
+        friction=declare.Friction(("F_f", "F_b"), {"B": 0.0}, speed, friction, viscous=True, unit=drive.unit),
+        sizes=partial(_sizes, plant.kind),
+        rigid=rigid,
+        bridged_impacts=True,
+        transmitted=_transmitted,
+        tables=tuple(table for table in tables if not (linear and table.turn)),
+        ports={"axis": declare.Port("axis_force", drive.unit, "v", lambda s, p: s.switch, _way, on_moved=False)},
+        floor="own",
         # Cogging of a few tenths of a per cent of the largest input, and bristles of a thousandth of the travel.
-        "traces": (
-            Trace("torque_ripple", lambda m, sizes: 0.003 * sizes.force, fitted=False),
-            Trace("presliding", lambda m, sizes: 0.0005 * sizes.length),
+        nuisances=(
+            declare.NuisancePrior("torque_ripple", lambda m, sizes: 0.003 * sizes.force, fitted=False),
+            declare.NuisancePrior("presliding", lambda m, sizes: 0.0005 * sizes.length),
         ),
-        "discrepancy": Discrepancy(load=0.004, inertia=0.004, standstill=0.05, slow=0.05, time_s=0.06, of_largest=True),
-        "whole": "axis",
-        "sized_by_runs": {
-            **{name: "input" for name in (*levels, key["gain"], key["offset"]) if name},
-            key["viscous"]: "input/speed",
-        },
+        model_error=declare.ModelError(0.004, 0.004, standstill=0.05, slow=0.05, time_s=0.06, of_largest=True),
+        whole="axis",
         # The two Coulomb levels and the constant load show as two levels only: forward + load, backward - load.
-        "ties": (((key["coulomb_forward"], key["coulomb_backward"]), key["gravity_constant"]),),
-        "turning": turning,
-        "cross_checks": cross_checks,
-        "load": _load,
-        "closed_loop": closed_loop(machine, plant),
-    }
-    return Kind(**{**fields, **(more or {})})
+        ties=(((key["coulomb_forward"], key["coulomb_backward"]), key["gravity_constant"]),),
+        turning=() if linear else (declare.Turning("axis", lambda m: 1.0 / (2.0 * math.pi), ("angle", angle)),),
+        cross_checks=cross_checks,
+        load=_load,
+        closed_loop=_closed_loop(machine, plant, values),
+    )
 
 
-LINEAR = axis_kind(
+def _simple(name: str, machine: type[Axis], example: Mapping[str, Any]) -> Kind:
+    values = axis_values(machine)
+    return axis_kind(machine, axis_plant(name, machine, values), values, example)
+
+
+LINEAR = _simple(
+    "axis-linear",
     LinearAxis,
-    AXIS_LINEAR,
-    example={
+    {
         "mass_kg": 95.0,
         "gravity": {"constant_n": 3.0},
         "friction": {"coulomb_forward_n": 20.0, "coulomb_backward_n": 18.0, "viscous_n_s_per_m": 200.0},
     },
-    family=("axis-linear", "axis"),
-    drive=Input("force", "N", "n"),
-    moved=Moved("axis", "m", "position of the axis", placed_by_log=True),
-    standstill="friction.standstill_speed_m_s",
 )
-ROTARY = axis_kind(
+ROTARY = _simple(
+    "axis-rotary",
     RotaryAxis,
-    AXIS_ROTARY,
-    example={
+    {
         "inertia_kg_m2": 0.4,
         "gravity": {"sine_nm": 6.0, "constant_nm": 0.5},
         "friction": {"coulomb_forward_nm": 1.5, "coulomb_backward_nm": 1.2, "viscous_nm_s_per_rad": 0.1},
     },
-    family=("axis-rotary", "axis"),
-    drive=Input("torque", "N m", "nm"),
-    moved=Moved("axis", "rad", "position of the axis", placed_by_log=True),
-    standstill="friction.standstill_speed_rad_s",
-    turning=(Turning("axis", lambda m: 1.0 / (2.0 * math.pi), ("angle", "angle within a turn")),),
 )

@@ -18,59 +18,24 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from workbench.core.record import (
-    Area,
-    Cycle,
-    Delay,
-    EffectValues,
-    Force,
-    Gain,
-    Gravity,
-    Identified,
-    Inertia,
-    Lag,
-    Length,
-    Level,
-    LogTraits,
-    Mass,
-    Modulus,
-    Offset,
-    Overload,
-    Position,
-    Ratio,
-    Record,
-    Sharpness,
-    Speed,
-    Tolerance,
-    by_name,
-)
+from workbench.core import record
+from workbench.core.record import Record, by_name
 from workbench.core.run import Array, Run
 from workbench.core.yaml_strict import load, validate
+from workbench.machines import declare
 from workbench.machines.arm import Arm
 from workbench.machines.correction import MeasuredCorrection, Numbers
-from workbench.machines.kind import (
-    TIME,
-    BaseValue,
+from workbench.machines.declare import (
     ClosedLoop,
     CrossCheck,
-    DeadLine,
-    Directions,
-    Discrepancy,
-    Friction,
-    Input,
     Kind,
     Limits,
     Load,
-    Moved,
-    Port,
+    NuisancePrior,
     RigidBody,
-    SignalSet,
     Sizes,
-    Start,
     Table,
-    TopSpeed,
-    Trace,
-    Turning,
+    Value,
 )
 from workbench.machines.plant import NO_EFFECTS, Effects, Output, Plant
 from workbench.symbolic.derive import derivative
@@ -81,24 +46,24 @@ class Motor(Record):
     """`count` equal motors on one gearbox; inertia and nominal torque are one motor's."""
 
     count: Annotated[int, Field(ge=1, le=100, strict=True)]
-    rotor_inertia_kg_m2: Inertia
-    nominal_torque_nm: Force
-    nominal_speed_rad_s: Speed
+    rotor_inertia_kg_m2: record.Inertia
+    nominal_torque_nm: record.Force
+    nominal_speed_rad_s: record.Speed
 
 
 class Gearbox(Record):
     """`ratio` is motor speed over drum speed."""
 
-    ratio: Ratio
+    ratio: record.Ratio
 
 
 class Winch(Record):
     """The drum with what turns with it."""
 
-    drum_diameter_m: Length
-    pin_diameter_m: Length
-    inertia_kg_m2: Inertia
-    mass_kg: Mass
+    drum_diameter_m: record.Length
+    pin_diameter_m: record.Length
+    inertia_kg_m2: record.Inertia
+    mass_kg: record.Mass
 
     @model_validator(mode="after")
     def _pin_fits(self) -> Winch:
@@ -112,10 +77,10 @@ class Winch(Record):
 class Sheave(Record):
     """The sheave on the carriage."""
 
-    diameter_m: Length
-    pin_diameter_m: Length
-    inertia_kg_m2: Inertia
-    mass_kg: Mass
+    diameter_m: record.Length
+    pin_diameter_m: record.Length
+    inertia_kg_m2: record.Inertia
+    mass_kg: record.Mass
 
     @model_validator(mode="after")
     def _pin_fits(self) -> Sheave:
@@ -131,45 +96,45 @@ class Bearing(Record):
 class Wire(Record):
     """Stiffness of one fall is E·A over its free length; `damping_time_s` is c/k."""
 
-    youngs_modulus_pa: Modulus
-    effective_area_m2: Area
-    segment_length_m: Length
-    damping_time_s: Lag
-    breaking_load_n: Force | None = None
+    youngs_modulus_pa: record.Modulus
+    effective_area_m2: record.Area
+    segment_length_m: record.Length
+    damping_time_s: record.Lag
+    breaking_load_n: record.Force | None = None
 
 
 class Carriage(Record):
-    mass_kg: Mass
+    mass_kg: record.Mass
 
 
 class Guide(Record):
     """Friction force level(direction) · (2/π)·atan(slope · speed); levels are magnitudes."""
 
-    coulomb_hoisting_n: Level
-    coulomb_lowering_n: Level
-    atan_slope_s_per_m: Sharpness
+    coulomb_hoisting_n: record.Level
+    coulomb_lowering_n: record.Level
+    atan_slope_s_per_m: record.Sharpness
 
 
 class HoistTolerances(Record):
     """One standard deviation of each nominal value, relative unless the name carries a unit."""
 
-    rotor_inertia: Tolerance = 0.01
-    carriage_mass: Tolerance = 0.004
-    payload: Tolerance = 0.005
-    coulomb: Tolerance = 0.15
-    pin_friction: Tolerance = 0.1
-    wire_stiffness: Tolerance = 0.05
-    torque_gain: Tolerance = 0.005
-    torque_offset_nm: Level = 3.0
+    rotor_inertia: record.Tolerance = 0.01
+    carriage_mass: record.Tolerance = 0.004
+    payload: record.Tolerance = 0.005
+    coulomb: record.Tolerance = 0.15
+    pin_friction: record.Tolerance = 0.1
+    wire_stiffness: record.Tolerance = 0.05
+    torque_gain: record.Tolerance = 0.005
+    torque_offset_nm: record.Level = 3.0
     # Of what every machine has a little of: loss of the gearbox; guide friction over the payload's weight; viscous
     # friction at nominal speed and Stribeck's peak, of the friction level; eccentricity of the drum, of its radius;
     # ripple of the torque, of the motors' nominal torque together.
-    gearbox_loss: Tolerance = 0.002
-    load_friction: Tolerance = 0.002
-    viscous: Tolerance = 0.03
-    stribeck: Tolerance = 0.1
-    eccentricity: Tolerance = 0.0003
-    ripple: Tolerance = 0.002
+    gearbox_loss: record.Tolerance = 0.002
+    load_friction: record.Tolerance = 0.002
+    viscous: record.Tolerance = 0.03
+    stribeck: record.Tolerance = 0.1
+    eccentricity: record.Tolerance = 0.0003
+    ripple: record.Tolerance = 0.002
 
 
 class Drive(Record):
@@ -185,13 +150,13 @@ class Drive(Record):
     encoder, each divided by 512. torque_share: the first of two motors' share of the torque.
     """
 
-    overload: Overload = 1.6
-    overload_time_s: Cycle = 10.0
-    overload_period_s: Cycle = 300.0
+    overload: record.Overload = 1.6
+    overload_time_s: record.Cycle = 10.0
+    overload_period_s: record.Cycle = 300.0
     field_weakening: bool = True
-    torque_lag_s: Lag = 0.002
-    speed_filter_s: Lag = 0.003
-    speed_delay_s: Delay = 0.001
+    torque_lag_s: record.Lag = 0.002
+    speed_filter_s: record.Lag = 0.003
+    speed_delay_s: record.Delay = 0.001
     encoder_counts_per_turn: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] = 1_048_576
     torque_share: Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)] = 0.5
 
@@ -223,16 +188,16 @@ BY_NAME = by_name(DRIVES)
 class Rail(Record):
     """Carriage heights between which the machine may move. No highest position means segment_length_m."""
 
-    lowest_position_m: Position = 0.0
-    highest_position_m: Position | None = None
+    lowest_position_m: record.Position = 0.0
+    highest_position_m: record.Position | None = None
 
 
 class HoistSensors(Record):
     """Logged torque = gain · true torque + offset, both of the motors' sum; true payload = scale · stated payload."""
 
-    torque_gain: Gain = 1.0
-    torque_offset_nm: Offset = 0.0
-    payload_scale: Gain = 1.0
+    torque_gain: record.Gain = 1.0
+    torque_offset_nm: record.Offset = 0.0
+    payload_scale: record.Gain = 1.0
 
 
 class HoistCorrection(MeasuredCorrection):
@@ -289,18 +254,18 @@ class Hoist(Record):
     wire: Wire
     carriage: Carriage
     guide: Guide
-    gravity_m_s2: Gravity = 9.81
+    gravity_m_s2: record.Gravity = 9.81
     drive: Annotated[Drive, *BY_NAME] = Drive()
     rail: Rail = Rail()
     arm: Arm = Arm()
     sensors: HoistSensors = HoistSensors()
     tolerances: HoistTolerances = HoistTolerances()
-    effects: EffectValues = Field(default_factory=dict)
+    effects: record.EffectValues = Field(default_factory=dict)
     # The small amounts of effects that every machine of the kind has: at work as effects are, and no causes.
-    allowances: EffectValues = Field(default_factory=dict)
-    log: LogTraits = LogTraits()
+    allowances: record.EffectValues = Field(default_factory=dict)
+    log: record.LogTraits = record.LogTraits()
     measured_correction: HoistCorrection | None = None
-    identified: Identified = Field(default_factory=dict)
+    identified: record.Identified = Field(default_factory=dict)
 
     CORRECTION: ClassVar[type[MeasuredCorrection]] = HoistCorrection
 
@@ -320,6 +285,17 @@ class Hoist(Record):
         return self.wire.segment_length_m if high is None else high
 
     @property
+    def turning_inertia_kg_m2(self) -> float:
+        """Rotors and drum at the motor shaft."""
+        return self.motor.count * self.motor.rotor_inertia_kg_m2 + self.winch.inertia_kg_m2 / self.gearbox.ratio**2
+
+    @property
+    def torque_share(self) -> float:
+        """Of the torque of all motors, the share of the harder-worked one."""
+        share = self.drive.torque_share
+        return max(share, 1.0 - share) if self.motor.count == 2 else 1.0 / self.motor.count
+
+    @property
     def lift_m_per_rad(self) -> float:
         """Carriage travel per motor angle on a stiff wire: two falls, so half of what the drum takes up."""
         return self.winch.drum_diameter_m / (4.0 * self.gearbox.ratio)
@@ -328,31 +304,35 @@ class Hoist(Record):
 WIRE_DENSITY = 7850.0  # kg/m^3, steel; the bare wire hangs in every machine
 PIN_SPEED = 0.01  # rad/s, where the pin friction of Eq. 13 is fully developed
 
-PARAMETERS = {
-    "n_m": "motor.count",
-    "J_m": "motor.rotor_inertia_kg_m2",
-    "ratio": "gearbox.ratio",
-    "D_w": "winch.drum_diameter_m",
-    "Dp_w": "winch.pin_diameter_m",
-    "J_w": "winch.inertia_kg_m2",
-    "m_w": "winch.mass_kg",
-    "D_s": "sheave.diameter_m",
-    "Dp_s": "sheave.pin_diameter_m",
-    "J_s": "sheave.inertia_kg_m2",
-    "m_s": "sheave.mass_kg",
-    "mu": "bearing.pin_friction_coefficient",
-    "E": "wire.youngs_modulus_pa",
-    "A": "wire.effective_area_m2",
-    "L": "wire.segment_length_m",
-    "tau": "wire.damping_time_s",
-    "m_c": "carriage.mass_kg",
-    "m_p": "payload_kg",
-    "s_p": "sensors.payload_scale",
-    "F_up": "guide.coulomb_hoisting_n",
-    "F_dn": "guide.coulomb_lowering_n",
-    "slope": "guide.atan_slope_s_per_m",
-    "g": "gravity_m_s2",
-}
+DRAWING = "read from the drawing"
+VALUES = (
+    # Each friction level is held by its own tolerance: motion shows their sum well and their difference only
+    # together with weight and offset, and that is where a hold is needed.
+    Value("guide.coulomb_hoisting_n", "F_up", "coulomb", free=True),
+    Value("guide.coulomb_lowering_n", "F_dn", "coulomb", free=True),
+    Value("guide.atan_slope_s_per_m", "slope", spread="factor", free=True),
+    Value("motor.rotor_inertia_kg_m2", "J_m", "rotor_inertia", free=True),
+    Value("carriage.mass_kg", "m_c", "carriage_mass", free=True),
+    Value("sensors.payload_scale", "s_p", "payload", free=True, with_payload=True),
+    Value("bearing.pin_friction_coefficient", "mu", "pin_friction", free=True),
+    Value("wire.youngs_modulus_pa", "E", "wire_stiffness", free=True),
+    Value("sensors.torque_gain", "", "torque_gain", free=True),
+    Value("sensors.torque_offset_nm", "", "torque_offset_nm", "absolute", free=True, signed=True),
+    Value("motor.count", "n_m", exact="it is counted"),
+    Value("gearbox.ratio", "ratio", exact="teeth are counted"),
+    Value("winch.drum_diameter_m", "D_w", exact=DRAWING),
+    Value("winch.pin_diameter_m", "Dp_w", exact=DRAWING),
+    Value("winch.inertia_kg_m2", "J_w", exact="its error shows as the rotors' inertia does"),
+    Value("winch.mass_kg", "m_w", exact="it loads the drum's pin only"),
+    Value("sheave.diameter_m", "D_s", exact=DRAWING),
+    Value("sheave.pin_diameter_m", "Dp_s", exact=DRAWING),
+    Value("sheave.inertia_kg_m2", "J_s", exact="a few thousandths of what the motors turn"),
+    Value("sheave.mass_kg", "m_s", exact="it loads the sheave's pin only"),
+    Value("wire.effective_area_m2", "A", exact="its error shows as the modulus does"),
+    Value("wire.segment_length_m", "L", exact=DRAWING),
+    Value("wire.damping_time_s", "tau", exact="it damps a swing beyond the band of the balance"),
+    Value("gravity_m_s2", "g", exact="it is known to a thousandth anywhere"),
+)
 
 
 PLACES = {
@@ -575,7 +555,7 @@ HOIST = Plant(
     positions=("angle_motor_rad", "angle_sheave_rad", "position_carriage_m"),
     speeds=("speed_motor_rad_s", "speed_sheave_rad_s", "speed_carriage_m_s"),
     input="torque_motor_nm",
-    parameters=PARAMETERS,
+    parameters=declare.parameters_of(VALUES, m_p="payload_kg"),
     places=PLACES,
     signals=SIGNALS,
     accelerations=accelerations,
@@ -611,7 +591,7 @@ def _sizes(m: Hoist, runs: Sequence[Run]) -> Sizes:
         radius=radius,
         drum_angle=2.0 * length / radius,
         mass=m.carriage.mass_kg,
-        inertia=m.motor.count * m.motor.rotor_inertia_kg_m2 + m.winch.inertia_kg_m2 / m.gearbox.ratio**2,
+        inertia=m.turning_inertia_kg_m2,
     )
 
 
@@ -624,8 +604,9 @@ def _rigid(m: Hoist, payload_kg: float) -> RigidBody:
     """On a stiff wire: rotors, drum, sheave, carriage and payload at the motor shaft."""
     mass = _mass(m, payload_kg)
     sheave = m.sheave.inertia_kg_m2 * (2.0 * m.lift_m_per_rad / m.sheave.diameter_m) ** 2
-    turning = m.motor.count * m.motor.rotor_inertia_kg_m2 + m.winch.inertia_kg_m2 / (m.gearbox.ratio**2)
-    return RigidBody(turning + sheave + mass * m.lift_m_per_rad**2, mass * m.gravity_m_s2 * m.lift_m_per_rad)
+    return RigidBody(
+        m.turning_inertia_kg_m2 + sheave + mass * m.lift_m_per_rad**2, mass * m.gravity_m_s2 * m.lift_m_per_rad
+    )
 
 
 def _weight(m: Hoist, payload_kg: float) -> float:
@@ -652,15 +633,13 @@ def _limits(m: Hoist) -> Limits:
 
 def _torque_limit(m: Hoist) -> float:
     """Of all motors together at or below nominal speed, N m: the harder-worked one limits them all."""
-    share = max(m.drive.torque_share, 1.0 - m.drive.torque_share) if m.motor.count == 2 else 1.0 / m.motor.count
-    return m.motor.nominal_torque_nm * m.drive.overload / share
+    return m.motor.nominal_torque_nm * m.drive.overload / m.torque_share
 
 
 def _load(m: Hoist, payload_kg: float) -> Load:
     """Two falls over the sheave: the carriage hangs on twice a fall's stiffness, at the height of the wire's middle."""
-    turning = m.motor.count * m.motor.rotor_inertia_kg_m2 + m.winch.inertia_kg_m2 / m.gearbox.ratio**2
     return Load(
-        drive_kg=turning / m.lift_m_per_rad**2,
+        drive_kg=m.turning_inertia_kg_m2 / m.lift_m_per_rad**2,
         mass_kg=_mass(m, payload_kg),
         stiffness_n_per_m=2.0 * m.wire.youngs_modulus_pa * m.wire.effective_area_m2 / m.wire.segment_length_m,
         damping_time_s=m.wire.damping_time_s,
@@ -720,14 +699,13 @@ def _motor_way(s: Any, p: Any) -> Array:
 
 def _shaft_inertia(m: Hoist, payload_kg: float) -> float:
     """Rotors, drum, carriage and payload as the motor shaft feels them on a stiff wire, kg m²."""
-    turning = m.motor.count * m.motor.rotor_inertia_kg_m2 + m.winch.inertia_kg_m2 / m.gearbox.ratio**2
-    return turning + (m.carriage.mass_kg + payload_kg) * m.lift_m_per_rad**2
+    return m.turning_inertia_kg_m2 + (m.carriage.mass_kg + payload_kg) * m.lift_m_per_rad**2
 
 
-def _top_speed(m: Hoist) -> TopSpeed:
+def _top_speed(m: Hoist) -> declare.TopSpeed:
     nominal = m.motor.nominal_speed_rad_s
     allowed = nominal * (m.winch.drum_diameter_m / 2.0) / (2.0 * m.gearbox.ratio)
-    return TopSpeed(allowed, f"{{limit:g}} m/s turns the motor faster than its nominal {nominal:g} rad/s")
+    return declare.TopSpeed(allowed, f"{{limit:g}} m/s turns the motor faster than its nominal {nominal:g} rad/s")
 
 
 def _places(m: Hoist) -> tuple[float, ...]:
@@ -762,7 +740,7 @@ CLOSED_LOOP = ClosedLoop(
     ),
     rail=lambda m: (m.rail.lowest_position_m, m.highest_position_m),
     top=lambda m: float(m.wire.segment_length_m),
-    per_way=lambda m: 2.0 * m.gearbox.ratio / (m.winch.drum_diameter_m / 2.0),
+    per_displacement=lambda m: 2.0 * m.gearbox.ratio / (m.winch.drum_diameter_m / 2.0),
     top_speed=_top_speed,
     speed_scale=lambda m: float(m.motor.nominal_speed_rad_s),
     input_scale=lambda m: float(m.motor.nominal_torque_nm),
@@ -798,59 +776,18 @@ KIND = Kind(
     plant=HOIST,
     family=(HOIST.kind,),
     words={"n": "n", "m": "m", "input": "nm", "up": "hoisting", "dn": "lowering"},
-    drive=Input("torque", "N m", "nm", MOTORS),
-    moved=Moved("carriage", "m", "height of the carriage", placed_by_log=False),
-    directions=Directions(("hoisting", "lowering"), (("hoist", "lowering"), ("lower", "hoisting")), "Hoisting"),
-    signals=SignalSet(
-        needed=(((TIME,),), (MOTORS, (TORQUE,)), ((SPEED,),)),
+    drive=declare.Input("torque", "N m", "nm", MOTORS),
+    moved=declare.Moved("carriage", "m", "height of the carriage", placed_by_log=False),
+    directions=declare.Directions(("hoisting", "lowering"), (("hoist", "lowering"), ("lower", "hoisting")), "Hoisting"),
+    signals=declare.SignalSet(
+        needed=(((declare.TIME,),), (MOTORS, (TORQUE,)), ((SPEED,),)),
         optional=(SPEED_REFERENCE, HEIGHT, TENSION),
     ),
     reference=(SPEED_REFERENCE, SPEED),
     speed_scale=("nominal motor speed", "nominal"),
     sensor=("sensors.torque_gain", "sensors.torque_offset_nm"),
-    friction=Friction(("F_up", "F_dn"), {}, "speed_carriage_m_s", guide_friction, viscous=False, unit="N"),
-    base=(
-        # Each friction level is held by its own tolerance: motion shows their sum well and their difference only
-        # together with weight and offset, and that is where a hold is needed.
-        BaseValue("guide.coulomb_hoisting_n", "coulomb"),
-        BaseValue("guide.coulomb_lowering_n", "coulomb"),
-        BaseValue("guide.atan_slope_s_per_m", spread="factor"),
-        BaseValue("motor.rotor_inertia_kg_m2", "rotor_inertia"),
-        BaseValue("carriage.mass_kg", "carriage_mass"),
-        BaseValue("sensors.payload_scale", "payload", with_payload=True),
-        BaseValue("bearing.pin_friction_coefficient", "pin_friction"),
-        BaseValue("wire.youngs_modulus_pa", "wire_stiffness"),
-        BaseValue("sensors.torque_gain", "torque_gain"),
-        BaseValue("sensors.torque_offset_nm", "torque_offset_nm", spread="absolute", signed=True),
-    ),
-    held=(
-        "motor.count",
-        "gearbox.ratio",
-        "winch.drum_diameter_m",
-        "winch.pin_diameter_m",
-        "winch.inertia_kg_m2",
-        "winch.mass_kg",
-        "sheave.diameter_m",
-        "sheave.pin_diameter_m",
-        "sheave.inertia_kg_m2",
-        "sheave.mass_kg",
-        "wire.effective_area_m2",
-        "wire.segment_length_m",
-        "wire.damping_time_s",
-        "gravity_m_s2",
-    ),
-    free=(
-        "guide.coulomb_hoisting_n",
-        "guide.coulomb_lowering_n",
-        "guide.atan_slope_s_per_m",
-        "motor.rotor_inertia_kg_m2",
-        "carriage.mass_kg",
-        "sensors.payload_scale",
-        "bearing.pin_friction_coefficient",
-        "wire.youngs_modulus_pa",
-        "sensors.torque_gain",
-        "sensors.torque_offset_nm",
-    ),
+    friction=declare.Friction(("F_up", "F_dn"), {}, "speed_carriage_m_s", guide_friction, viscous=False, unit="N"),
+    values=VALUES,
     # Friction both ways, mass, inertia and offset: what wear, load and sensors change.
     watched=(
         "guide.coulomb_hoisting_n",
@@ -875,28 +812,28 @@ KIND = Kind(
     ),
     ports={
         # Two falls carry a force on the carriage, and nothing of a torque at the motor.
-        "guide": Port("guide_force_n", "N", "v", _guide_sign, _guide_way, levered=True, share=0.5),
-        "motor": Port("motor_torque_nm", "N m", "w", lambda s, p: s.switch, _motor_way, levered=False),
+        "guide": declare.Port("guide_force_n", "N", "v", _guide_sign, _guide_way, on_moved=True, share=0.5),
+        "motor": declare.Port("motor_torque_nm", "N m", "w", lambda s, p: s.switch, _motor_way, on_moved=False),
     },
     floor="sensors",
-    traces=(
-        Trace("gearbox_efficiency", lambda m, sizes: float(m.tolerances.gearbox_loss)),
-        Trace("friction_load_dependent", lambda m, sizes: float(m.tolerances.load_friction)),
-        Trace("friction_viscous", lambda m, sizes: float(m.tolerances.viscous) * _level(m) / sizes.speed),
-        Trace("friction_stribeck", lambda m, sizes: float(m.tolerances.stribeck) * _level(m)),
-        Trace("drum_eccentricity", lambda m, sizes: float(m.tolerances.eccentricity) * sizes.radius),
-        Trace("torque_ripple", lambda m, sizes: float(m.tolerances.ripple) * sizes.torque, fitted=False),
+    nuisances=(
+        NuisancePrior("gearbox_efficiency", lambda m, sizes: float(m.tolerances.gearbox_loss)),
+        NuisancePrior("friction_load_dependent", lambda m, sizes: float(m.tolerances.load_friction)),
+        NuisancePrior("friction_viscous", lambda m, sizes: float(m.tolerances.viscous) * _level(m) / sizes.speed),
+        NuisancePrior("friction_stribeck", lambda m, sizes: float(m.tolerances.stribeck) * _level(m)),
+        NuisancePrior("drum_eccentricity", lambda m, sizes: float(m.tolerances.eccentricity) * sizes.radius),
+        NuisancePrior("torque_ripple", lambda m, sizes: float(m.tolerances.ripple) * sizes.torque, fitted=False),
     ),
-    discrepancy=Discrepancy(load=0.0002, inertia=0.003, standstill=0.02, slow=0.08, time_s=0.6),
+    model_error=declare.ModelError(load=0.0002, inertia=0.003, standstill=0.02, slow=0.08, time_s=0.6),
     whole="",
-    lever=lift,
+    transmission=lift,
     nominal_speed=lambda m: float(m.motor.nominal_speed_rad_s),
     motor_torque=lambda m: float(m.motor.nominal_torque_nm),
     log_timing=True,
     payload=True,
     studies=True,
     closed_loop=CLOSED_LOOP,
-    start=Start(
+    start=declare.Start(
         "the carriage height at the first sample",
         "a height",
         lambda m: (0.0, m.wire.segment_length_m, "where the dead anchor is"),
@@ -905,16 +842,16 @@ KIND = Kind(
     load=_load,
     weight=_weight,
     gravity=lambda m: float(m.gravity_m_s2),
-    dead_line=DeadLine(
+    dead_line=declare.DeadLine(
         TENSION,
         _tension,
         pull_per_input=lambda m: m.gearbox.ratio / (m.winch.drum_diameter_m / 2.0),
         at_rest=lambda m, payload_kg: 0.5 * _weight(m, payload_kg),
     ),
     turning=(
-        Turning("drum", lambda m: 4.0 / (2.0 * np.pi * m.winch.drum_diameter_m), ("drum_angle", "drum's angle")),
-        Turning("motor", lambda m: 1.0 / (2.0 * np.pi * m.lift_m_per_rad)),
-        Turning("sheave", lambda m: 2.0 / (2.0 * np.pi * m.sheave.diameter_m)),
+        declare.Turning("drum", lambda m: 2.0 / (np.pi * m.winch.drum_diameter_m), ("drum_angle", "drum's angle")),
+        declare.Turning("motor", lambda m: 1.0 / (2.0 * np.pi * m.lift_m_per_rad)),
+        declare.Turning("sheave", lambda m: 2.0 / (2.0 * np.pi * m.sheave.diameter_m)),
     ),
     to_log=(HEIGHT, TENSION),
     zero_input="a hoist's motors hold its load",

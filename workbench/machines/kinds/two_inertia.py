@@ -25,24 +25,22 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from workbench.core.record import Backlash, Inertia, Record, Slope, Stiffness, Tolerance, by_name
+from workbench.core import record
+from workbench.core.record import Record
 from workbench.core.run import Array, Run
-from workbench.machines.correction import MeasuredCorrection
-from workbench.machines.kind import BaseValue, CrossCheck, Friction, Input, Kind, Load, Moved, RigidBody, Turning
+from workbench.machines.declare import CrossCheck, Load, RigidBody, Value, parameters_of
 from workbench.machines.kinds.axis import (
-    ROTARY_DRIVES,
-    Axis,
-    RotaryAxis,
-    RotaryCorrection,
-    RotaryDrive,
+    Rotary,
     RotaryFriction,
     RotaryGravity,
-    RotarySensors,
     RotaryTolerances,
     axis_kind,
+    axis_values,
     cross_checks,
+    friction,
+    switch_at,
 )
 from workbench.machines.plant import NO_EFFECTS, Effects, Output, Plant
 from workbench.symbolic.expr import Scalar, clip, cos, maximum, minimum, sin, where
@@ -51,22 +49,22 @@ from workbench.symbolic.expr import Scalar, clip, cos, maximum, minimum, sin, wh
 class MotorSide(Record):
     """What turns with the motor's encoder."""
 
-    inertia_kg_m2: Inertia
+    inertia_kg_m2: record.Inertia
     friction: RotaryFriction
 
 
 class Coupling(Record):
     """Between motor and load. `backlash_rad`: from flank to flank, at the motor."""
 
-    stiffness_nm_per_rad: Stiffness
-    damping_nm_s_per_rad: Slope = 0.0
-    backlash_rad: Backlash = 0.0
+    stiffness_nm_per_rad: record.Stiffness
+    damping_nm_s_per_rad: record.Slope = 0.0
+    backlash_rad: record.Backlash = 0.0
 
 
 class LoadSide(Record):
     """What hangs on the coupling, as the motor feels it: a gear's ratio is taken into the values."""
 
-    inertia_kg_m2: Inertia
+    inertia_kg_m2: record.Inertia
     friction: RotaryFriction = RotaryFriction(coulomb_forward_nm=0.0, coulomb_backward_nm=0.0, viscous_nm_s_per_rad=0.0)
     gravity: RotaryGravity = RotaryGravity()
 
@@ -74,12 +72,12 @@ class LoadSide(Record):
 class TwoInertiaTolerances(RotaryTolerances):
     """As an axis', for the friction of the motor and the load's gravity; `inertia` is the motor's."""
 
-    load_inertia: Tolerance = 0.05
-    stiffness: Tolerance = 0.1
-    damping: Tolerance = 0.5
+    load_inertia: record.Tolerance = 0.05
+    stiffness: record.Tolerance = 0.1
+    damping: record.Tolerance = 0.5
 
 
-class TwoInertia(Axis):
+class TwoInertia(Rotary):
     """`kind: two_inertia`: kg m², N m, rad."""
 
     kind: Literal["two_inertia"] = "two_inertia"
@@ -87,49 +85,32 @@ class TwoInertia(Axis):
     motor: MotorSide
     coupling: Coupling
     load: LoadSide
-    drive: Annotated[RotaryDrive, *by_name(ROTARY_DRIVES)] = RotaryDrive()
-    sensors: RotarySensors = RotarySensors()
     tolerances: TwoInertiaTolerances = TwoInertiaTolerances()
-    measured_correction: RotaryCorrection | None = None
 
     value_of: ClassVar[dict[str, str]] = {
-        "inertia": "motor.inertia_kg_m2",
-        "coulomb_forward": "motor.friction.coulomb_forward_nm",
-        "coulomb_backward": "motor.friction.coulomb_backward_nm",
-        "viscous": "motor.friction.viscous_nm_s_per_rad",
-        "gravity_sine": "load.gravity.sine_nm",
-        "gravity_constant": "load.gravity.constant_nm",
-        "gain": "sensors.torque_gain",
-        "offset": "sensors.torque_offset_nm",
-        "gain_tolerance": "tolerances.torque_gain",
+        role: dotted if role in ("gain", "offset") else f"{'load' if 'gravity' in role else 'motor'}.{dotted}"
+        for role, dotted in Rotary.value_of.items()
     }
-    input_signal: ClassVar[str] = RotaryAxis.input_signal
-    position_signal: ClassVar[str] = RotaryAxis.position_signal
-    speed_signal: ClassVar[str] = RotaryAxis.speed_signal
-    reference_signal: ClassVar[str] = RotaryAxis.reference_signal
-    CORRECTION: ClassVar[type[MeasuredCorrection]] = RotaryCorrection
 
 
 GREASE = 1e-6  # of the stiffness, within the play
 ROUNDS = 50  # of the fixed point of the equilibrium
+FAR = "friction of the load shows at the motor as the motor's own does"
 
-PARAMETERS: Mapping[str, str | float] = {
-    "M": "motor.inertia_kg_m2",
-    "B": "motor.friction.viscous_nm_s_per_rad",
-    "F_f": "motor.friction.coulomb_forward_nm",
-    "F_b": "motor.friction.coulomb_backward_nm",
-    "v_s": "motor.friction.standstill_speed_rad_s",
-    "k": "coupling.stiffness_nm_per_rad",
-    "c": "coupling.damping_nm_s_per_rad",
-    "b": "coupling.backlash_rad",
-    "M_l": "load.inertia_kg_m2",
-    "B_l": "load.friction.viscous_nm_s_per_rad",
-    "F_lf": "load.friction.coulomb_forward_nm",
-    "F_lb": "load.friction.coulomb_backward_nm",
-    "v_ls": "load.friction.standstill_speed_rad_s",
-    "G": "load.gravity.sine_nm",
-    "C": "load.gravity.constant_nm",
-}
+MOTOR, *OTHERS = axis_values(TwoInertia)
+VALUES = (
+    # What the runs show of the motor's inertia and of the load's is their sum first: the motor's is known best.
+    replace(MOTOR, in_fit=True),
+    *OTHERS,
+    Value("load.inertia_kg_m2", "M_l", "load_inertia", in_fit=False, free=True),
+    Value("coupling.stiffness_nm_per_rad", "k", "stiffness", in_fit=False, free=True),
+    Value("coupling.damping_nm_s_per_rad", "c", "damping"),
+    Value("coupling.backlash_rad", "b", exact="play shows by its effect", scale=0.01),
+    Value("load.friction.coulomb_forward_nm", "F_lf", exact=FAR),
+    Value("load.friction.coulomb_backward_nm", "F_lb", exact=FAR),
+    Value("load.friction.viscous_nm_s_per_rad", "B_l", exact=FAR),
+    Value("load.friction.standstill_speed_rad_s", "v_ls", exact=FAR),
+)
 PLACES = {
     "axis_force": "torque on the motor, forward positive",
     "axis_inertia": "inertia of the motor",
@@ -140,22 +121,9 @@ PLACES = {
 }
 
 
-def _side(v: Scalar, sign: Scalar, forward: Scalar, backward: Scalar, viscous: Scalar) -> Scalar:
-    return where(sign > 0.0, forward, backward) * sign + viscous * v
-
-
-def _switch(v: Scalar, standstill: Scalar) -> Scalar:
-    return clip(v / standstill, -1.0, 1.0)
-
-
-def motor_friction(v: Scalar, p: Any, sign: Scalar | None = None) -> Scalar:
-    """Coulomb and viscous friction of the motor along v, N m; v in rad/s. sign: what the dry part follows."""
-    return _side(v, _switch(v, p.v_s) if sign is None else sign, p.F_f, p.F_b, p.B)
-
-
 def load_friction(v: Scalar, p: Any) -> Scalar:
     """Coulomb and viscous friction of the load along v, N m; v in rad/s."""
-    return _side(v, _switch(v, p.v_ls), p.F_lf, p.F_lb, p.B_l)
+    return friction(v, SimpleNamespace(F_f=p.F_lf, F_b=p.F_lb, v_s=p.v_ls, B=p.B_l))
 
 
 def coupling(twist: Scalar, rate: Scalar, k: Scalar, c: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
@@ -185,9 +153,8 @@ def accelerations(
     s = _state(t, q, y, u, p, effects)
     M = p.M + effects.at("axis_inertia", p, t=t, x=s.x)
     M_l = p.M_l + effects.at("load_inertia_kg_m2", p, t=t)
-    sign = _switch(s.v, p.v_s)
-    sign = sign + effects.at("axis_switch", p, t=t, v=s.v, switch=sign)
-    own = motor_friction(s.v, p, sign)
+    sign = switch_at(t, s.v, p, effects)
+    own = friction(s.v, p, sign)
     extra = effects.at("axis_force", p, t=t, v=s.v, x=s.x, angle=s.x, switch=sign, load=s.T, friction=own)
     a = (u - own - s.T + extra) / M
     a_l = (s.T - load_friction(s.v_l, p) - p.G * sin(s.x_l) - p.C) / M_l
@@ -284,7 +251,7 @@ def dissipation(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, 
     s = _state(t, q, y, u, p, NO_EFFECTS)
     elastic = where(p.b > 0.0, s.x - s.x_l - clip(s.x - s.x_l, -0.5 * p.b, 0.5 * p.b), s.x - s.x_l)
     held = p.k * elastic + where(p.b > 0.0, GREASE * p.k * (s.x - s.x_l), 0.0)
-    return motor_friction(s.v, p) * s.v + load_friction(s.v_l, p) * s.v_l + (s.T - held) * s.rate
+    return friction(s.v, p) * s.v + load_friction(s.v_l, p) * s.v_l + (s.T - held) * s.rate
 
 
 TWO_INERTIA = Plant(
@@ -292,7 +259,7 @@ TWO_INERTIA = Plant(
     positions=("angle_rad", "angle_load_rad"),
     speeds=("speed_rad_s", "speed_load_rad_s"),
     input="torque_nm",
-    parameters=PARAMETERS,
+    parameters=parameters_of(VALUES),
     places=PLACES,
     signals=SIGNALS,
     accelerations=accelerations,
@@ -356,64 +323,36 @@ def _load(m: TwoInertia, payload_kg: float) -> Load:
     )
 
 
-def _kind() -> Kind:
-    own = axis_kind(
-        TwoInertia,
-        TWO_INERTIA,
-        example={
-            "motor": {
-                "inertia_kg_m2": 0.02,
-                "friction": {"coulomb_forward_nm": 0.6, "coulomb_backward_nm": 0.5, "viscous_nm_s_per_rad": 0.02},
-            },
-            "coupling": {"stiffness_nm_per_rad": 900.0, "damping_nm_s_per_rad": 1.5},
-            "load": {
-                "inertia_kg_m2": 0.05,
-                "friction": {"coulomb_forward_nm": 0.8, "coulomb_backward_nm": 0.8, "viscous_nm_s_per_rad": 0.05},
-                "gravity": {"sine_nm": 0.0, "constant_nm": 0.3},
-            },
+_OWN = axis_kind(
+    TwoInertia,
+    TWO_INERTIA,
+    VALUES,
+    {
+        "motor": {
+            "inertia_kg_m2": 0.02,
+            "friction": {"coulomb_forward_nm": 0.6, "coulomb_backward_nm": 0.5, "viscous_nm_s_per_rad": 0.02},
         },
-        family=("two_inertia", "axis-rotary", "axis"),
-        drive=Input("torque", "N m", "nm"),
-        moved=Moved("motor", "rad", "angle of the motor", placed_by_log=True),
-        standstill="motor.friction.standstill_speed_rad_s",
-        turning=(Turning("axis", lambda m: 1.0 / (2.0 * math.pi), ("angle", "motor's angle within a turn")),),
-    )
-    more: dict[str, Any] = {
-        "signals": replace(own.signals, optional=(*own.signals.optional, LOAD_ANGLE, LOAD_SPEED)),
-        "friction": Friction(
-            own.friction.levels, own.friction.off, own.friction.speed, motor_friction, viscous=True, unit="N m"
-        ),
-        # What the runs show of the motor's inertia and of the load's is their sum first: the motor's is known best.
-        "base": (
-            replace(own.base[0], in_fit=True),
-            *own.base[1:],
-            BaseValue("load.inertia_kg_m2", "load_inertia", in_fit=False),
-            BaseValue("coupling.stiffness_nm_per_rad", "stiffness", in_fit=False),
-            BaseValue("coupling.damping_nm_s_per_rad", "damping"),
-        ),
-        "free": (*own.free, "load.inertia_kg_m2", "coupling.stiffness_nm_per_rad"),
-        # Friction of the load shows at the motor as the motor's own does, play by its effect.
-        "held": (
-            "coupling.backlash_rad",
-            "load.friction.coulomb_forward_nm",
-            "load.friction.coulomb_backward_nm",
-            "load.friction.viscous_nm_s_per_rad",
-            "load.friction.standstill_speed_rad_s",
-        ),
-        "rigid": _rigid,
-        "transmitted": _transmitted,
-        "sized_by_runs": {**own.sized_by_runs, "coupling.backlash_rad": 0.01},
-        "cross_checks": _cross_checks,
-        "load": _load,
-        "closed_loop": replace(
-            own.looped,
-            drawn=(*own.looped.drawn, "load.inertia_kg_m2", "coupling.stiffness_nm_per_rad"),
-            total_inertia=lambda m, payload_kg: m.motor.inertia_kg_m2 + m.load.inertia_kg_m2,
-            inertia=lambda p: p.M + p.M_l,
-            friction=_friction,
-        ),
-    }
-    return replace(own, **more)
-
-
-KIND = _kind()
+        "coupling": {"stiffness_nm_per_rad": 900.0, "damping_nm_s_per_rad": 1.5},
+        "load": {
+            "inertia_kg_m2": 0.05,
+            "friction": {"coulomb_forward_nm": 0.8, "coulomb_backward_nm": 0.8, "viscous_nm_s_per_rad": 0.05},
+            "gravity": {"sine_nm": 0.0, "constant_nm": 0.3},
+        },
+    },
+    noun="motor",
+)
+KIND = replace(
+    _OWN,
+    signals=replace(_OWN.signals, optional=(*_OWN.signals.optional, LOAD_ANGLE, LOAD_SPEED)),
+    rigid=_rigid,
+    transmitted=_transmitted,
+    cross_checks=_cross_checks,
+    load=_load,
+    closed_loop=replace(
+        _OWN.looped,
+        drawn=tuple(key for key in _OWN.looped.drawn if key != "coupling.damping_nm_s_per_rad"),
+        total_inertia=lambda m, payload_kg: m.motor.inertia_kg_m2 + m.load.inertia_kg_m2,
+        inertia=lambda p: p.M + p.M_l,
+        friction=_friction,
+    ),
+)

@@ -1,0 +1,292 @@
+"""How large the gap is, and how far a cause shrinks it on runs that its fit has not seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workbench.core.errors import InputError
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting, base_parameters
+from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
+from workbench.diagnose.machines import machine_of
+from workbench.diagnose.unexplained.unknown import Explained
+from workbench.machines import Axis, Hoist, kind_of
+from workbench.simulate.replay import ReplayResult, replay_runs
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How large the gap is after the base parameters were refitted within their tolerances.
+
+    residual_rms, noise_rms: input, N m (N), below band_hz. force_rms_n: the same as a force on the carriage (None on
+    an axis). speed_rmse_percent: open-loop replay of the refitted machine. nominal_*: before any refit.
+    """
+
+    residual_rms: float
+    noise_rms: float
+    band_hz: float
+    force_rms_n: float | None
+    speed_rmse_percent: float
+    nominal_residual_rms: float
+    nominal_speed_rmse_percent: float
+    worst_tolerance: tuple[str, float]
+    significant: bool
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RunResidual:
+    """One run under the delivered machine, as `replay` prints it: rms while moving, N m (N). before: refitted within
+    the tolerances; after: as delivered. share: of the gap's energy that this run holds; differs: whether it alone
+    holds most of what stays."""
+
+    name: str
+    share: float
+    before: float
+    after: float
+    noise: float
+    differs: bool = False
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """What `replay` gives with the delivered machine.yaml, in the band of the gap: rms of the residual while moving,
+    N m (N); speed error in open loop, per cent; and each run."""
+
+    residual_rms: float
+    speed_rmse_percent: float
+    runs: tuple[RunResidual, ...]
+
+
+EXCESS = 0.8  # of the noise, rms beside it: a machine without a gap stays below (no model is exact)
+STRETCHED = 4.0  # tolerances: the furthest of ten honest values lies further off once in 1,600 machines
+
+
+DIFFERS = 0.7  # of the energy beyond noise that stays: a run that holds so much alone is not like the others
+
+
+def delivered_of(noise: float, refitted: ReplayResult, corrected: ReplayResult) -> Delivered:
+    """Both machines as replayed: the numbers that the report prints are those that anybody gets with the file. noise:
+    rms in the band, in the input's unit."""
+    before = np.array([run.residual_rms_moving for run in refitted.runs])
+    after = np.array([run.residual_rms_moving for run in corrected.runs])
+    length = np.array([np.count_nonzero(run.balance.moving) for run in corrected.runs], dtype=float)
+    before, after = np.nan_to_num(before), np.nan_to_num(after)
+    beyond, stays = (length * np.maximum(x**2 - noise**2, 0.0) for x in (before, after))
+    total, left = max(float(np.sum(beyond)), 1e-300), float(np.sum(stays))
+    alone = [len(length) >= 3 and left > 0.0 and part > DIFFERS * left and rms > 2.0 * noise for part, rms in
+             zip(stays, after, strict=True)]  # fmt: skip
+    rows = tuple(
+        RunResidual(run.name, float(part) / total, float(b), float(a), noise, one)
+        for run, part, b, a, one in zip(corrected.runs, beyond, before, after, alone, strict=True)
+    )
+    return Delivered(corrected.residual_rms_moving, corrected.speed_rmse_percent, rows)
+
+
+def gap_of(problem: Problem, search: SearchResult, refitted: ReplayResult) -> Gap:
+    """The gap: the residual with the base parameters refitted within their tolerances, `search.within_tolerances`.
+
+    A fit that tolerances merely hold, `search.base`, may stretch one to ten times itself and hide a gap there;
+    how far it does is the worst tolerance. refitted: its machine, replayed.
+    """
+    base, keys = search.base, base_parameters(problem.machine, problem.runs)
+    left = refitted.residual_rms_moving
+    plain = replay_runs(problem.machine, problem.runs, problem.band_hz)
+    worst = worst_tolerance(keys, base)
+    excess = math.sqrt(max(left**2 - problem.noise**2, 0.0))
+    stretched = abs(worst[1]) > STRETCHED
+    kind = kind_of(problem.machine)
+    lift = None if kind.transmission is None else kind.transmission(problem.machine)
+    gap = Gap(
+        residual_rms=left,
+        noise_rms=problem.noise,
+        band_hz=problem.band_hz,
+        force_rms_n=None if lift is None else left / lift,
+        speed_rmse_percent=refitted.speed_rmse_percent,
+        nominal_residual_rms=plain.residual_rms_moving,
+        nominal_speed_rmse_percent=plain.speed_rmse_percent,
+        worst_tolerance=worst,
+        significant=excess > EXCESS * problem.noise or stretched,
+        sentences=(),
+    )
+    return replace(gap, sentences=tuple(_sentences(gap, unit_of(problem.machine))))
+
+
+def worst_tolerance(keys: Mapping[str, Scalar], base: Fitted) -> tuple[str, float]:
+    """The key of the base parameter that the fit moved furthest, and by how many of its tolerances."""
+    moved = {
+        key: float(z) / parameter.std
+        for (key, parameter), z in zip(keys.items(), base.z, strict=False)  # the base parameters are the first of all
+        if not parameter.logarithmic
+    }
+    key = max(moved, key=lambda k: abs(moved[k]), default="")
+    return key, moved.get(key, 0.0)
+
+
+def unit_of(machine: Hoist | Axis) -> str:
+    """The unit of the input that the residual is in."""
+    return kind_of(machine).drive.unit
+
+
+def _sentences(gap: Gap, unit: str) -> list[str]:
+    times = gap.residual_rms / gap.noise_rms
+    force = "" if gap.force_rms_n is None else f", {gap.force_rms_n:.0f} N on the carriage"
+    sentences = [
+        f"As the machine is written down, measured and predicted input differ by {gap.nominal_residual_rms:.3g} {unit} "
+        f"rms below {gap.band_hz:.3g} Hz.",
+        f"With the base parameters refitted within {TOLERANCES:g} tolerances {gap.residual_rms:.3g} {unit} rms remain"
+        f"{force}: {times:.1f} times the noise floor of {gap.noise_rms:.2g} {unit}.",
+        f"Replayed in open loop, the speed is off by {gap.speed_rmse_percent:.3g} % "
+        f"({gap.nominal_speed_rmse_percent:.3g} % before the refit).",
+    ]
+    key, count = gap.worst_tolerance
+    if abs(count) > STRETCHED:
+        sentences.append(
+            f"Left to itself the refit moves {key} by {abs(count):.1f} tolerances: more than an honest nominal value "
+            "is off."
+        )
+    sentences.append(
+        "There is a gap." if gap.significant else "Noise and tolerances account for what remains: no significant gap."
+    )
+    return sentences
+
+
+DRAWS = 2000  # of the bootstrap
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """The reduction of the gap on held-out runs. before, after, noise: rms in `unit`, below band_hz.
+
+    by_run: name -> (before, after). ci95: of the factor, a bootstrap over runs. speed_*: open-loop replay.
+    """
+
+    before: float
+    after: float
+    noise: float
+    unit: str
+    band_hz: float
+    factor: float
+    ci95: tuple[float, float]
+    speed_rmse_percent_before: float
+    speed_rmse_percent_after: float
+    by_run: Mapping[str, tuple[float, float]]
+    sentences: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Held-out residuals without and with the effects named."""
+
+    before: HeldOut
+    after: HeldOut
+
+
+def folds_of(search: SearchResult, names: Names, unknown: Explained | None = None) -> Folds:
+    """unknown: the table that represents an unknown cause, if there is one."""
+    folds = folds_by_run(search.problem)
+    before = held_out(search.problem, search.within_tolerances, folds)
+    if unknown is not None:
+        return Folds(before, unknown.held_out)
+    after = held_out(search.problem, search.fits[names], folds) if names else before
+    return Folds(before, after)
+
+
+def shrink_of(
+    search: SearchResult,
+    keys: Mapping[str, Scalar],
+    names: Names,
+    folds: Folds,
+    seed: int,
+    unknown: Explained | None = None,
+) -> Shrink:
+    """names: the effects of the verdict; empty without a gap, which then does not shrink."""
+    problem = search.problem
+    before, after = folds.before.rms(problem.inputs), folds.after.rms(problem.inputs)
+    plain = _machines(problem, keys, (), folds.before.settings)
+    better = unknown.machines if unknown is not None else _machines(problem, keys, names, folds.after.settings)
+    speed = _speed(problem, plain), _speed(problem, better)
+    sentences = []
+    if len(problem.runs) == 1:
+        sentences.append(
+            "One run only: four blocks of it were held out in turn, which says less than other runs would."
+        )
+    return Shrink(
+        before=before,
+        after=after,
+        noise=problem.noise,
+        unit=kind_of(problem.machine).drive.unit,
+        band_hz=problem.band_hz,
+        factor=before / max(after, 1e-12),
+        ci95=_interval(folds, problem.inputs, seed),
+        speed_rmse_percent_before=speed[0],
+        speed_rmse_percent_after=speed[1],
+        by_run=_by_run(problem, folds),
+        sentences=tuple(sentences),
+    )
+
+
+def _by_run(problem: Problem, folds: Folds) -> dict[str, tuple[float, float]]:
+    by_run = {}
+    for j, run in enumerate(problem.runs):
+        rows = np.flatnonzero(problem.run_of_row[: problem.inputs] == j)
+        if len(rows):
+            sizes = [float(np.sqrt(np.mean(fold.residual[rows] ** 2))) for fold in (folds.before, folds.after)]
+            by_run[run.name] = (sizes[0], sizes[1])
+    return by_run
+
+
+def _interval(folds: Folds, inputs: int, seed: int) -> tuple[float, float]:
+    """The 95 % interval of the factor, by a bootstrap over folds."""
+    of_row = folds.before.fold_of_row[:inputs]
+    count = int(np.max(of_row)) + 1 if inputs else 0
+    sums = np.array(
+        [
+            [np.sum(held_out.residual[:inputs][of_row == f] ** 2) for f in range(count)]
+            for held_out in (folds.before, folds.after)
+        ]
+    )
+    draw = np.random.default_rng(seed).integers(0, max(count, 1), (DRAWS, max(count, 1)))
+    totals = np.sum(sums[:, draw], axis=2)
+    factors = np.sqrt(totals[0] / np.maximum(totals[1], 1e-300))
+    low, high = np.quantile(factors, [0.025, 0.975])
+    return float(low), float(high)
+
+
+def _machines(
+    problem: Problem, keys: Mapping[str, Scalar], names: Names, settings: Sequence[Setting]
+) -> list[Hoist | Axis | None]:
+    """For each run the machine that was fitted to the other runs; None if the fit is not a valid machine."""
+    machines: list[Hoist | Axis | None] = []
+    for j in range(len(problem.runs)):
+        setting = settings[j] if len(settings) == len(problem.runs) else settings[0]
+        try:
+            machines.append(machine_of(problem, keys, names, for_run(setting, j)))
+        except InputError:
+            machines.append(None)
+    return machines
+
+
+def _speed(problem: Problem, machines: Sequence[Hoist | Axis | None]) -> float:
+    """The rms speed error of the held-out runs in open-loop replay, per cent; NaN if no run can be replayed."""
+    squares: list[tuple[float, int]] = []
+    for j, run in enumerate(problem.runs):
+        machine = machines[j] if len(machines) == len(problem.runs) else machines[0]
+        if machine is None:
+            continue
+        error = replay_runs(machine, [run], problem.band_hz).speed_rmse_percent
+        if math.isfinite(error):
+            squares.append((error**2 * len(run.time_s), len(run.time_s)))
+    total = sum(n for _, n in squares)
+    return math.sqrt(sum(s for s, _ in squares) / total) if total else math.nan
+
+
+def for_run(setting: Setting, j: int) -> dict[str, float]:
+    """The setting with the values of run j."""
+    return {k: v[j] if isinstance(v, tuple) else v for k, v in setting.items()}

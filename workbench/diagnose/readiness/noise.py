@@ -1,0 +1,220 @@
+"""The noise of the logs: of a channel, of the prediction that the measured motion drives, and the band it leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.core.run import Array, Run
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.simulate.driven import InverseSimulation
+from workbench.simulate.lowpass import lowpass
+
+ORDER = 4  # of the differences: what is smooth over five samples leaves no trace in them
+MANY = 5  # steps between values, to judge by
+ROUNDED = 0.95  # of the steps are whole multiples of the smallest one
+SWIFT, SLOW = 0.6, 0.2  # of a channel's fastest change: where jitter of its time stamps shows, and where not
+JITTERS = 2.0  # noise of swift samples over that of slow ones, at least
+ENOUGH = 50  # samples of each
+STEADY = 9  # samples, over which a channel's change is averaged
+
+
+def channel_noise(values: Array, time_s: Array) -> Array:
+    """(n,) Standard deviation of each sample's noise: the white one, and the change of the channel within the jitter
+    of its time stamps, sigma^2 = sigma_0^2 + (jitter dy/dt)^2."""
+    jitter = jitter_s(values, time_s)
+    if not jitter:
+        return np.full(len(values), white_noise(values, time_s))
+    change = _change(values, time_s)
+    return np.hypot(_typical(_off(values, time_s), _inner(change) < SLOW * _fastest(change), values), jitter * change)
+
+
+def jitter_s(values: Array, time_s: Array) -> float:
+    """Standard deviation of the time stamps about the moments at which a channel was sampled, from how much noisier it
+    is where it changes swiftly; 0 where that is less than twice as noisy, or hardly ever so."""
+    if len(values) <= ORDER:
+        return 0.0
+    change = _change(values, time_s)
+    inner, fastest = _inner(change), _fastest(change)
+    swift, slow = inner > SWIFT * fastest, inner < SLOW * fastest
+    if min(np.count_nonzero(swift), np.count_nonzero(slow)) < ENOUGH:
+        return 0.0
+    off = _off(values, time_s)
+    loud, quiet = (_typical(off, which, values) for which in (swift, slow))
+    if loud < JITTERS * quiet:
+        return 0.0
+    return float(np.sqrt((loud**2 - quiet**2) / np.mean(inner[swift] ** 2)))
+
+
+def white_noise(values: Array, time_s: Array) -> float:
+    """Standard deviation of a channel's white noise, in its unit; of its rounding, where that is larger.
+
+    sigma = 1.4826 median of what each sample is off the cubic through its four neighbours, over what white noise
+    of size 1 makes of that; exact for uneven steps. A step of q rounds by q/sqrt(12).
+    """
+    if len(values) <= ORDER:
+        return resolution(values) / np.sqrt(12.0)
+    return _typical(_off(values, time_s), np.ones(len(values) - ORDER, dtype=bool), values)
+
+
+def _off(values: Array, time_s: Array) -> Array:
+    """(n - ORDER,) What each sample is off its neighbours, white noise of size 1 making it of size 1."""
+    n = ORDER + 1
+    t = np.lib.stride_tricks.sliding_window_view(time_s, n)
+    y = np.lib.stride_tricks.sliding_window_view(values, n)
+    apart = t[:, :, None] - t[:, None, :] + np.eye(n)
+    weights = 1.0 / np.prod(apart, axis=2)  # of the divided difference
+    weights /= np.linalg.norm(weights, axis=1)[:, None]
+    return np.abs(np.sum(weights * (y - y[:, :1]), axis=1))
+
+
+def _typical(off: Array, which: np.ndarray, values: Array) -> float:
+    """Standard deviation of some samples' noise, by its median; of the rounding, where that is larger."""
+    return max(1.4826 * float(np.median(off[which])), resolution(values) / np.sqrt(12.0))
+
+
+def _change(values: Array, time_s: Array) -> Array:
+    """(n,) |dy/dt|, averaged over a few samples."""
+    box = np.ones(STEADY) / STEADY
+    return np.abs(np.convolve(np.gradient(values, time_s), box, mode="same"))
+
+
+def _inner(change: Array) -> Array:
+    """Of the samples in the middle of `_off`."""
+    return change[ORDER // 2 : len(change) - ORDER // 2]
+
+
+def _fastest(change: Array) -> float:
+    return float(np.quantile(change, 0.98))
+
+
+def resolution(values: Array) -> float:
+    """The step of a rounded channel, 0 for one that is not: its values lie anywhere between each other."""
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > 1e-12 * max(float(np.ptp(values)), 1e-300)]
+    if len(steps) < MANY:
+        return float(steps.min()) if len(steps) else 0.0
+    near = steps[steps < 20.0 * steps.min()] / steps.min()
+    whole = np.abs(near - np.round(near)) < 0.05
+    return float(steps.min()) if len(near) >= MANY and np.mean(whole) > ROUNDED else 0.0
+
+
+DRAWS = 2
+SPEED_BINS = 8
+
+
+def motion_noise(problem: Problem, seed: int) -> Array:
+    """(inputs,) rms of each moving row in the band, in the input's unit, at the base values, by Monte Carlo.
+
+    Noise as large as the logged motion's is added to it once more; what that changes in the
+    prediction is what the noise already there has changed. The same for all rows, unless time stamps jitter: then it
+    grows with the speed. Deterministic for one seed.
+    """
+    random = np.random.default_rng(seed)
+    before = np.concatenate(_predicted(problem, problem.runs))
+    noises = [noises_of(run, logged_motion(problem.bench, run)) for run in problem.runs]
+    square = np.zeros_like(before)
+    for _ in range(DRAWS):
+        noisy = [noisier(run, noise, random) for run, noise in zip(problem.runs, noises, strict=True)]
+        square += (before - np.concatenate(_predicted(problem, noisy))) ** 2 / DRAWS
+    jittery = any(np.ptp(sizes) > 0.0 for noise in noises for sizes in noise.values())
+    speed = [np.abs(motion.speed[rows]) for motion, rows in zip(problem.bench.motions, problem.rows, strict=True)]
+    return _by_speed(np.sqrt(square), np.concatenate(speed), SPEED_BINS if jittery else 1)
+
+
+def _by_speed(sizes: Array, speed: Array, bins: int) -> Array:
+    """(n,) rms of the sizes over the samples of about each one's speed; bins: of as many samples each."""
+    if not len(sizes):
+        return sizes
+    levels = np.empty_like(sizes)
+    for alike in np.array_split(np.argsort(speed, kind="stable"), bins):
+        levels[alike] = np.sqrt(np.mean(sizes[alike] ** 2)) if len(alike) else 0.0
+    return levels
+
+
+def noises_of(run: Run, channels: tuple[str, ...]) -> dict[str, Array]:
+    """Standard deviation of each sample's noise, (n,) a channel."""
+    return {name: channel_noise(run[name], run.time_s) for name in channels}
+
+
+def noisier(run: Run, noises: Mapping[str, Array], random: np.random.Generator) -> Run:
+    """The run with as much noise once more on its channels."""
+    added = {name: run[name] + random.normal(scale=sizes, size=len(run.time_s)) for name, sizes in noises.items()}
+    return replace(run, signals={**run.signals, **added})
+
+
+def logged_motion(bench: InverseSimulation, run: Run) -> tuple[str, ...]:
+    """Position and speed of the driven coordinate, as far as they are logged."""
+    return tuple(name for name in (bench.plant.positions[0], bench.plant.speeds[0]) if name in run)
+
+
+def _predicted(problem: Problem, runs: list[Run] | tuple[Run, ...]) -> list[Array]:
+    """Each run's low-passed input at the base values, on the problem's rows."""
+    bench = InverseSimulation(problem.machine, runs, problem.band_hz, impacts=problem.bench.impacts)
+    return [
+        lowpass(run.time_s, raw, problem.band_hz)[rows]
+        for run, (raw, _), rows in zip(runs, bench.predict([bench.base])[0], problem.rows, strict=True)
+    ]
+
+
+EQUAL = 1.0  # energy of motion over energy of noise
+WIDTH = 2.0 ** (1.0 / 3.0)  # of the bands that the spectra are averaged over: a third of an octave
+SEGMENTS = 8  # of a run, at least, that its spectrum is averaged over
+LOWEST_HZ = 2.0
+ANSWERED = 0.25  # coherence, at least: else three quarters of the predicted energy come from elsewhere
+ANSWERED_FROM_HZ = 25.0
+
+
+def informative_band(bench: InverseSimulation, seed: int) -> float:
+    """In Hz; at most the band of the bench."""
+    random = np.random.default_rng(seed)
+    noisy = [noisier(run, noises_of(run, logged_motion(bench, run)), random) for run in bench.runs]
+    before = [raw for raw, _ in bench.predict([bench.base])[0]]
+    beside = InverseSimulation(bench.machine, noisy, bench.band_hz, impacts=bench.impacts)
+    after = [raw for raw, _ in beside.predict([beside.base])[0]]
+    # The noise added once more is as large as that of the log: what it adds, the log's own has added already.
+    with_noise = _spectrum(bench.runs, before)
+    noise = _spectrum(bench.runs, [b - a for a, b in zip(before, after, strict=True)])
+    answered = _answered(bench.runs, before, bench.inputs)
+    frequency = LOWEST_HZ
+    while frequency * WIDTH < bench.band_hz:
+        total, part = (_energy(spectrum, frequency, frequency * WIDTH) for spectrum in (with_noise, noise))
+        if total - part < EQUAL * part:
+            return frequency
+        share = _energy(answered, frequency, frequency * WIDTH)
+        if frequency >= ANSWERED_FROM_HZ and share < ANSWERED * total:
+            return frequency
+        frequency *= WIDTH
+    return bench.band_hz
+
+
+Spectrum = list[tuple[Array, Array]]  # of each run: frequencies, Hz, and density
+
+
+def _spectrum(runs: Sequence[Run], values: Sequence[Array]) -> Spectrum:
+    from scipy.signal import welch
+
+    return [welch(x, 1.0 / run.sample_time_s, nperseg=_segment(run)) for run, x in zip(runs, values, strict=True)]
+
+
+def _answered(runs: Sequence[Run], predicted: Sequence[Array], measured: Sequence[Array]) -> Spectrum:
+    """The part of the predicted input's spectrum that is coherent with the measured input."""
+    from scipy.signal import csd, welch
+
+    spectra = []
+    for run, x, y in zip(runs, predicted, measured, strict=True):
+        rate, length = 1.0 / run.sample_time_s, _segment(run)
+        f, cross = csd(x, y, rate, nperseg=length)
+        spectra.append((f, np.abs(cross) ** 2 / np.maximum(welch(y, rate, nperseg=length)[1], 1e-300)))
+    return spectra
+
+
+def _segment(run: Run) -> int:
+    """Samples of a segment that a spectrum is averaged over."""
+    return max(min(int(8.0 / (run.sample_time_s * LOWEST_HZ)), len(run.time_s) // SEGMENTS * 2), 16)
+
+
+def _energy(spectrum: Spectrum, low: float, high: float) -> float:
+    return sum(float(np.sum(density[(f >= low) & (f < high)]) * (f[1] - f[0])) for f, density in spectrum)

@@ -1,0 +1,123 @@
+"""One run while it is read: its samples, what is said of it, and how its messages name things."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from workbench.core.errors import InputError
+from workbench.core.run import Array
+from workbench.logs.runs_file import Entry
+from workbench.machines import Axis, Hoist, Kind, kind_of
+
+
+def seconds(time_s: float) -> str:
+    """3.21 s, without the tail of digits of a binary fraction."""
+    return f"{float(time_s):.9g} s"
+
+
+def stretches(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First samples, and ones after the last, of the stretches of chosen samples."""
+    edges = np.diff(np.concatenate(([0], chosen.astype(np.int8), [0])))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def is_constant(column: Array) -> bool:
+    return bool(column.min() == column.max())
+
+
+def integrated(rate: Array, time_s: Array) -> Array:
+    """(n,) from 0, by trapezoids."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s))))
+
+
+@dataclass
+class RawRun:
+    """A check changes `time_s` and `values`, adds to `notes`, or raises `fault`.
+
+    values: signal -> (n,) in SI, NaN where a sample is missing. columns: signal -> its column in the file.
+    """
+
+    entry: Entry
+    file: Path
+    machine: Hoist | Axis
+    columns: Mapping[str, str]
+    row_name: Callable[[int], str]
+    time_s: Array
+    values: dict[str, Array]
+    notes: list[str] = field(default_factory=list)
+
+    @cached_property
+    def kind(self) -> Kind:
+        return kind_of(self.machine)
+
+    @property
+    def payload_kg(self) -> float:
+        return self.entry.payload_kg or 0.0
+
+    @property
+    def position(self) -> str:
+        """The position of the driven coordinate, as logs call it."""
+        return self.kind.plant.positions[0]
+
+    @property
+    def speed(self) -> str:
+        """The speed of the driven coordinate, as logs call it."""
+        return self.kind.plant.speeds[0]
+
+    @property
+    def motion(self) -> list[str]:
+        """Position and speed, as far as they are logged."""
+        return [name for name in (self.position, self.speed) if name in self.values]
+
+    @property
+    def needed(self) -> list[str]:
+        """The signals this run cannot do without: of each group the first alternative that is whole."""
+        found: list[str] = []
+        for group in self.kind.signals.needed:
+            whole = (alternative for alternative in group if all(name in self.values for name in alternative))
+            found += next(whole, ())
+        return found
+
+    def label(self, signal: str) -> str:
+        """The signal's name, with the column's where that is another one."""
+        column = self.columns.get(signal, signal)
+        return signal if column == signal else f"{signal} (column '{column}')"
+
+    def fault(self, problem: str) -> InputError:
+        return InputError(problem, file=self.file, place=self.entry.name)
+
+    def drop(self, signal: str, why: str) -> None:
+        self.notes.append(f"{self.label(signal)} dropped: {why}")
+        del self.values[signal]
+
+    def cut(self, first: int, end: int) -> None:
+        """Keep the samples first … end − 1."""
+        self.time_s = self.time_s[first:end]
+        self.values = {name: column[first:end] for name, column in self.values.items()}
+
+    def begun_at(self, first: int, name: str, motion: Mapping[str, Array]) -> Entry:
+        """The entry of a run that begins at sample `first` only: later, and where the motion has taken the machine.
+
+        motion: the signals without missing samples.
+        """
+        if first == 0:
+            return self.entry
+        start = self.entry.start_position_m
+        if start is not None or self.position not in motion:
+            if self.position in motion:
+                way = float(motion[self.position][first] - motion[self.position][0])
+            else:
+                way = float(integrated(motion[self.speed][: first + 1], self.time_s[: first + 1])[-1])
+            start = (start or 0.0) + self.kind.transmission_of(self.machine) * way
+        began = (self.entry.start_time_s or 0.0) + float(self.time_s[first] - self.time_s[0])
+        return self.entry.model_copy(update={"name": name, "start_position_m": start, "start_time_s": began})
+
+    def part(self, first: int, end: int, entry: Entry, note: str) -> RawRun:
+        made = replace(self, entry=entry, notes=[note, *self.notes])
+        made.cut(first, end)
+        return made

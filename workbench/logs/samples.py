@@ -1,0 +1,308 @@
+"""Checks of samples by themselves: time, missing and infinite ones, spikes, dead and clipped channels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from workbench.core.run import Array
+from workbench.logs.raw_run import RawRun, is_constant, seconds, stretches
+from workbench.machines import TIME
+
+MIN_SAMPLES = 10
+MIN_DURATION_S = 0.2
+MAX_STEP_S = 0.5  # the median step; machines of this kind swing at some hertz
+MIN_STEP_S = 2e-6
+IRREGULAR = 0.1  # a step that far off the median, relative, makes time irregular
+GAP_STEPS = 5.0  # a step of that many medians is a gap
+MAX_AVERAGED = 0.01  # share of samples that may carry a repeated stamp with other values
+MAX_MISSING = 5  # samples in a row that may be bridged …
+MAX_BRIDGE_S = 0.1  # … as long as the samples either side are no farther apart
+MAX_SHARE = 0.05  # of a signal's samples that may be missing
+MIN_KEPT = 0.5  # of a run that must be left when its end, or what is missing in its middle, is cut off
+LEAST_PART = 0.1  # of a run: a shorter stretch between holes is left out
+LONGEST = 2  # samples of a spike
+LONGEST_S = 0.02  # from the last sample before to the first one after, less a step; slower logs show real peaks
+STEPS = 10.0  # times what nearly all steps of the signal keep below …
+NEARLY_ALL = 98.0  # … per cent
+RANGE = 0.2  # of the range that nearly all samples keep to
+MOST = 0.002  # share of the samples: more is how the signal is
+_SAMPLED = 200_000  # of the steps, for the percentiles of very long logs
+LARGEST = 1e9  # of any signal in SI units; beyond it no sensor measures
+MIN_PLATEAU = 5  # samples in a row at the extreme value
+MIN_CLIPPED = 10  # samples at the extreme value in all
+PLATEAU_RATIO = 3  # … and that many times longer than the signal rests anywhere else
+
+
+def check_time(run: RawRun) -> None:
+    """InputError, naming the row, for time that is missing, infinite, goes backwards or is far too short or coarse."""
+    time_s, label = run.time_s, run.label(TIME)
+    if len(time_s) < MIN_SAMPLES:
+        rows = "only the header" if len(time_s) == 0 else f"{len(time_s)} row{'s' if len(time_s) > 1 else ''}"
+        raise run.fault(f"holds {rows}; expected at least {MIN_SAMPLES} samples")
+    if not np.isfinite(time_s).all():
+        row = int(np.argmin(np.isfinite(time_s)))
+        what = "missing" if np.isnan(time_s[row]) else "infinite"
+        last = f", after {seconds(time_s[row - 1])}" if row else ""
+        raise run.fault(f"{label} is {what} at {run.row_name(row)}{last}")
+    steps = np.diff(time_s)
+    if not np.isfinite(steps).all():
+        raise run.fault(f"{label} spans more than numbers can hold")
+    if (steps < 0.0).any():
+        row = int(np.argmax(steps < 0.0))
+        more = int(np.count_nonzero(steps < 0.0)) - 1
+        tail = f", and {more} more times" if more else ""
+        span = f"{seconds(time_s[row])} to {seconds(time_s[row + 1])}"
+        raise run.fault(f"{label} goes backwards from {span} at {run.row_name(row + 1)}{tail}")
+    rising = steps[steps > 0.0]
+    if not len(rising):
+        raise run.fault(f"{label} stands still at {seconds(time_s[0])}")
+    step, duration = float(np.median(rising)), float(time_s[-1] - time_s[0])
+    if step > MAX_STEP_S:
+        hint = "if it is in milliseconds, give the column a scale of 0.001"
+        raise run.fault(f"{label} has a step of {step:g} s, expected at most {MAX_STEP_S} s; {hint}")
+    if step < MIN_STEP_S:
+        hint = "is it in days or hours?"
+        raise run.fault(f"{label} has a step of {step:g} s, expected at least {MIN_STEP_S:g} s; {hint}")
+    if duration < MIN_DURATION_S:
+        raise run.fault(f"{label} spans {duration:.3g} s, expected at least {MIN_DURATION_S} s")
+
+
+def refuse_infinite(run: RawRun) -> None:
+    for name, column in run.values.items():
+        infinite = np.isinf(column)
+        if infinite.any():
+            raise run.fault(f"{run.label(name)} is infinite at {seconds(run.time_s[int(np.argmax(infinite))])}")
+
+
+def merge_repeated(run: RawRun) -> None:
+    """Strictly rising time. Rows that repeat both stamp and values are dropped; where values
+    differ under one stamp their mean stands for that instant, as long as that is rare.
+    """
+    time_s = run.time_s
+    fresh = np.concatenate(([True], np.diff(time_s) > 0.0))
+    if fresh.all():
+        return
+    starts = np.flatnonzero(fresh)
+    sizes = np.diff(np.append(starts, len(time_s)))
+    differs = np.zeros(len(starts), dtype=bool)
+    for name, column in run.values.items():
+        present = ~np.isnan(column)
+        high = np.maximum.reduceat(np.where(present, column, -np.inf), starts)
+        low = np.minimum.reduceat(np.where(present, column, np.inf), starts)
+        count = np.add.reduceat(present.astype(np.int64), starts)
+        total = np.add.reduceat(np.where(present, column, 0.0), starts)
+        other = (count > 0) & (high != low)
+        mean = np.divide(total, count, out=np.full(len(starts), np.nan), where=count > 0)
+        run.values[name] = np.where(other, mean, np.where(count > 0, high, np.nan))
+        differs |= other
+    averaged = int((sizes[differs] - 1).sum())
+    first = seconds(time_s[starts[differs][0]]) if averaged else ""
+    if averaged > MAX_AVERAGED * len(time_s):
+        raise run.fault(
+            f"{averaged} of {len(time_s)} samples repeat a time stamp with other values, first at {first}; "
+            "are the stamps rounded too coarsely?"
+        )
+    if dropped := len(time_s) - len(starts) - averaged:
+        where = seconds(time_s[starts[(sizes > 1) & ~differs][0]])
+        run.notes.append(f"{dropped} repeated samples (same time, same values) dropped, first at {where}")
+    if averaged:
+        run.notes.append(f"{averaged} samples repeat a time stamp with other values, averaged, first at {first}")
+    run.time_s = time_s[starts]
+
+
+def _too_long(time_s: Array, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which stretches of missing samples cannot be bridged, and how far the samples either side are apart, s."""
+    before, after = np.maximum(starts - 1, 0), np.minimum(ends, len(time_s) - 1)
+    widths = time_s[after] - time_s[before]
+    return (ends - starts > MAX_MISSING) | (widths > MAX_BRIDGE_S * (1 + 1e-9)), widths
+
+
+def whole_stretches(run: RawRun) -> list[tuple[int, int]]:
+    """(first, end) of the stretches of a run between holes of its needed signals that are too long to bridge.
+
+    Only stretches of at least LEAST_PART of the run count, and a hole at the run's end is not one; [] where what is
+    left is too little of the run, or nothing has to be cut.
+    """
+    n = len(run.time_s)
+    hole = np.zeros(n, dtype=bool)
+    for name in run.needed:
+        starts, ends = stretches(np.isnan(run.values[name]))
+        cut = _too_long(run.time_s, starts, ends)[0] & (ends < n)
+        for start, end in zip(starts[cut], ends[cut], strict=True):
+            hole[start:end] = True
+    if not hole.any():
+        return []
+    kept = [(int(a), int(b)) for a, b in zip(*stretches(~hole), strict=True) if b - a >= LEAST_PART * n]
+    return kept if sum(b - a for a, b in kept) >= MIN_KEPT * n else []
+
+
+def fill_gaps(run: RawRun) -> None:
+    """Signals without a missing sample.
+
+    A short gap is bridged by a straight line; a short one at the start takes the first
+    value that is there. A needed signal that ends early shortens the run. A longer gap
+    is an error in a needed signal; an optional signal is dropped for it.
+    """
+    needed, n = run.needed, len(run.time_s)
+    for name in needed:
+        if np.isnan(run.values[name]).all():
+            raise run.fault(f"{run.label(name)} holds no numbers at all")
+    end = min((int(np.flatnonzero(~np.isnan(run.values[name]))[-1]) + 1 for name in needed), default=n)
+    if end < n:
+        ended = next(run.label(name) for name in needed if np.isnan(run.values[name][end:]).any())
+        text = f"{ended} ends at {seconds(run.time_s[end - 1])}"
+        if end < MIN_KEPT * n:
+            raise run.fault(f"{text}, the run at {seconds(run.time_s[-1])}")
+        run.notes.append(f"{text}; the run's last {n - end} samples are cut off")
+        run.cut(0, end)
+    for name, column in list(run.values.items()):
+        missing = np.isnan(column)
+        if not missing.any():
+            continue
+        problem, text = _bridgeable(run.time_s, missing)
+        if problem and name in needed:
+            raise run.fault(f"{run.label(name)}: {problem}")
+        if problem:
+            run.drop(name, problem)
+            continue
+        run.values[name] = np.where(missing, np.interp(run.time_s, run.time_s[~missing], column[~missing]), column)
+        first = seconds(run.time_s[int(np.argmax(missing))])
+        run.notes.append(f"{run.label(name)}: {text} bridged by straight lines, first at {first}")
+
+
+def _bridgeable(time_s: Array, missing: np.ndarray) -> tuple[str, str]:
+    """(what forbids bridging or "", what there is to bridge)."""
+    starts, ends = stretches(missing)
+    lengths, total = ends - starts, int(missing.sum())
+    long, widths = _too_long(time_s, starts, ends)
+    if long.any():
+        worst = int(np.argmax(np.where(long, widths, 0.0)))
+        span = f"{seconds(time_s[starts[worst]])} to {seconds(time_s[ends[worst] - 1])}"
+        allowed = f"at most {MAX_MISSING} within {MAX_BRIDGE_S} s can be bridged"
+        return f"{lengths[worst]} samples in a row are missing from {span}; {allowed}", ""
+    if total > MAX_SHARE * len(time_s):
+        return f"{total} of {len(time_s)} samples are missing, the first at {seconds(time_s[starts[0]])}", ""
+    return "", f"{total} missing sample{'s' * (total > 1)} in {len(starts)} gap{'s' * (len(starts) > 1)}"
+
+
+def bridge_spikes(run: RawRun) -> None:
+    """Spikes of one or two samples are bridged by straight lines."""
+    time_s = run.time_s
+    for name, column in list(run.values.items()):
+        spikes = find_spikes(time_s, column)
+        if not spikes:
+            continue
+        mended = column.copy()
+        for start, end in spikes:
+            ends = [start - 1, end]
+            mended[start:end] = np.interp(time_s[start:end], time_s[ends], column[ends])
+        run.values[name] = mended
+        start, count = spikes[0][0], sum(end - start for start, end in spikes)
+        run.notes.append(
+            f"{run.label(name)}: {count} sample{'s' * (count > 1)} far off the neighbours on both sides bridged by "
+            f"straight lines, first {column[start]:.4g} at {seconds(time_s[start])}"
+        )
+
+
+def find_spikes(time_s: Array, column: Array) -> list[tuple[int, int]]:
+    """(first sample, one after the last) of each spike; [] if there are so many that they belong to the signal."""
+    if len(column) < 10:
+        return []
+    steps = np.diff(column)
+    size = np.abs(steps)
+    every = max(1, len(size) // _SAMPLED)
+    low, high = np.percentile(column[::every], [2.0, NEARLY_ALL])
+    least = max(STEPS * float(np.percentile(size[::every], NEARLY_ALL)), RANGE * float(high - low))
+    if not 0.0 < least < np.inf:
+        return []
+    jumps = np.flatnonzero(size > least)
+    if len(jumps) > 2 + 2 * MOST * len(column):
+        return []
+    spikes: list[tuple[int, int]] = []
+    for at, jump in enumerate(jumps[:-1]):
+        back = int(jumps[at + 1])
+        start, end = int(jump) + 1, back + 1
+        if end - start > LONGEST or time_s[back] - time_s[jump] > LONGEST_S * (1.0 + 1e-9):
+            continue
+        returns = abs(float(column[end] - column[start - 1])) < 0.5 * min(size[jump], size[back])
+        if steps[jump] * steps[back] < 0.0 and returns and (not spikes or spikes[-1][1] < start):
+            spikes.append((start, end))
+    return spikes
+
+
+def check_sizes(run: RawRun) -> None:
+    """An optional signal of impossible size is dropped, a needed one is an error."""
+    for name, column in list(run.values.items()):
+        largest = max(abs(float(column.min())), abs(float(column.max())))
+        problem = f"reaches {largest:.3g}, expected at most {LARGEST:g} in SI units"
+        if largest > LARGEST and name in run.needed:
+            raise run.fault(f"{run.label(name)} {problem}")
+        if largest > LARGEST:
+            run.drop(name, f"it {problem}")
+
+
+def note_time(run: RawRun) -> None:
+    """Notes on irregular steps and gaps of a strictly rising time."""
+    time_s, steps = run.time_s, np.diff(run.time_s)
+    median = float(np.median(steps))
+    if steps.max() > (1 + IRREGULAR) * median or steps.min() < (1 - IRREGULAR) * median:
+        span = f"from {steps.min():.4g} to {steps.max():.4g} s, median {median:.4g} s"
+        run.notes.append(f"time is irregular: steps {span}; kept as is")
+    gaps = np.flatnonzero(steps > GAP_STEPS * median)
+    if len(gaps):
+        longest = gaps[np.argmax(steps[gaps])]
+        run.notes.append(
+            f"{len(gaps)} gap{'s' * (len(gaps) > 1)} in time, the longest from {seconds(time_s[longest])} "
+            f"to {seconds(time_s[longest + 1])}; signals count as straight lines there"
+        )
+
+
+def drop_dead_motion(run: RawRun) -> None:
+    """A position (or speed) that is zero throughout is dropped, if both are logged."""
+    zero = [name for name in run.motion if not run.values[name].any()]
+    if len(run.motion) == 2 and len(zero) == 1:
+        run.drop(zero[0], "it is zero throughout")
+
+
+def drop_dead(run: RawRun) -> None:
+    """Optional channels that are zero throughout are dropped, a reference of a machine at rest apart."""
+    reference, follows = run.kind.reference
+    at_rest = follows in run.values and (
+        is_constant(run.values[follows]) if follows in run.kind.plant.positions else not run.values[follows].any()
+    )
+    for name in run.kind.signals.optional:
+        if name in run.values and not run.values[name].any() and not (name == reference and at_rest):
+            run.drop(name, "it is zero throughout")
+
+
+def note_clipped(run: RawRun) -> None:
+    """Notes on noisy signals that often rest at their largest or smallest value, as clipped signals do."""
+    for name in run.kind.can_clip:
+        if name in run.columns and name in run.values and (sentence := clipped(run.time_s, run.values[name])):
+            run.notes.append(f"{run.label(name)} {sentence}")
+
+
+def clipped(time_s: Array, column: Array) -> str | None:
+    if is_constant(column):
+        return None
+    for extreme, word in ((float(column.max()), "largest"), (float(column.min()), "smallest")):
+        at = column == extreme
+        count = int(np.count_nonzero(at))
+        if count < MIN_CLIPPED or extreme == 0.0:
+            continue
+        plateau, start = _longest_rest(column, at)
+        if plateau >= MIN_PLATEAU and plateau >= PLATEAU_RATIO * _longest_rest(column, ~at)[0]:
+            return (
+                f"may be clipped: {count} samples at its {word} value {extreme:g}, "
+                f"the longest stretch from {seconds(time_s[start])}"
+            )
+    return None
+
+
+def _longest_rest(column: Array, among: np.ndarray) -> tuple[int, int]:
+    """(length, start) of the longest run of equal consecutive values among some samples."""
+    starts, ends = stretches((np.diff(column) == 0.0) & among[1:] & among[:-1])
+    if not len(starts):
+        return 1, int(np.argmax(among)) if among.any() else 0
+    longest = int(np.argmax(ends - starts))
+    return int(ends[longest] - starts[longest]) + 1, int(starts[longest])

@@ -1,1 +1,0 @@
-"""What `identify` prints and writes."""

@@ -1,1 +1,0 @@
-"""What `loop` and `tune` print and write."""

@@ -1,1 +1,0 @@
-"""What `replay` prints and writes."""

@@ -1,0 +1,850 @@
+"""What a machine's unmodelled effects change in its control study.
+
+The same moves, payloads and controller are run on four machines: as it was given, refitted without the effects,
+corrected, and corrected with the effects taken out, all else equal. The effects' own consequence is the difference of
+the last two.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+
+from workbench.analysis.family import family, operating_points, weakest
+from workbench.analysis.search import Search, best_rejection, for_bandwidth, make_search
+from workbench.analysis.tune import Goal
+from workbench.analysis.usual import usual_controller, usual_settings
+from workbench.control import Cascade, Settings
+from workbench.core.errors import InputError
+from workbench.core.json_records import plain
+from workbench.core.run import Array, Run
+from workbench.core.table import Column, Table, words
+from workbench.effects import effects_for, sizes_of
+from workbench.effects import find as find_effect
+from workbench.machines import HOIST, LOOPED, Axis, Hoist, Kind, kind_of, looped
+from workbench.metrics import Metric, find, set_of
+from workbench.references import LimitPair, Limits, Step, allowed_carriage_speed_m_s, motion_time_s
+from workbench.study.conclude import NO_CHANGE
+from workbench.study.grid import RunSpec
+from workbench.study.labels import listed
+from workbench.study.load import Study, changed, plan_study
+from workbench.study.run import run_specs
+from workbench.study.scenario import Scenario
+
+REFERENCES = ("trapezoid", "ruckig")
+MS_LIMIT = 1.4
+PHASES = 4  # of a value that differs from run to run
+SMALL = 100.0 * NO_CHANGE  # per cent
+GAIN_MOVES = 3.0  # per cent of a gain: less is within what tuning by hand leaves
+AT_LIMIT = 0.999  # of the limit
+WINDOW_S = 0.25  # speeds and accelerations are means over it: a sample's noise is no motion
+AXIS_REST_S = 1.0  # an axis settles soon
+AXIS_WINDOW_S = 0.05  # the same of an axis, whose ramps are short
+LEAST_SPEED = 0.01  # of nominal: slower runs say nothing of how the machine is moved
+END_OF_RAIL = 0.02  # of the rail, left free at both ends: the carriage swings a little past its reference
+LONGEST_S = 60.0  # one way
+LEAD_S, DWELL_S, SETTLE_S = 1.0, 2.0, 2.0
+NOT_STUDIED = (
+    f"What changes in the control study is not said for an {{}}: studies, loop and tune are for machines of {LOOPED}."
+)
+
+
+@dataclass(frozen=True)
+class SmallStudy:
+    """There and back again, every payload under every reference; or a user's scenario, which has its own moves.
+
+    from_runs: limits and travel are a campaign's. Of a rotary axis positions and limits are in radians.
+    """
+
+    payloads_kg: tuple[float, ...]
+    start_position_m: float
+    travel_m: float
+    limits: Limits
+    controller: Settings
+    from_runs: bool
+    controller_given: bool
+    kind: Kind = HOIST
+    scenario: Scenario | None = None
+
+    @property
+    def heights_m(self) -> tuple[float, ...]:
+        """The heights of the loop analysis: bottom, middle and top of the travel."""
+        low, high = sorted((self.start_position_m, self.start_position_m + self.travel_m))
+        return low, 0.5 * (low + high), high
+
+    def specs(self, machine: Hoist | Axis) -> list[RunSpec]:
+        """The runs on a machine, metrics only."""
+        if self.scenario is not None:
+            bare = changed(self.scenario, {"sweep": None, "sample": None, "outputs": {"signals": "none"}})
+            return list(plan_study(bare, machine).specs)
+        rest, settle = (DWELL_S, SETTLE_S) if self.kind.payload else (AXIS_REST_S, AXIS_REST_S)
+        moves = (Step(by_m=self.travel_m), Step(dwell_s=rest), Step(by_m=-self.travel_m))
+        pair = LimitPair.of(self.limits)
+        length = motion_time_s(REFERENCES, moves, self.start_position_m, pair, self.kind.looped.rail(machine))
+        return [
+            RunSpec(
+                run_id=f"{payload:g}kg_{reference}", scenario="consequences", machine=machine, payload_kg=payload,
+                start_position_m=self.start_position_m, reference=reference, moves=moves, limits=pair, lead_s=LEAD_S,
+                settle_s=settle, duration_s=LEAD_S + length + settle, controller=self.controller, record_every=0,
+            )
+            for payload in self.payloads_kg
+            for reference in REFERENCES
+        ]  # fmt: skip
+
+    def as_json(self) -> dict[str, Any]:
+        """An axis' keys have its units."""
+        unit = self.kind.moved.unit
+        placed = {
+            f"start_position_{unit}": self.start_position_m,
+            f"travel_{unit}": self.travel_m,
+            f"speed_{unit}_s": self.limits.speed_m_s,
+            f"acceleration_{unit}_s2": self.limits.acceleration_m_s2,
+            f"jerk_{unit}_s3": self.limits.jerk_m_s3,
+        }
+        return ({"payloads_kg": list(self.payloads_kg)} if self.kind.payload else {}) | {
+            "references": list(REFERENCES if self.scenario is None else self.scenario.kinds),
+            **placed,
+            "limits_from_runs": self.from_runs,
+            "scenario": None if self.scenario is None else self.scenario.name,
+            "controller": self.controller.model_dump(mode="json"),
+            "controller_given": self.controller_given,
+        }
+
+
+def study_of(study: Study) -> SmallStudy:
+    """A user's scenario as the study that the machines are run through, without its sweep and sample."""
+    specs = study.specs[: len(study.scenario.kinds) * len(study.scenario.payloads_kg or (0,))]
+    first = specs[0]
+    plan = first.plan()
+    ends = [plan.at(np.array([t]))[0][0] for window in plan.move_windows for t in window]
+    far = max(ends, key=lambda place: abs(place - first.start_position_m))
+    limits = first.limits.hoisting if first.limits is not None else Limits(1e-9, plan.acceleration_m_s2)
+    return SmallStudy(
+        payloads_kg=tuple(sorted({spec.payload_kg for spec in specs})),
+        start_position_m=first.start_position_m,
+        travel_m=float(far) - first.start_position_m,
+        limits=limits,
+        controller=first.controller,
+        from_runs=False,
+        controller_given=True,
+        kind=kind_of(study.machine),
+        scenario=study.scenario,
+    )
+
+
+@dataclass(frozen=True)
+class RunFigures:
+    """One run, metrics as in the index of a study: those of `metrics_for` its kind.
+
+    All NaN but the move time where the run failed; `reason` says why.
+    """
+
+    reason: str
+    values: Mapping[str, float]
+
+    def __getitem__(self, metric: str) -> float:
+        return self.values[metric]
+
+    @property
+    def ok(self) -> bool:
+        return not self.reason
+
+
+@dataclass(frozen=True)
+class Change:
+    """One payload under one reference: as given, refitted without the effects, corrected without (before) and with
+    (after) them, all else equal. refitted: None where there is no such machine."""
+
+    payload_kg: float
+    reference: str
+    given: RunFigures
+    refitted: RunFigures | None
+    before: RunFigures
+    after: RunFigures
+
+    @property
+    def ok(self) -> bool:
+        return self.before.ok and self.after.ok
+
+    def percent(self, metric: str) -> float:
+        """By how much the effects change a metric; NaN where a run failed."""
+        return percent(self.before[metric], self.after[metric])
+
+
+@dataclass(frozen=True)
+class LoopFigures:
+    """The least margins of a machine's loops over payloads and heights; none means anything of an unstable one.
+
+    payload_kg, height_m: of the loop with the largest Ms, or of the unstable one. gain_margin_db: inf where no gain
+    above loses it. ms: largest |S|.
+    """
+
+    payload_kg: float
+    height_m: float
+    stable: bool
+    gain_margin_db: float
+    phase_margin_deg: float
+    ms: float
+    crossover_hz: float
+    bandwidth_hz: float
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What loop shaping recommends for one machine; NaN where it finds nothing, and `reason` says why.
+
+    names: of the two in a controller block, with their units.
+    """
+
+    kp: float
+    ki: float
+    names: tuple[str, str]
+    reason: str = ""
+
+    @property
+    def ok(self) -> bool:
+        return not self.reason
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The better reference by a metric at a payload (None: the worst of all payloads), before and after.
+
+    A name of a reference, "alike" where they differ by less than 0.5 %, "" where a run failed.
+    """
+
+    metric: str
+    payload_kg: float | None
+    before: str
+    after: str
+
+    @property
+    def changed(self) -> bool:
+        return bool(self.before and self.after) and self.before != self.after
+
+
+@dataclass(frozen=True)
+class Consequences:
+    """What changes in the control study once the effects are known.
+
+    effects: the new ones by name, `measured_correction` among them where there is a new table.
+    gains_goal: (bandwidth in Hz, or None for best rejection of load steps; bound on Ms and Mt) that the
+    recommended gains are for. old_gains_bandwidth_hz: what the gains for the machine without the effects give the one
+    with them, NaN where that is unstable or there are none. sentences: what a reader should know, in order.
+    """
+
+    effects: tuple[str, ...]
+    study: SmallStudy
+    rows: tuple[Change, ...]
+    loop_before: LoopFigures
+    loop_after: LoopFigures
+    gains_goal: tuple[float | None, float]
+    gains_before: Gains
+    gains_after: Gains
+    old_gains_bandwidth_hz: float
+    choices: tuple[Choice, ...]
+    sentences: tuple[str, ...]
+
+    @property
+    def better_reference_changes(self) -> bool:
+        """By torque peak or tracking error, over all payloads or at one of them."""
+        return any(choice.changed for choice in self.choices)
+
+
+def percent(before: float, after: float) -> float:
+    """Change in per cent; NaN where there is nothing to compare with."""
+    return 100.0 * (after - before) / abs(before) if before else (0.0 if after == before else math.nan)
+
+
+def metrics_for(kind: Kind) -> tuple[str, ...]:
+    """What a run is told by."""
+    if kind.payload:
+        return (
+            "peak_torque_motor_nm", "peak_torque_percent", "speed_error_max_rad_s", "speed_error_rms_rad_s",
+            "min_wire_tension_n", "move_time_s",
+        )  # fmt: skip
+    judged = set_of(kind.name)
+    return (
+        judged.peak, judged.rms, judged.error, judged.rms_error, "settling_time_s", "energy_motoring_j", "move_time_s"
+    )  # fmt: skip
+
+
+def consequences_of(
+    nominal: Hoist | Axis,
+    corrected: Hoist | Axis,
+    *,
+    refitted: Hoist | Axis | None = None,
+    runs: Sequence[Run] = (),
+    payloads_kg: Sequence[float] | None = None,
+    controller: Settings | None = None,
+    goal: Goal | None = None,
+    scenario: Study | None = None,
+) -> tuple[Consequences | None, str]:
+    """(what the corrected machine's effects change, "") or, of a kind that no study is for, (None, why not).
+
+    nominal: the machine as given. refitted: its base parameters fitted without the effects, where that was done. The
+    effects' own consequence is `corrected` against itself without the effects that `nominal` lacks; where it has
+    none, against `nominal`. runs: the campaign's, for payloads, limits and travel; see `small_study`. scenario: a
+    user's study, whose moves, limits, payloads and controller stand in their place. goal: what gains are recommended
+    for; without it the bandwidth that the controller gives the machine without the effects, with Ms and Mt at most 1.4.
+    A run that fails is a row with its reason. InputError for effects that are unknown and for a payload or
+    a controller that cannot be.
+    """
+    given, now = looped(nominal), looped(corrected)
+    if given is None or now is None:
+        return None, NOT_STUDIED.format(kind_of(nominal).noun)
+    if scenario is not None:
+        study = study_of(scenario)
+    else:
+        study = small_study(given, runs, payloads_kg=payloads_kg, controller=controller)
+    effects = new_effects(given, now)
+    was = without(now, given, effects) if effects else given
+    rows = _rows(study, given, looped(refitted) if refitted is not None else None, was, now)
+    loops = [_weakest_loop(machine, study) for machine in (was, now)]
+    usable = loops[0].stable and math.isfinite(loops[0].bandwidth_hz)
+    wanted = goal or Goal(float(f"{loops[0].bandwidth_hz:.2g}") if usable else None, MS_LIMIT)
+    before, after, old = _gains(study, was, now, wanted)
+    consequences = Consequences(
+        effects=effects,
+        study=study,
+        rows=rows,
+        loop_before=loops[0],
+        loop_after=loops[1],
+        gains_goal=(wanted.bandwidth_hz, wanted.ms_limit),
+        gains_before=before,
+        gains_after=after,
+        old_gains_bandwidth_hz=old,
+        choices=_choices(rows, study.kind),
+        sentences=(),
+    )
+    return replace(consequences, sentences=tuple(_sentences(consequences, now))), ""
+
+
+def new_effects(nominal: Hoist | Axis, corrected: Hoist | Axis) -> tuple[str, ...]:
+    """The effects that the nominal machine lacks or has with other values."""
+    effects = [name for name, values in corrected.effects.items() if nominal.effects.get(name) != values]
+    table = corrected.measured_correction
+    return (*effects, *(["measured_correction"] if table not in (None, nominal.measured_correction) else []))
+
+
+def without(corrected: Hoist | Axis, nominal: Hoist | Axis, effects: Sequence[str]) -> Hoist | Axis:
+    """The corrected machine with these effects as the nominal one has them, all else equal."""
+    kept = {name: values for name, values in corrected.effects.items() if name not in effects}
+    kept |= {name: nominal.effects[name] for name in effects if name in nominal.effects}
+    update: dict[str, Any] = {"effects": kept}
+    if "measured_correction" in effects:
+        update["measured_correction"] = nominal.measured_correction
+    return corrected.model_copy(update=update)
+
+
+def _rows(
+    study: SmallStudy, given: Hoist | Axis, refitted: Hoist | Axis | None, was: Hoist | Axis, now: Hoist | Axis
+) -> tuple[Change, ...]:
+    """One row for each case, with the runs of all machines; equal machines are run once."""
+    known: list[tuple[Hoist | Axis, list[RunFigures]]] = []
+
+    def runs(machine: Hoist | Axis) -> list[RunFigures]:
+        for other, figures in known:
+            if other == machine:
+                return figures
+        known.append((machine, _runs(study, machine)))
+        return known[-1][1]
+
+    nothing: list[RunFigures | None] = [None] * len(runs(given))
+    of_refitted = [*runs(refitted)] if refitted is not None else nothing
+    cases = [(spec.payload_kg, spec.reference) for spec in study.specs(given)]
+    columns = zip(cases, runs(given), of_refitted, runs(was), runs(now), strict=True)
+    return tuple(Change(*case, as_given, fitted, before, after) for case, as_given, fitted, before, after in columns)
+
+
+def _runs(study: SmallStudy, machine: Hoist | Axis) -> list[RunFigures]:
+    """The runs of a machine; if it has values that differ from run to run, such as a phase, the worst of several."""
+    # Machine by machine: as many runs at a time, so that one compiled kernel serves all.
+    rows = [[row for row, _ in run_specs(study.specs(at_phase))] for at_phase in _at_phases(machine)]
+    names, figures = metrics_for(study.kind), []
+    for alike in zip(*rows, strict=True):
+        reason = next((row.reason for row in alike if not row.ok), "")
+        worst = {name: find(name).worst([row[name] for row in alike]) if not reason else math.nan for name in names}
+        figures.append(RunFigures(reason, worst | {"move_time_s": alike[0]["move_time_s"]}))
+    return figures
+
+
+def _per_run(machine: Hoist | Axis) -> list[str]:
+    """The effects of the machine with a value that differs from run to run."""
+    known = effects_for(kind_of(machine).name)
+    return [name for name in machine.effects if any(parameter.per_run for parameter in known[name].parameters)]
+
+
+def _at_phases(machine: Hoist | Axis) -> list[Hoist | Axis]:
+    """The machine itself or, if an effect has a value for each run, four machines evenly over its range."""
+    own = _per_run(machine)
+    if not own:
+        return [machine]
+    sizes, known = sizes_of(machine), effects_for(kind_of(machine).name)
+    machines = []
+    for k in range(PHASES):
+        effects = {name: dict(values) for name, values in machine.effects.items()}
+        for name in own:
+            for p in known[name].ranges(sizes):
+                if p.per_run:
+                    effects[name][p.name] = p.lowest + (p.highest - p.lowest) * k / PHASES
+        machines.append(machine.model_copy(update={"effects": effects}))
+    return machines
+
+
+def _weakest_loop(machine: Hoist | Axis, study: SmallStudy) -> LoopFigures:
+    worst = weakest(family(machine, study.controller, operating_points(machine, study.payloads_kg, study.heights_m)))
+    m = worst.margins
+    return LoopFigures(
+        payload_kg=worst.point.payload_kg,
+        height_m=worst.point.height_m,
+        stable=m.stable,
+        gain_margin_db=20.0 * math.log10(m.gain_up) if math.isfinite(m.gain_up) else math.inf,
+        phase_margin_deg=m.phase_deg,
+        ms=m.ms,
+        crossover_hz=m.crossover_hz,
+        bandwidth_hz=m.bandwidth_hz,
+    )
+
+
+def _gains(study: SmallStudy, was: Hoist | Axis, now: Hoist | Axis, goal: Goal) -> tuple[Gains, Gains, float]:
+    """Recommended for each machine, and the bandwidth (Hz) that the first ones give the second machine."""
+    ends = tuple(dict.fromkeys((study.payloads_kg[0], study.payloads_kg[-1])))
+    heights = (study.heights_m[0], study.heights_m[-1])
+    searches = [
+        make_search(machine, study.controller, operating_points(machine, ends, heights)) for machine in (was, now)
+    ]
+    before, after = (_shaped(search, goal, study.controller.GAINS) for search in searches)
+    if not before.ok:
+        return before, after, math.nan
+    judged = searches[1].judge(np.array([before.kp]), np.array([before.ki]))
+    return before, after, float(judged.bandwidth_hz[0]) if judged.stable[0] else math.nan
+
+
+def _shaped(search: Search, goal: Goal, names: tuple[str, str]) -> Gains:
+    try:
+        if goal.bandwidth_hz is None:
+            shaped = best_rejection(search, goal.ms_limit)
+        else:
+            shaped = for_bandwidth(search, goal.bandwidth_hz, goal.ms_limit)
+    except InputError as error:
+        return Gains(math.nan, math.nan, names, error.problem)
+    return Gains(float(f"{shaped.kp:.4g}"), float(f"{shaped.ki:.4g}"), names)
+
+
+def _choices(rows: Sequence[Change], kind: Kind) -> tuple[Choice, ...]:
+    """By each judged metric: over all payloads, then at each one; of a study with two references."""
+    references = list(dict.fromkeys(row.reference for row in rows))
+    if len(references) < 2:
+        return ()
+    payloads, judged = tuple(dict.fromkeys(row.payload_kg for row in rows)), set_of(kind.name)
+
+    def better(metric: str, payload_kg: float | None, when: str) -> str:
+        """The reference whose worst run is the better one."""
+        here = [(row.reference, getattr(row, when)) for row in rows if payload_kg in (None, row.payload_kg)]
+        if not all(run.ok for _, run in here):
+            return ""
+        worst = {kind: max(run[metric] for reference, run in here if reference == kind) for kind in references}
+        first, second = sorted(worst.values())[:2]
+        return "alike" if percent(first, second) < SMALL else min(references, key=lambda kind: worst[kind])
+
+    return tuple(
+        Choice(metric, payload, better(metric, payload, "before"), better(metric, payload, "after"))
+        for metric in (judged.peak, judged.error, judged.rms_error)
+        for payload in (None, *payloads)
+    )
+
+
+def small_study(
+    machine: Hoist | Axis,
+    runs: Sequence[Run] = (),
+    *,
+    payloads_kg: Sequence[float] | None = None,
+    controller: Settings | None = None,
+) -> SmallStudy:
+    """From a campaign's runs: payloads (lightest, middle, heaviest), fastest speed and acceleration, travel.
+
+    Speed and acceleration of the carriage are the largest means over a quarter of a second; the jerk limit
+    builds the acceleration up in two thirds of a ramp. Without runs that move: nine tenths of nominal speed,
+    ramps of 1.2 s, five seconds' way from the lower part of the rail, payloads of none, half and one carriage
+    mass. The controller is the rule's for 2.5 Hz where none is given. Of an axis see `_axis_study`.
+    """
+    if kind_of(machine).looped.position_loop:
+        return _axis_study(cast(Axis, machine), runs, controller)
+    machine = cast(Hoist, machine)
+    nominal = allowed_carriage_speed_m_s(
+        machine.motor.nominal_speed_rad_s, machine.gearbox.ratio, machine.winch.drum_diameter_m
+    )
+    low, high = machine.rail.lowest_position_m, machine.highest_position_m
+    bottom, top = low + END_OF_RAIL * (high - low), high - END_OF_RAIL * (high - low)
+    motions = [motion for run in runs if (motion := _motion(machine, run)) and motion[0] > LEAST_SPEED * nominal]
+    if motions:
+        speed = min(max(motion[0] for motion in motions), 0.99 * nominal)
+        acceleration = min(max(motion[1] for motion in motions), speed / 0.2)
+        start = max(min(motion[2] for motion in motions), bottom)
+        end = min(max(motion[3] for motion in motions), top)
+    else:
+        speed, acceleration = 0.9 * nominal, 0.9 * nominal / 1.2
+        start = low + 0.25 * (high - low)
+        end = start + min(0.5 * (high - low), 5.0 * speed)
+    if end - start < 0.02 * (top - bottom):  # as far as nothing, or a height that is not this rail's
+        start, end = bottom, 0.5 * (bottom + top)
+    speed, acceleration = _digits(speed), _digits(acceleration)
+    return SmallStudy(
+        payloads_kg=_payloads(machine, runs) if payloads_kg is None else tuple(sorted(set(payloads_kg))),
+        start_position_m=_digits(start),
+        travel_m=_digits(min(end - start, LONGEST_S * speed)),
+        limits=Limits(speed, acceleration, _digits(1.5 * acceleration**2 / speed)),
+        controller=usual_controller(machine) if controller is None else controller,
+        from_runs=bool(motions),
+        controller_given=controller is not None,
+    )
+
+
+def _axis_study(machine: Axis, runs: Sequence[Run], controller: Settings | None) -> SmallStudy:
+    """From a campaign's runs: fastest speed and acceleration as means over AXIS_WINDOW_S, from lowest to highest place.
+
+    Without runs that move: nine tenths of the speed scale, ramps of 0.2 s, three ramps' way from 0. Limits keep
+    to the drive's top speed, and ramps to half of its force limit beside friction and load.
+    """
+    kind = kind_of(machine)
+    loop = kind.looped
+    scale = min(loop.top_speed(machine).speed, loop.speed_scale(machine))
+    motions = [motion for run in runs if (motion := _axis_motion(machine, run)) and motion[0] > 0.0]
+    if motions:
+        speed = min(max(motion[0] for motion in motions), 0.99 * loop.top_speed(machine).speed)
+        acceleration = min(max(motion[1] for motion in motions), speed / 0.02)
+        start, end = min(motion[2] for motion in motions), max(motion[3] for motion in motions)
+    else:
+        speed, acceleration = 0.9 * scale, 0.9 * scale / 0.2
+        start, end = 0.0, 0.6 * speed
+    steady = max(machine.role("coulomb_forward"), machine.role("coulomb_backward")) + machine.role("viscous") * speed
+    steady += abs(machine.role("gravity_constant")) + abs(machine.role("gravity_sine"))
+    room = 0.5 * (loop.input_limit(machine) - steady)
+    if 0.0 < room < math.inf:
+        acceleration = min(acceleration, room / loop.total_inertia(machine, 0.0))
+    speed, acceleration = _digits(speed), _digits(acceleration)
+    return SmallStudy(
+        payloads_kg=(0.0,),
+        start_position_m=_digits(start),
+        travel_m=_digits(min(max(end - start, 1e-6), LONGEST_S * speed)),
+        limits=Limits(speed, acceleration, _digits(1.5 * acceleration**2 / speed)),
+        controller=usual_settings(machine)[0] if controller is None else controller,
+        from_runs=bool(motions),
+        controller_given=controller is not None,
+        kind=kind,
+    )
+
+
+def _axis_motion(machine: Axis, run: Run) -> tuple[float, float, float, float] | None:
+    """(fastest speed, largest acceleration, lowest and highest place) of an axis' run, m or rad and seconds."""
+    t = run.time_s
+    if len(t) < 3:
+        return None
+    if machine.position_signal in run:
+        place = run[machine.position_signal]
+    else:
+        v = run[machine.speed_signal]
+        place = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    return _fastest(run, place, AXIS_WINDOW_S)
+
+
+def _fastest(run: Run, way: Array, window_s: float) -> tuple[float, float, float, float] | None:
+    """Speed and acceleration as means over a window; the lowest and the highest place. None of too short a run."""
+    t = run.time_s
+    window = max(window_s, 4.0 * run.sample_time_s)
+    if run.duration_s < 3.0 * window:
+        return None
+    at = np.arange(t[0], t[-1] - 2.0 * window, 0.2 * window)
+    marks = [np.interp(at + k * window, t, way) for k in range(3)]
+    first, second = ((marks[k + 1] - marks[k]) / window for k in range(2))
+    fastest = max(_largest(first), _largest(second))
+    return fastest, _largest((second - first) / window), float(np.min(way)), float(np.max(way))
+
+
+def _motion(machine: Hoist, run: Run) -> tuple[float, float, float, float] | None:
+    """(fastest speed m/s, largest acceleration m/s², lowest and highest carriage height m) of a run."""
+    if "speed_motor_rad_s" not in run or len(run.time_s) < 3:
+        return None
+    t, v = run.time_s, run["speed_motor_rad_s"] * machine.lift_m_per_rad
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    motion = _fastest(run, way, WINDOW_S)
+    if motion is None:
+        return None
+    height = run.signals.get("position_carriage_m", run.start_position_m + way)
+    return motion[0], motion[1], float(np.min(height)), float(np.max(height))
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values)))
+
+
+def _payloads(machine: Hoist, runs: Sequence[Run]) -> tuple[float, ...]:
+    """The lightest, the one nearest to the middle, and the heaviest."""
+    known = sorted({run.payload_kg for run in runs}) or [share * machine.carriage.mass_kg for share in (0.0, 0.5, 1.0)]
+    middle = min(known, key=lambda load: abs(load - 0.5 * (known[0] + known[-1])))
+    return tuple(sorted({known[0], middle, known[-1]}))
+
+
+def _digits(value: float) -> float:
+    """Rounded to three digits, so that the value in the text is the value of the run."""
+    return float(f"{value:.3g}")
+
+
+def _sentences(c: Consequences, corrected: Hoist | Axis) -> Iterator[str]:
+    """In order: what was run, failures, torque, tracking, wire, time, better reference, loop, gains, caveats."""
+    kind, judged = c.study.kind, set_of(c.study.kind.name)
+    yield _what(c)
+    yield from _failures(c.rows, kind)
+    most = AT_LIMIT * kind.looped.peak_limit(corrected)
+    new = [row for row in c.rows if row.ok and row.after[judged.peak] >= most > row.before[judged.peak]]
+    if new:
+        who = (
+            "The motors now reach their torque" if kind.payload else f"The drive now reaches its {kind.drive.quantity}"
+        )
+        yield f"{who} limit at {listed([_at(kind, row) for row in new])}."
+    good = [row for row in c.rows if row.ok]
+    yield from (_figure(good, metric, kind) for metric in (figures_told(kind) if good else ()))
+    by = {(row.payload_kg, row.reference): row.before["move_time_s"] for row in c.rows}
+    longer = by.get((c.rows[0].payload_kg, "ruckig"), math.nan) - by.get((c.rows[0].payload_kg, "trapezoid"), math.nan)
+    if math.isfinite(longer):
+        yield (
+            f"Move times do not change, for they follow from the limits: ruckig takes {longer:.2g} s longer than the "
+            "trapezoid."
+        )
+    if c.choices:
+        yield _better(c.choices, judged.peak, f"{judged.input_words} peak at equal limits", kind)
+        yield _better(c.choices, judged.error, "tracking error", kind)
+    yield _loop(c)
+    yield _gain_words(c)
+    if own := _per_run(corrected):
+        yield (
+            f"In each run {listed(own)} has a phase of its own: every run was made at {PHASES} phases, and each figure "
+            "is the worst of them."
+        )
+    known = effects_for(kind.name)
+    if cold := [name for name in corrected.effects if known[name].regime == "time" and name not in own]:
+        yield f"Time counts from the start of the campaign, so {listed(cold)} is as on the cold machine."
+    if outside := [name for name in corrected.effects if find_effect(name, kind.name).on_sensor]:
+        yield f"On the log alone, so that neither runs nor loop know of it: {listed(outside)}."
+    own_drive = corrected.drive
+    if not (own_drive.torque_lag_s or own_drive.speed_filter_s or own_drive.speed_delay_s):
+        yield "The machine's drive has no lag, filter or delay, so its margins are those of sampling alone."
+
+
+def _what(consequences: Consequences) -> str:
+    s, effects = consequences.study, consequences.effects
+    who = f"without and with {listed(effects)}, all else equal" if effects else "before and after its correction"
+    c, unit = s.controller, s.kind.moved.unit
+    loads = f" {listed([f'{load:g}' for load in s.payloads_kg])} kg;" if s.kind.payload else ""
+    kv = f"kv {c.kv_per_s:g} 1/s, " if isinstance(c, Cascade) else ""
+    by_rule = "" if s.controller_given else ", by rule"
+    gains = f"one controller ({kv}kp {c.kp:g} {c.UNITS[0]}, ki {c.ki:g} {c.UNITS[1]}{by_rule})"
+    if s.scenario is not None:
+        return f"The machine {who}, in the scenario {s.scenario.name}:{loads} {gains}."
+    source = "as the campaign's runs do at most" if s.from_runs else "by default"
+    way, back = ("up", "down") if s.kind.payload else ("forward", "back")
+    return (
+        f"The machine {who}: {way} by {s.travel_m:g} {unit} from {s.start_position_m:g} {unit} and {back} again, "
+        f"{s.limits.speed_m_s:g} {unit}/s and {s.limits.acceleration_m_s2:g} {unit}/s² {source}, jerk "
+        f"{s.limits.jerk_m_s3:g} {unit}/s³;{loads} {gains}."
+    )
+
+
+def _at(kind: Kind, row: Change) -> str:
+    """`4500 kg with ruckig`; of an axis its reference."""
+    return f"{row.payload_kg:g} kg with {row.reference}" if kind.payload else row.reference
+
+
+def _failures(rows: Sequence[Change], kind: Kind) -> Iterator[str]:
+    groups: dict[tuple[float, bool, bool, str], list[Change]] = {}
+    for row in rows:
+        if not row.ok:
+            # Where the motors cannot hold the load, how far it fell says nothing.
+            reason = (row.after.reason or row.before.reason).rpartition("; ")[2]
+            groups.setdefault((row.payload_kg, row.before.ok, row.after.ok, reason), []).append(row)
+    for (payload, was_ok, is_ok, reason), alike in groups.items():
+        which = "with either reference" if len(alike) == 2 else f"with the {alike[0].reference} reference"
+        start = f"At {payload:g} kg {which}" if kind.payload else f"{which[0].upper()}{which[1:]}"
+        if was_ok:
+            yield f"{start} the move is no longer possible: {reason}."
+        elif is_ok:
+            yield f"{start} the move is possible now; before: {reason}."
+        else:
+            yield f"{start} the move is possible neither before nor after: {reason}."
+
+
+def figures_told(kind: Kind) -> tuple[Metric, ...]:
+    """The metrics that sentences tell."""
+    judged = set_of(kind.name)
+    if kind.payload:
+        return tuple(judged.by_name[name] for name in (judged.peak, judged.error, "min_wire_tension_n"))
+    return tuple(judged.by_name[name] for name in (judged.peak, judged.rms, judged.error, "settling_time_s"))
+
+
+def _figure(good: Sequence[Change], metric: Metric, kind: Kind) -> str:
+    name = metric.name
+    if name == "min_wire_tension_n" and (slack := [row for row in good if row.after[name] <= 0.0]):
+        was = ", as before" if all(row.before[name] <= 0.0 for row in slack) else ""
+        return f"The wire goes slack at {listed([_at(kind, row) for row in slack])}{was}."
+    changes = [row.percent(name) for row in good]
+    low, high = min(changes), max(changes)
+    if max(abs(low), abs(high)) < SMALL:
+        return f"The {metric.label} does not change."
+    most = max(good, key=lambda row: abs(row.percent(name)))
+    before, after = (metric.scale * run[name] for run in (most.before, most.after))
+    if f"{low:+.1f}" == f"{high:+.1f}":
+        span = f"{high:+.1f} %"
+    elif abs(low) < SMALL or abs(high) < SMALL:  # an end of zero is omitted
+        span = f"up to {max(low, high, key=abs):+.1f} %"
+    else:
+        span = f"{low:+.1f} to {high:+.1f} %"
+    where = f"most {'at' if kind.payload else 'with'} {_at(kind, most)}"
+    return f"The {metric.label} changes by {span}, {where}: {before:.3g} to {after:.3g} {metric.shown_unit}."
+
+
+def _better(choices: Sequence[Choice], metric: str, by: str, kind: Kind) -> str:
+    mine = [choice for choice in choices if choice.metric == metric and choice.payload_kg is not None]
+
+    def name(reference: str) -> str:
+        return "neither" if reference == "alike" else reference
+
+    def at(choice: Choice) -> str:
+        return f" at {choice.payload_kg:g} kg" if kind.payload else ""
+
+    if moved := [choice for choice in mine if choice.changed]:
+        cases = [f"{at(c)} {name(c.after)} instead of {name(c.before)}".strip() for c in moved]
+        return f"By {by} the better reference is another one now: {listed(cases)}."
+    known = [choice for choice in mine if choice.before and choice.after]
+    if not known:
+        return f"By {by} the references cannot be compared, for runs failed."
+    names = list(dict.fromkeys(choice.after for choice in known))
+    if len(names) > 1:
+        return f"By {by} the better reference stays the same: {listed([f'{name(c.after)}{at(c)}' for c in known])}."
+    if names == ["alike"]:
+        return f"By {by} both references stay alike."
+    where = "" if not kind.payload else at(known[0]) if len(known) == 1 else " at every payload"
+    some = " that both move" if 1 < len(known) < len(mine) else ""
+    return f"By {by} {names[0]} stays the better reference{where}{some}."
+
+
+def _loop(c: Consequences) -> str:
+    a, b, kind = c.loop_before, c.loop_after, c.study.kind
+    name = "speed loop" if kind.payload else "loop"
+    if not b.stable:
+        load = f"{b.payload_kg:g} kg and " if kind.payload else ""
+        return f"The {name} is unstable at {load}{b.height_m:g} {kind.moved.unit}{'' if a.stable else ', as before'}."
+    if not a.stable:
+        where = f"{a.payload_kg:g} kg" if kind.payload else "some places"
+        return f"The {name}, unstable before at {where}, is stable: Ms {b.ms:.2f}."
+
+    def decibels(value: float) -> str:
+        return f"{value:.1f} dB" if math.isfinite(value) else "without bound"
+
+    moved, still = [], []
+    for name, least, show, x, y in (
+        ("the least gain margin", 0.5, decibels, a.gain_margin_db, b.gain_margin_db),
+        ("the least phase margin", 1.0, "{:.0f}°".format, a.phase_margin_deg, b.phase_margin_deg),
+        ("the largest Ms", 0.01, "{:.2f}".format, a.ms, b.ms),
+    ):
+        if x == y or abs(y - x) < least:
+            still.append(f"{name} is {show(y)}")
+        else:
+            moved.append(f"{name} goes from {show(x)} to {show(y)}")
+    if not moved:
+        return f"The loop's margins do not change: {listed(still)}."
+    over = "Over loads and heights" if kind.payload else "Over its positions"
+    return f"{over}, {listed(moved)}{f'; {listed(still)} as before' if still else ''}."
+
+
+def _gain_words(c: Consequences) -> str:
+    bandwidth, ms = c.gains_goal
+    goal = "the best rejection of load steps" if bandwidth is None else f"a bandwidth of {bandwidth:g} Hz"
+    start = f"For {goal} with Ms {'' if bandwidth is None else 'and Mt '}at most {ms:g}"
+    before, after = c.gains_before, c.gains_after
+    if not after.ok:
+        return f"{start} loop shaping finds no gains{'' if before.ok else ', nor before'}: {after.reason}."
+    units = c.study.controller.UNITS
+    now = f"kp {after.kp:.3g} {units[0]}, ki {after.ki:.3g} {units[1]}"
+    if not before.ok:
+        return f"{start} loop shaping now finds {now}; before: {before.reason}."
+    kp, ki = percent(before.kp, after.kp), percent(before.ki, after.ki)
+    if max(abs(kp), abs(ki)) < GAIN_MOVES:
+        return f"{start} the recommended gains stay: {now}."
+    old = c.old_gains_bandwidth_hz
+    left = "make the loop unstable" if math.isnan(old) else f"give {old:.3g} Hz"
+    return (
+        f"{start} the recommended gains are others now: {now} instead of kp {before.kp:.3g}, ki {before.ki:.3g} "
+        f"({kp:+.0f} %, {ki:+.0f} %); the old ones {left}."
+    )
+
+
+def consequences_table(c: Consequences) -> Table:
+    """One row for each payload and reference: the machine as given, refitted, corrected, and the effects' own share."""
+    kind, told = c.study.kind, figures_told(c.study.kind)[:3]
+    machines = ["given", *(["refitted"] if any(row.refitted is not None for row in c.rows) else []), "corrected"]
+    columns = [*([Column("payload", "kg")] if kind.payload else []), words("reference")]
+    for metric in told:
+        head = (metric.head or metric.label).replace("\n", " ")
+        columns += [Column(f"{head}\n{machine}", metric.shown_unit) for machine in machines]
+        columns.append(Column(f"{head}\neffects", "%"))
+    lines = []
+    for row in c.rows:
+        line = [*([f"{row.payload_kg:g}"] if kind.payload else []), row.reference]
+        for metric in told:
+            runs = [row.given, *([row.refitted] if "refitted" in machines else []), row.after]
+            line += [metric.text(run[metric.name]) if run is not None else "–" for run in runs]
+            change = row.percent(metric.name)
+            line.append(f"{change:+.1f}" if math.isfinite(change) else "–")
+        lines.append([*line, f"{row.after['move_time_s']:.2f}"])
+    note = (
+        "Given: the machine as its file has it; refitted: its own values fitted without the effects; corrected: with "
+        "them. Effects: corrected against the same machine without the effects, all else equal. A dash: the run failed."
+    )
+    return Table([*columns, Column("moves", "s")], lines, note)
+
+
+def as_json(c: Consequences) -> dict[str, Any]:
+    """Plain mappings and lists, six significant digits; null for what is no finite number."""
+    kind = c.study.kind
+
+    def placed(record: Mapping[str, Any]) -> dict[str, Any]:
+        """Without the payload where the kind carries none, the height as its place."""
+        if kind.payload:
+            return dict(record)
+        said = {name: value for name, value in record.items() if name != "payload_kg"}
+        return {f"position_{kind.moved.unit}" if name == "height_m" else name: value for name, value in said.items()}
+
+    def run(figures: RunFigures | None) -> dict[str, Any] | None:
+        return None if figures is None else {"reason": figures.reason, **figures.values}
+
+    def gains(own: Gains) -> dict[str, Any]:
+        return {**dict(zip(own.names, (own.kp, own.ki), strict=True)), "reason": own.reason}
+
+    rows = [
+        placed(vars(row))
+        | {when: run(getattr(row, when)) for when in ("given", "refitted", "before", "after")}
+        | {"change_percent": {name: row.percent(name) for name in metrics_for(kind)}}
+        for row in c.rows
+    ]
+    said: dict[str, Any] = plain(
+        {
+            "effects": c.effects,
+            "study": c.study.as_json(),
+            "rows": rows,
+            "loop": {"before": placed(vars(c.loop_before)), "after": placed(vars(c.loop_after))},
+            "gains": {
+                "goal": {"bandwidth_hz": c.gains_goal[0], "ms": c.gains_goal[1]},
+                "before": gains(c.gains_before),
+                "after": gains(c.gains_after),
+                "old_gains_bandwidth_hz": c.old_gains_bandwidth_hz,
+            },
+            "better_reference": [placed(vars(choice)) | {"changed": choice.changed} for choice in c.choices],
+            "sentences": c.sentences,
+        }
+    )
+    return said

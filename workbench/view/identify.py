@@ -1,0 +1,408 @@
+"""An identification as people see it: tables, sentences, the paper's Figures 6 to 8, correlations, page and JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from workbench.core.json_records import rounded
+from workbench.core.run import Array
+from workbench.core.shown import View
+from workbench.core.table import Column, Table, words
+from workbench.core.whole_folder import check_free, whole_folder, write_json
+from workbench.identify.fit import Fit
+from workbench.identify.identify import Identification, friction_speed
+from workbench.identify.model import fittable, free_parameters
+from workbench.logs import Campaign
+from workbench.machines import Axis, Hoist, get_value, kind_of, plant_of, save_machine
+from workbench.simulate.driven import sensor
+from workbench.simulate.lowpass import lowpass
+from workbench.simulate.replay import ReplayResult
+from workbench.view import replay as replay_view
+from workbench.view.numbers import change_percent, figures, with_error
+from workbench.view.page import Section, save_page
+from workbench.view.panels import Panels
+from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, TEMPLATE, line
+from workbench.view.words import direction_names, words_of
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+FAR = 3.0  # tolerances: a value beyond them stands in for something else
+ROW, AROUND = 34, 130  # px: of one value, and of title and axis
+REMEDY = "`workbench diagnose` names what"
+
+
+# Tables, sentences, JSON.
+
+
+def table(fit: Fit) -> Table:
+    """One row for each fitted parameter."""
+    columns = [words("parameter"), Column("nominal"), Column("identified"), Column("± std\nerror"),
+               Column("change", "%"), words("held")]  # fmt: skip
+    rows = [
+        [free.key, figures(free.nominal, 4), *with_error(value, error), change_percent(free.nominal, value),
+         "no" if free.prior_std is None else "yes"]
+        for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True)
+    ]  # fmt: skip
+    note = (
+        "held: the nominal value, within its tolerance, counts as one more measurement; else the runs alone decide. "
+        "A name's end is its unit."
+    )
+    return Table(columns, rows, note)
+
+
+def keys_table(campaign: Campaign) -> Table:
+    """Every key that can be fitted, its value, and whether the default fit includes it."""
+    machine = campaign.machine
+    usual = {free.key: free.prior_std is not None for free in free_parameters(machine, campaign.runs)}
+    rows = [
+        [key, figures(get_value(machine, key), 5), ("held" if usual[key] else "free") if key in usual else ""]
+        for key in fittable(machine)
+    ]
+    return Table([words("key"), Column("value"), words("usual fit")], rows)
+
+
+def measures_table(identification: Identification) -> Table:
+    """The replay before and after."""
+    machine, before, after = identification.machine, identification.before, identification.after
+    rows = [replay_view.measures(name, r, r.noise_rms) for name, r in (("nominal", before), ("identified", after))]
+    return Table(replay_view.columns(machine, "machine"), rows, replay_view.note(machine, after))
+
+
+def sentences(identification: Identification, remedy: str = REMEDY) -> list[str]:
+    """The reduction of the residual, the paper's iteration, undetermined values, and the remedy."""
+    machine, levels, fit = identification.campaign.machine, identification.levels, identification.fit
+    before, after = identification.before, identification.after
+    w, unit, rounds = words_of(machine), kind_of(machine).friction.unit, len(levels.forward) - 1
+    forward, backward = direction_names(machine)
+    said = [
+        f"The {w.quantity} residual went from {before.residual_percent:.2f} to {after.residual_percent:.2f} % of the "
+        f"{w.quantity} itself.",
+        "The paper's iteration, which leaves all other values nominal, puts friction at "
+        f"{figures(levels.forward[-1], 4)} {unit} {forward} and {figures(levels.backward[-1], 4)} {unit} {backward}; "
+        f"it {'settled' if levels.settled else 'had not settled'} after {rounds} rounds.",
+        *fit.statements,
+    ]
+    off = max(fit.tolerances_off())
+    left, noise = after.residual_rms_moving, after.noise_rms
+    signs = [f"a value is {off:.0f} tolerances off"] if off > FAR else []
+    if left > replay_view.EXPLAINED * noise > 0.0 and replay_view.noise_is_floor(identification.machine, after):
+        signs.append(f"the residual while moving is {left / noise:.1f} times the noise")
+    if signs:
+        text = " and ".join(signs)
+        said.append(f"{text[0].upper()}{text[1:]}: the model may lack something; {remedy}.")
+    return said
+
+
+def to_json(identification: Identification) -> dict[str, Any]:
+    """identify.json: parameters with errors, correlations, the iteration's history, statements, replays."""
+    machine, fit, levels = identification.campaign.machine, identification.fit, identification.levels
+    w = words_of(machine)
+    forward, backward = direction_names(machine)
+    return {
+        "format": 1,
+        "campaign": identification.campaign.name,
+        "runs": [run.name for run in identification.campaign.runs],
+        "parameters": {
+            free.key: {
+                "nominal": free.nominal,
+                "value": rounded(value, 8),
+                "std_error": rounded(error, 4),
+                "held_by_tolerance": free.prior_std is not None,
+            }
+            for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True)
+        },
+        "correlation": {
+            "keys": [free.key for free in fit.free],
+            "matrix": [[rounded(float(c), 4) for c in row] for row in fit.correlation],
+        },
+        "paper_iteration": {
+            forward: [rounded(level) for level in levels.forward],
+            backward: [rounded(level) for level in levels.backward],
+            "settled": levels.settled,
+        },
+        "statements": list(fit.statements),
+        "fit": {
+            f"residual_rms_before_{w.suffix}": rounded(fit.residual_rms_before),
+            f"residual_rms_{w.suffix}": rounded(fit.residual_rms),
+            f"noise_rms_{w.suffix}": rounded(fit.noise_rms),
+            "samples": fit.samples,
+            "evaluations": fit.evaluations,
+        },
+        "before": replay_view.to_json(identification.campaign, identification.before)["overall"],
+        "after": replay_view.to_json(_identified(identification), identification.after)["overall"],
+        "notes": list(identification.campaign.all_notes),
+    }
+
+
+def _identified(identification: Identification) -> Campaign:
+    """The campaign with the identified machine in place of the nominal one."""
+    return replace(identification.campaign, machine=identification.machine)
+
+
+# Figures.
+
+
+def law(machine: Hoist | Axis, speed: Array) -> Array:
+    """Friction (N, N m) at speeds (m/s, rad/s): the guide's on a hoist, Coulomb and viscous on an axis."""
+    p = plant_of(machine).values(machine)
+    return np.asarray(kind_of(machine).friction.law(speed, p), dtype=float)
+
+
+def force_balance(machine: Hoist | Axis, result: ReplayResult) -> tuple[Array, Array]:
+    """Speed and friction force at the moving samples of all runs: the law plus the residual of the balance.
+
+    On a hoist the residual torque is converted to a force at the carriage through gearbox, drum and the two falls.
+    """
+    gain, _ = sensor(machine)
+    kind = kind_of(machine)
+    lever = kind.transmission_of(machine)
+    speeds, forces = [], []
+    for run in result.runs:
+        balance = run.balance
+        speed = friction_speed(kind, balance)
+        both = np.column_stack([speed, law(machine, speed)])
+        smooth = lowpass(balance.run.time_s, both, balance.band_hz)[balance.moving]
+        speeds.append(smooth[:, 0])
+        forces.append(smooth[:, 1] + balance.residual[balance.moving] / gain / lever)
+    return np.concatenate(speeds), np.concatenate(forces)
+
+
+def combined_weight(machine: Hoist | Axis, result: ReplayResult) -> float | None:
+    """The weight of carriage and payload, mean over the runs, by which the paper's Fig. 7 divides; None for an axis."""
+    kind = kind_of(machine)
+    if kind.weight is None:
+        return None
+    return kind.weight(machine, float(np.mean([run.balance.run.payload_kg for run in result.runs])))
+
+
+def friction(identification: Identification) -> Figure:
+    """Fig. 7: the law before and after, and the log's own points."""
+    nominal, machine = identification.campaign.machine, identification.machine
+    points = force_balance(machine, identification.after)
+    fastest = 1.1 * float(np.max(np.abs(points[0]), initial=1e-3))
+    # Many points near standstill, where the law turns over.
+    half = fastest * np.linspace(0.0, 1.0, 200) ** 3
+    speed = np.concatenate([-half[:0:-1], half])
+    kind = kind_of(machine)
+    return friction_law(
+        speed,
+        [("identified", law(machine, speed)), ("nominal", law(nominal, speed))],
+        combined_weight(machine, identification.after),
+        points,
+        kind.moved.speed_unit,
+        kind.friction.unit,
+    )
+
+
+def friction_law(
+    speed: Array,
+    laws: Sequence[tuple[str, Array]],
+    weight: float | None,
+    measured: tuple[Array, Array] | None = None,
+    speed_unit: str = "m/s",
+    unit: str = "N",
+) -> Figure:
+    """Fig. 7: friction force over the weight of the combined mass, against speed.
+
+    speed: (m,); laws: name -> force (m,), such as nominal and identified; weight: what the force is
+    divided by, in the same unit, None leaves it in `unit`; measured: (speed, force) points of a force
+    balance, drawn small and grey.
+    """
+    quantity = "torque" if unit == "N m" else "force"
+    y_title = f"friction {quantity} ({unit})" if weight is None else "friction force / weight (–)"
+    divisor = 1.0 if weight is None else weight
+    panels = Panels("Friction law", [y_title], x_title=f"speed ({speed_unit})")
+    if measured is not None:
+        points = {"mode": "markers", "marker": {"size": 4, "color": GREY, "opacity": 0.35}}
+        # Every so many points, in order of speed: a cloud has no peaks that min-max thinning would keep.
+        step = max(len(measured[0]) // 1400, 1)
+        order = np.argsort(measured[0])[::step]
+        panels.line(
+            0, 0, measured[0][order], measured[1][order] / divisor, "force balance of the log", {}, "", **points
+        )
+    looks = [line("simulated", width=2.4), {"color": BLACK, "dash": "6px,3px", "width": 2.0}]
+    for number, (name, force) in enumerate(laws):
+        panels.line(0, 0, speed, force / divisor, name, looks[number] if number < 2 else line(name, number))
+    return panels.figure(520)
+
+
+def level_history(levels: Mapping[str, Sequence[float]], unit: str = "N") -> Figure:
+    """The friction levels over the paper's iterations, a line a level; iteration 0 is the start."""
+    panels = Panels("Friction levels over the iterations", [f"level ({unit})"], x_title="iteration")
+    for number, (name, values) in enumerate(levels.items()):
+        colour, dash = SPARE[number % len(SPARE)]
+        marker = {"symbol": MARKERS[number % len(MARKERS)], "size": 9}
+        x, y = np.arange(len(values), dtype=float), np.asarray(values, dtype=float)
+        look = {"color": colour, "dash": dash, "width": 2.0}
+        panels.line(0, 0, x, y, name, look, unit, mode="lines+markers", marker=marker)
+    figure = panels.figure(480)
+    longest = max((len(v) for v in levels.values()), default=1)
+    figure.update_xaxes(tickmode="linear", dtick=max(1, longest // 12))
+    return figure
+
+
+def correlation_matrix(names: Sequence[str], correlation: Array) -> Figure:
+    """The fit's correlation matrix (m, m): what is near ±1 the data cannot tell apart."""
+    import plotly.graph_objects as go
+
+    values = np.asarray(correlation, dtype=float)
+    heat = {
+        "type": "heatmap",
+        "z": values,
+        "x": list(names),
+        "y": list(names),
+        "zmin": -1.0,
+        "zmax": 1.0,
+        # Blue, white, orange-red: Okabe and Ito's blue and vermillion as ends.
+        "colorscale": [[0.0, "#0072B2"], [0.5, "#FFFFFF"], [1.0, "#D55E00"]],
+        "text": [[f"{value:.2f}" for value in row] for row in values],
+        "texttemplate": "%{text}",
+        "textfont": {"color": BLACK},
+        "colorbar": {"title": {"text": "correlation (–)"}},
+        "hovertemplate": "%{y} and %{x}: %{z:.3f}<extra></extra>",
+    }
+    size = 220 + 48 * len(names)
+    layout = {
+        "template": TEMPLATE,
+        "height": size,
+        "width": size + 160,
+        "title": {"text": "Correlation of the fitted parameters"},
+        "yaxis": {"autorange": "reversed"},
+    }
+    return go.Figure({"data": [heat], "layout": layout})
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A value that a fit found: its distance from the nominal one with a standard error, both in the axis' unit.
+
+    said: the value with its error, in words.
+    """
+
+    name: str
+    shift: float
+    std_error: float
+    said: str
+
+
+def estimates(fitted: Sequence[Shift], unit: str, tolerance: float | None = None) -> Figure:
+    """A line a value; a grey band of ± `tolerance` around the nominal values where there is one."""
+    import plotly.graph_objects as go
+
+    names = [estimate.name for estimate in fitted]
+    furthest = max((abs(estimate.shift) + estimate.std_error for estimate in fitted), default=1.0)
+    reach = 1.15 * max(furthest, tolerance or 0.0) or 1.0
+    height = AROUND + ROW * max(len(fitted), 2)
+    dots: dict[str, Any] = {
+        "type": "scatter", "mode": "markers", "x": [estimate.shift for estimate in fitted], "y": names,
+        "error_x": {"array": [estimate.std_error for estimate in fitted], "color": BLACK, "thickness": 2, "width": 6},
+        "marker": {"color": BLUE, "size": 11}, "customdata": [estimate.said for estimate in fitted],
+        "showlegend": False, "hovertemplate": "%{y}: %{customdata}<extra></extra>",
+    }  # fmt: skip
+    words = [
+        {"text": estimate.said, "x": 1.01, "xref": "paper", "xanchor": "left", "y": estimate.name, "showarrow": False,
+         "font": {"size": 12}}
+        for estimate in fitted
+    ]  # fmt: skip
+    band = {
+        "type": "rect", "x0": -(tolerance or 0.0), "x1": tolerance or 0.0, "y0": 0, "y1": 1, "yref": "paper",
+        "layer": "below", "line": {"width": 0}, "fillcolor": GREY, "opacity": 0.18,
+    }  # fmt: skip
+    tolerance_note = "" if tolerance is None else "; grey: tolerance"
+    layout = {
+        "template": TEMPLATE,
+        "height": height,
+        "hovermode": "closest",
+        "title": {"text": f"Identified values, ± one standard error{tolerance_note}", "y": 1.0 - 22.0 / height,
+                  "yanchor": "middle", "font": {"size": 15}},
+        "margin": {"l": 12, "t": 52, "r": 164},
+        "shapes": [] if tolerance is None else [band],
+        "annotations": words,
+        "xaxis": {"title": {"text": f"distance from nominal ({unit})"}, "range": [-reach, reach], "zeroline": True,
+                  "zerolinewidth": 2},
+        "yaxis": {"autorange": "reversed", "type": "category"},
+    }  # fmt: skip
+    return go.Figure({"data": [dots], "layout": layout})
+
+
+# The page.
+
+
+def write_identification(run: Callable[[], Identification], folder: Path) -> Identification:
+    """Identify, and write machine.yaml, replay.json for that machine, identify.json and identify.html."""
+    check_free(folder)
+    with whole_folder(folder) as hidden:
+        identification = run()
+        save_machine(identification.machine, hidden / "machine.yaml")
+        write_json(hidden / "replay.json", replay_view.to_json(_identified(identification), identification.after))
+        write_json(hidden / "identify.json", to_json(identification))
+        save_identify_page(identification, hidden / "identify.html")
+    return identification
+
+
+def save_identify_page(identification: Identification, path: Path) -> None:
+    """Write the page of an identification; it needs no network."""
+    machine, after, campaign = identification.machine, identification.after, identification.campaign
+    weight = combined_weight(machine, after)
+    per = "" if weight is None else f" Weight: {weight / 1000.0:.0f} kN, carriage and mean payload of the runs."
+    drawn = {
+        "The paper's Figure 6: what the machine was given.": replay_view.inputs(machine, after),
+        f"The paper's Figure 7. Points: the log's balance of forces under the identified machine.{per}": friction(
+            identification
+        ),
+        "The identified machine under the measured input (the paper's Figure 8).": replay_view.speeds(machine, after),
+        replay_view.RESIDUAL_NOTE: replay_view.residuals(machine, after, identification.before),
+        "The paper's own identification: all other values stay nominal; round 0 is the start.": history(identification),
+        "Near ±1 the runs show two values together only: one may be off as long as the other makes up for it.": (
+            correlations(identification)
+        ),
+    }
+    section = Section(
+        sentences=[*sentences(identification), *replay_view.notes_line(campaign)],
+        tables=[table(identification.fit), measures_table(identification)],
+        figures=[(figure, note) for note, figure in drawn.items()],
+    )
+    save_page([section], path, f"Identification of {machine.name} from campaign {campaign.name}")
+
+
+def correlations(identification: Identification) -> Figure:
+    return correlation_matrix([free.key for free in identification.fit.free], identification.fit.correlation)
+
+
+def history(identification: Identification) -> Figure:
+    machine = identification.machine
+    forward, backward = direction_names(machine)
+    levels = {forward: identification.levels.forward, backward: identification.levels.backward}
+    return level_history(levels, kind_of(machine).friction.unit)
+
+
+# For notebooks.
+
+
+def _columns(i: Identification) -> Mapping[str, Sequence[Any]]:
+    return {
+        "parameter": [free.key for free in i.fit.free],
+        "nominal": [free.nominal for free in i.fit.free],
+        "value": list(i.fit.value),
+        "std_error": list(i.fit.std_error),
+        "held_by_tolerance": [free.prior_std is not None for free in i.fit.free],
+    }
+
+
+VIEW = View(
+    {"parameters": lambda i: table(i.fit), "replay": measures_table},
+    {
+        "friction": friction,
+        "speed": lambda i: replay_view.speeds(i.machine, i.after),
+        "residual": lambda i: replay_view.residuals(i.machine, i.after, i.before),
+        "correlation": correlations,
+    },
+    _columns,
+    index="parameter",
+)

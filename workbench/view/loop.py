@@ -1,0 +1,582 @@
+"""The speed loop as people see it: margins as a table, sentences, figures, the page and loop.json."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from workbench.analysis.family import Member, Weakest, weakest
+from workbench.analysis.margins import Margins
+from workbench.analysis.step import StepResponse, load_step, position_answer, step_response
+from workbench.control import Cascade
+from workbench.core.json_records import rounded
+from workbench.core.names import powers
+from workbench.core.run import Array
+from workbench.core.shown import View
+from workbench.core.table import Column, Table
+from workbench.core.whole_folder import write_json
+from workbench.effects import find
+from workbench.machines import Axis, Hoist, Kind, kind_of
+from workbench.study.loop_design import DesignCase
+from workbench.view.numbers import NOTHING, figures
+from workbench.view.page import Section, save_page
+from workbench.view.panels import Panels
+from workbench.view.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+MARGINS = (
+    Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),
+    Column("disk"), Column("Ms"), Column("Mt"), Column("cross", "Hz"), Column("band", "Hz"), Column("reject", "Hz"),
+    Column("slowest", "1/s"), Column("least ζ"),
+)  # fmt: skip
+LOAD_NM = 100.0  # that sentences name, of a hoist: about a tenth of the default motors' nominal torque
+GONE = 0.01  # of the largest way: nothing of it stays
+CAPTION = (
+    "Margins: how much more gain (after a slash: less), phase and delay the loop bears; disk: gain and phase at once "
+    "(0 nothing, 2 the most). Ms, Mt: largest |1/(1+L)| and |L/(1+L)|. cross: where |L| is 1; band: where |T| falls "
+    "below -3 dB; reject: where |S| first rises above -3 dB. slowest, ζ: real part of the slowest and damping of the "
+    "least damped closed-loop pole."
+)
+
+
+def table(members: Sequence[Member]) -> Table:
+    """One row for each loop."""
+    kind = members[0].loop.kind
+    place = Column("height" if kind.payload else "position", kind.moved.unit)
+    where = [Column("load", "kg"), place] if kind.payload else [place]
+    return Table([*where, *MARGINS], [_line(member) for member in members], CAPTION)
+
+
+def _line(member: Member) -> list[str]:
+    m, point = member.margins, member.point
+    where = [*([f"{point.payload_kg:g}"] if member.loop.kind.payload else []), f"{point.height_m:g}"]
+    slowest, damping = poles_in_s(member)
+    if not m.stable:
+        return [*where, "unstable", *[NOTHING] * 8, figures(slowest), figures(damping)]
+    return [
+        *where, gain_text(m), figures(m.phase_deg), figures(1000.0 * m.delay_s), figures(m.disk), figures(m.ms),
+        figures(m.mt), figures(m.crossover_hz), figures(m.bandwidth_hz), figures(m.rejection_hz),
+        figures(slowest), figures(damping),
+    ]  # fmt: skip
+
+
+def gain_text(m: Margins) -> str:
+    """The gain margin in dB, and the one towards lower gain if there is one."""
+    up = f"{20.0 * math.log10(m.gain_up):.1f}" if math.isfinite(m.gain_up) else NOTHING
+    return f"{up}/{20.0 * math.log10(m.gain_down):.0f}" if m.gain_down > 0.0 else up
+
+
+def poles_in_s(member: Member) -> tuple[float, float]:
+    """(real part of the slowest pole, 1/s; smallest damping ratio), from the poles in z."""
+    z = member.loop.poles()
+    s = np.log(z[np.abs(z) > 1e-6]) / member.loop.dt
+    return float(np.max(s.real)), float(np.min(-s.real / np.abs(s)))
+
+
+def sentences(case: DesignCase, members: Sequence[Member]) -> list[str]:
+    """The table in sentences."""
+    drive = drive_sentence(case.machine, case.settings.sample_time_s)
+    unstable = [m for m in members if not m.margins.stable]
+    known = effect_sentences(case.machine)
+    if unstable:
+        where = ", ".join(where_of(m) for m in unstable)
+        return [f"{len(unstable)} of {len(members)} loops are unstable: {where}.", drive, *known]
+    all_ = "The loop is stable." if len(members) == 1 else f"All {len(members)} loops are stable."
+    lines = [f"{all_} {least_sentence(members)}", drive, *known, load_sentence(members, case.machine)]
+    if said := event_words(case):
+        lines.append(
+            f"The scenario's events ({said}) leave these margins as they are: a failed motor lowers the limit of the "
+            "torque, a brake adds friction, a stop changes the reference. `study` and `tune` simulate them."
+        )
+    heights, ms_of = {m.point.height_m for m in members}, dict[float, list[float]]()
+    for member in members:
+        ms_of.setdefault(member.point.payload_kg, []).append(member.margins.ms)
+    if (
+        kind_of(case.machine).payload
+        and len(heights) > 1
+        and max(max(ms) - min(ms) for ms in ms_of.values()) < 0.01
+        and "wire_stiffness_length" not in case.machine.effects
+    ):
+        lines.append(
+            "Height makes next to no difference to Ms here: in the nominal plant the wire is equally stiff everywhere, "
+            "and with a stiffness that follows the free length the drive's inertia still decides."
+        )
+    return lines
+
+
+def where_of(member: Member) -> str:
+    """A loop's operating point in words."""
+    return member.loop.kind.looped.where(member.point.payload_kg, member.point.height_m)
+
+
+def least_sentence(members: Sequence[Member]) -> str:
+    """The smallest of each margin, with its loop."""
+    worst = weakest(members)
+    m = worst.margins
+    downwards = -20.0 * math.log10(m.gain_down) if m.gain_down > 0.0 else math.inf
+    words_of = {
+        "ms": f"largest Ms {m.ms:.2f} at {figures(m.ms_hz)} Hz",
+        "phase_deg": f"smallest phase margin {m.phase_deg:.0f}°",
+        "gain_up": f"smallest gain margin {gain_text(m).partition('/')[0]} dB" if math.isfinite(m.gain_up) else "",
+        "gain_down": f"smallest gain margin downwards {downwards:.1f} dB" if math.isfinite(downwards) else "",
+        "delay_s": f"smallest delay margin {figures(1000.0 * m.delay_s)} ms",
+        "bandwidth_hz": f"narrowest bandwidth {figures(m.bandwidth_hz)} Hz",
+        "rejection_hz": f"disturbances rejected up to {figures(m.rejection_hz)} Hz",
+    }
+    by_member: dict[str, list[str]] = {}
+    for name, words in words_of.items():
+        if words:
+            by_member.setdefault(where_of(worst.member[name]), []).append(words)
+    if len(members) == 1:
+        return f"Its margins: {', '.join(words for words in words_of.values() if words)}."
+    return "Weakest of them: " + "; ".join(f"at {where}: {', '.join(w)}" for where, w in by_member.items()) + "."
+
+
+def load_sentence(members: Sequence[Member], machine: Hoist | Axis) -> str:
+    """The largest response to a load step."""
+    steps_ = [load_step(member.loop) for member in members]
+    peak, iae, last = (max(getattr(s, n) for s in steps_) for n in ("peak_rad_s", "iae_rad", "recovery_s"))
+    kind = members[0].loop.kind
+    if not kind.payload:
+        way, rate, unit = kind.moved.unit, kind.moved.speed_unit, kind.drive.unit
+        places = [answer for member in members if (answer := position_answer(member.loop)) is not None]
+        step = _step_of(machine)
+        moved = left = ""
+        if places:
+            most, stays = (step * max(getattr(a, name) for a in places) for name in ("peak", "left"))
+            moved = f", its position by at most {_fine(most, way)}"
+            left = ", and the position comes back" if stays < GONE * most else f"; {_fine(stays, way)} of the way stay"
+        return (
+            f"A load step of {step:g} {unit} moves the speed by at most {_fine(step * peak, rate)}{moved}; the speed "
+            f"is down to a tenth after {figures(last)} s{left}."
+        )
+    return (
+        f"{LOAD_NM:g} N m on the shaft move the speed by at most {figures(LOAD_NM * peak)} rad/s, its error integrates "
+        f"to {figures(LOAD_NM * iae)} rad and is down to a tenth after {figures(last)} s."
+    )
+
+
+def _step_of(machine: Hoist | Axis) -> float:
+    """A load step that suits an axis: about a tenth of what its inputs are judged against, one digit."""
+    tenth = 0.1 * kind_of(machine).looped.input_scale(machine)
+    decade = 10.0 ** math.floor(math.log10(tenth)) if tenth > 0.0 else 1.0
+    return decade * max((digit for digit in (1.0, 2.0, 5.0) if digit * decade <= tenth), default=1.0)
+
+
+def _fine(value: float, unit: str) -> str:
+    """`75 mrad`: three digits with the prefix that they want."""
+    scale, prefix = next(((s, p) for s, p in ((1.0, ""), (1e3, "m"), (1e6, "µ")) if s * value >= 1.0), (1e9, "n"))
+    return f"{figures(scale * value)} {prefix}{unit}"
+
+
+def event_words(case: DesignCase) -> str:
+    """What happens in the scenario's runs, and when: `brake_release_s 2.5`; "" for nothing."""
+    given = case.events.model_dump(exclude_none=True)
+    return ", ".join(f"{key} {value:g}" for key, value in given.items() if key.endswith("_s"))
+
+
+def drive_sentence(machine: Hoist | Axis, sample_time_s: float) -> str:
+    """The drive: lag, filter and delay between commanded torque and measured speed."""
+    d = machine.drive
+    parts = [
+        f"{1000.0 * value:g} ms {name}"
+        for name, value in (
+            ("torque lag", d.torque_lag_s), ("speed filter", d.speed_filter_s), ("speed delay", d.speed_delay_s)
+        )
+        if value > 0.0
+    ]  # fmt: skip
+    if not parts:
+        return (
+            f"The drive is ideal: only sampling at {1000.0 * sample_time_s:g} ms limits this loop. Give the drive's "
+            "torque_lag_s, speed_filter_s and speed_delay_s to see what a real one leaves."
+        )
+    return f"In the loop: sampling at {1000.0 * sample_time_s:g} ms, {', '.join(parts)}."
+
+
+def effect_sentences(machine: Hoist | Axis) -> list[str]:
+    """The effects and the measured correction in the loop, and those that act on the log only; none without effects."""
+    known = {name: find(name, kind_of(machine).name) for name in machine.effects}
+    inside = [name for name, effect in known.items() if not effect.on_sensor]
+    inside += ["measured_correction"] if machine.measured_correction is not None else []
+    outside = [name for name, effect in known.items() if effect.on_sensor]
+    in_loop = [f"In the machine: {', '.join(inside)}."] if inside else []
+    return in_loop + ([f"Not in the loop, for they act on the log alone: {', '.join(outside)}."] if outside else [])
+
+
+def as_json(case: DesignCase, members: Sequence[Member]) -> dict[str, Any]:
+    """Settings, drive, effects, and the margins and poles of every loop; null where there is none.
+
+    weakest: the smallest of each margin with its loop's place; empty if a loop is unstable.
+    """
+    worst = weakest(members)
+    least = worst.member.items() if worst.margins.stable else ()
+    return {
+        "controller": case.settings.model_dump(mode="json"),
+        "drive": case.machine.drive.model_dump(mode="json"),
+        "effects": {name: dict(values) for name, values in case.machine.effects.items()},
+        "weakest": {name: {"value": rounded(getattr(worst.margins, name), 8), **place_of(m)} for name, m in least},
+        "loops": [_loop_json(member) for member in members],
+    }
+
+
+def _loop_json(member: Member) -> dict[str, Any]:
+    kind, margins = member.loop.kind, vars(member.margins)
+    values = {name: value if isinstance(value, bool) else rounded(value, 8) for name, value in margins.items()}
+    z = sorted(member.loop.poles(), key=lambda p: (-abs(p), p.imag))
+    poles = [[rounded(float(p.real), 12), rounded(float(p.imag), 12)] for p in z]
+    where = {**place_of(member), "motion": kind.looped.motion_words[member.point.motion]}
+    load: dict[str, Any] | None = None
+    if member.margins.stable:
+        load = {name: rounded(value, 8) for name, value in vars(load_step(member.loop)).items()}
+        load = load if kind.payload else _axis_load(member, load)
+    return {**where, **values, f"load_step_1_{kind.drive.suffix}": load, "poles_z": poles}
+
+
+def place_of(member: Member) -> dict[str, float]:
+    """An operating point as JSON has it."""
+    kind, point = member.loop.kind, member.point
+    if kind.payload:
+        return {"payload_kg": point.payload_kg, "height_m": point.height_m}
+    return {f"position_{kind.moved.unit}": point.height_m}
+
+
+def _axis_load(member: Member, load: dict[str, Any]) -> dict[str, Any]:
+    """The answer to a load step under names with the axis' units, and that of the position."""
+    kind = member.loop.kind
+    way, rate = kind.moved.unit, "m_s" if kind.moved.unit == "m" else "rad_s"
+    answer = position_answer(member.loop)
+    said = {f"peak_{rate}": load["peak_rad_s"], "peak_s": load["peak_s"], f"iae_{way}": load["iae_rad"]}
+    said |= {"recovery_s": load["recovery_s"]}
+    if answer is not None:
+        said |= {f"position_peak_{way}": rounded(answer.peak, 8), f"position_left_{way}": rounded(answer.left, 8)}
+    return said
+
+
+def write_loop(case: DesignCase, members: Sequence[Member], ms_limit: float, folder: Path) -> None:
+    """Write loop.html, which needs no network, and loop.json into an existing folder."""
+    held = position_answer(members[0].loop) is not None and members[0].margins.stable
+    phase = (
+        "The loop is opened at the drive, position and speed loop closed over it."
+        if held
+        else "The phase begins at −180°: two integrals, the controller's and the machine's."
+    )
+    section = Section(
+        sentences=[f"Controller {case.origin}: {gains_text(case)}.", *sentences(case, members)],
+        tables=[table(members)],
+        figures=[
+            (bode(members), f"Drawn: the least gain and the least phase margin of all loops. {phase}"),
+            (nyquist(members, ms_limit), "A curve outside the grey disk keeps Ms below the limit."),
+            (
+                gang_of_four(members, ms_limit),
+                "S: what is left of slow disturbances. T: what follows the reference. PS: a load to the speed. CS: "
+                "noise of the speed to the drive.",
+            ),
+            (steps(members), "The linear loop; limits of the torque are not in it."),
+        ],
+    )
+    what = "Speed" if kind_of(case.machine).payload else "Position and speed"
+    save_page([section], folder / "loop.html", f"{what} loop — {case.machine.name}")
+    write_json(folder / "loop.json", as_json(case, members))
+
+
+def gains_text(case: DesignCase) -> str:
+    s = case.settings
+    kv = f"kv {s.kv_per_s:g} 1/s, " if isinstance(s, Cascade) else ""
+    kp, ki = s.UNITS
+    return (
+        f"{kv}kp {s.kp:g} {kp}, ki {s.ki:g} {ki}, set-point weight {s.set_point_weight:g}, "
+        f"sampled every {1000.0 * s.sample_time_s:g} ms"
+    )
+
+
+LOWEST_HZ = 0.02
+# A colour a payload, a dash a height: both can be told apart, and in black and white the heights still.
+COLOURS = (BLUE, GREEN, VERMILLION, PURPLE, ORANGE, SKY)
+DASHES = ("solid", "8px,3px", "2px,2px", "8px,3px,2px,3px")
+POINTS = 600
+HZ, RAD_S = ("Hz", 1.0), ("rad/s", 2.0 * math.pi)  # a unit of frequency and what makes it of Hz
+
+
+def member_name(member: Member) -> str:
+    kind, point = member.loop.kind, member.point
+    load = f"{point.payload_kg:g} kg, " if kind.payload else ""
+    return f"{load}{point.height_m:g} {kind.moved.unit}"
+
+
+def _looks(members: Sequence[Member]) -> list[dict[str, Any]]:
+    payloads = list(dict.fromkeys(m.point.payload_kg for m in members))
+    heights = list(dict.fromkeys(m.point.height_m for m in members))
+    return [
+        {
+            "color": COLOURS[payloads.index(m.point.payload_kg) % len(COLOURS)],
+            "dash": DASHES[heights.index(m.point.height_m) % len(DASHES)],
+            "width": 1.8,
+            "simplify": False,
+        }
+        for m in members
+    ]
+
+
+def _frequencies(member: Member) -> Array:
+    """Even in log, and the loop's own dense ones, so that sharp peaks are drawn."""
+    nyquist = member.loop.nyquist_hz
+    own = member.loop.grid()
+    f = np.unique(np.concatenate([np.geomspace(LOWEST_HZ, nyquist, POINTS), own[own > LOWEST_HZ]]))
+    return f[f <= nyquist]
+
+
+def _db(values: Any) -> Array:
+    return np.asarray(20.0 * np.log10(np.abs(values)))
+
+
+_SPEEDS = {"m": "m/s", "rad": "rad/s"}
+
+
+def _log_axes(figure: Figure, members: Sequence[Member], per_hz: float) -> Figure:
+    ends = [math.log10(per_hz * f) for f in (LOWEST_HZ, max(m.loop.nyquist_hz for m in members))]
+    figure.update_xaxes(type="log", dtick=1, range=ends, minor={"showgrid": True})
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def bode(
+    members: Sequence[Member], title: str = "Open loop L", height: int = 760, unit: tuple[str, float] = HZ
+) -> Figure:
+    """|L| and its phase over frequency; the least gain and phase margin drawn and said, each at its member.
+
+    unit: of the frequency, HZ or RAD_S.
+    """
+    name_of, per_hz = unit
+    panels = Panels(title, ["|L| (dB)", "phase of L (°)"], x_title=f"frequency ({name_of})")
+    worst = weakest(members)
+    lowest_phase = -270.0
+    for member, look in zip(members, _looks(members), strict=True):
+        f = _frequencies(member)
+        L = member.loop.open_response(f)
+        phase = np.degrees(np.unwrap(np.angle(L)))
+        phase -= 360.0 * math.ceil((phase[0] - 1e-9) / 360.0)
+        name = member_name(member)
+        for row, values, of in ((0, _db(L), "dB"), (1, phase, "°")):
+            hover = f"%{{x:.4~g}} {name_of}: %{{y:.4~g}} {of}"
+            panels.line(row, 0, per_hz * f, values, name, look, of, hovertemplate=hover)
+        if member.margins.stable:
+            _draw_margins(panels, member, worst, f, phase, unit)
+        lowest_phase = min(lowest_phase, float(phase[_db(L) > -40.0].min()))
+    panels.level(0, 0, 0.0, "0 dB")
+    panels.level(1, 0, -180.0, "−180°")
+    figure = panels.figure(height, y_ranges={0: (-60.0, 60.0), 1: (max(lowest_phase - 30.0, -720.0), -60.0)})
+    return _log_axes(figure, members, per_hz)
+
+
+def _draw_margins(
+    panels: Panels, member: Member, worst: Weakest, f: Array, phase: Array, unit: tuple[str, float]
+) -> None:
+    """Those of the least margins that are this member's."""
+    m, name = member.margins, member_name(member)
+    name_of, per_hz = unit
+    if member is worst.member["phase_deg"] and math.isfinite(m.crossover_hz):
+        at = float(np.interp(math.log(m.crossover_hz), np.log(f), phase))
+        foot = -180.0 + 360.0 * round((at + 180.0) / 360.0)
+        x = per_hz * m.crossover_hz
+        _bar(panels, 1, x, (foot, at))
+        _note(panels, 1, x, foot, f"phase margin {m.phase_deg:.0f}° at {x:.3g} {name_of}<br>{name}")
+        late = math.log(m.crossover_hz / f[0]) > 0.6 * math.log(f[-1] / f[0])  # no room on its right
+        _note(panels, 0, x, 0.0, f"crossover {x:.3g} {name_of}", (-40, -44) if late else (50, -30))
+    if member is worst.member["gain_up"] and math.isfinite(m.gain_up):
+        gain = -20.0 * math.log10(m.gain_up)
+        x = per_hz * m.gain_up_hz
+        _bar(panels, 0, x, (0.0, gain))
+        _note(panels, 0, x, gain, f"gain margin {-gain:.1f} dB at {x:.3g} {name_of}<br>{name}")
+
+
+def _bar(panels: Panels, row: int, x: float, y: tuple[float, float]) -> None:
+    n = panels._number(row, 0)
+    panels.shapes.append(
+        {"type": "line", "x0": x, "x1": x, "y0": y[0], "y1": y[1], "xref": f"x{n}", "yref": f"y{n}"}
+        | {"line": {"color": "#222222", "width": 2.2}}
+    )
+
+
+def _note(panels: Panels, row: int, x: float, y: float, text: str, away: tuple[int, int] | None = None) -> None:
+    """away: px right and down from the point."""
+    n = panels._number(row, 0)
+    # Where the curves are not: the phase's note stands below its foot, left of the crossover.
+    ax, ay = away or ((-70, 22) if row == 0 else (-4, 34))
+    panels.annotations.append(
+        {"text": text, "x": math.log10(x), "y": y, "xref": f"x{n}", "yref": f"y{n}", "align": "right"}
+        | {"showarrow": True, "arrowhead": 0, "ax": ax, "ay": ay, "xanchor": "left" if ax > 0 else "right"}
+        | {"font": {"size": 12}, "bgcolor": "rgba(255,255,255,0.8)", "borderpad": 2}
+    )
+
+
+def nyquist(members: Sequence[Member], ms_limit: float, title: str = "Nyquist", height: int = 720) -> Figure:
+    """L in the complex plane around −1, with the circle that it must not enter for Ms to stay below the limit."""
+    import plotly.graph_objects as go
+
+    data: list[dict[str, Any]] = []
+    angle = np.linspace(0.0, 2.0 * math.pi, 181)
+
+    def circle(centre: float, radius: float, name: str, look: dict[str, Any], **more: Any) -> None:
+        x, y = centre + radius * np.cos(angle), radius * np.sin(angle)
+        data.append({"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "line": look, **more})
+
+    worst = max(m.margins.ms for m in members)
+    circle(0.0, 1.0, "|L| = 1", {"color": GREY, "width": 1, "dash": "2px,3px"}, hoverinfo="skip")
+    circle(
+        -1.0, 1.0 / ms_limit, f"Ms = {ms_limit:g}, the limit", {"color": GREY, "width": 1.5, "dash": "5px,3px"},
+        fill="toself", fillcolor="rgba(107,107,107,0.10)", hoverinfo="skip",
+    )  # fmt: skip
+    circle(-1.0, 1.0 / worst, f"Ms = {worst:.3g}, the largest", {"color": "#222222", "width": 1.2}, hoverinfo="skip")
+    for member, look in zip(members, _looks(members), strict=True):
+        f = _frequencies(member)
+        L = member.loop.open_response(f)
+        near = np.abs(L) < 6.0
+        data.append(
+            {"type": "scatter", "mode": "lines", "x": L.real[near], "y": L.imag[near], "line": look}
+            | {"name": member_name(member), "customdata": f[near]}
+            | {"hovertemplate": "%{customdata:.4~g} Hz: %{x:.3f} %{y:+.3f}j"}
+        )
+    data.append(
+        {"type": "scatter", "mode": "markers", "x": [-1.0], "y": [0.0], "showlegend": False, "name": "−1"}
+        | {"marker": {"symbol": "cross", "size": 11, "color": "#222222"}}
+    )
+    layout = {
+        "template": TEMPLATE,
+        "height": height,
+        "title": {"text": title, "y": 1.0 - 22.0 / height, "yanchor": "middle"},
+        "legend": {"orientation": "v", "x": 1.01, "y": 1.0, "yref": "paper", "xref": "paper", "yanchor": "top"},
+        "margin": {"t": 60},
+        "hovermode": "closest",
+        "xaxis": {"title": {"text": "real part"}, "range": [-2.6, 1.4], "constrain": "domain"},
+        "yaxis": {"title": {"text": "imaginary part"}, "range": [-2.4, 1.0], "scaleanchor": "x"},
+    }
+    return go.Figure({"data": data, "layout": layout})
+
+
+def gang_names(kind: Kind) -> tuple[tuple[str, int, int, str], ...]:
+    """(response, row, column, in words) of the four, in the units of a kind."""
+    what, unit = kind.drive.quantity, kind.drive.unit
+    speed, who = ("rad/s", "motor") if kind.payload else (_SPEEDS[kind.moved.unit], "axis")
+    return (
+        ("S", 0, 0, "S = 1/(1+L)"),
+        ("T", 0, 1, "T = L/(1+L)"),
+        ("PS", 1, 0, f"PS: load {what} to {who} speed, 1 {speed} per {unit}"),
+        ("CS", 1, 1, f"CS: speed noise to {what}, 1 {unit} per {speed}"),
+    )
+
+
+def gang_of_four(
+    members: Sequence[Member],
+    ms_limit: float,
+    title: str = "Gang of four",
+    height: int = 760,
+    unit: tuple[str, float] = HZ,
+) -> Figure:
+    """|S|, |T|, |PS| and |CS| over frequency, in HZ or RAD_S."""
+    name_of, per_hz = unit
+    panels = Panels(title, ["dB", "dB"], ["", ""], x_title=f"frequency ({name_of})", link_rows=False)
+    for member, look in zip(members, _looks(members), strict=True):
+        f = _frequencies(member)
+        responses = member.loop.responses(f)
+        for key, row, column, _ in gang_names(members[0].loop.kind):
+            hover, values = f"%{{x:.4~g}} {name_of}: %{{y:.4~g}} dB", _db(getattr(responses, key))
+            panels.line(row, column, per_hz * f, values, member_name(member), look, "dB", hovertemplate=hover)
+    for column, name in ((0, f"Ms {ms_limit:g}"), (1, f"Mt {ms_limit:g}")):
+        panels.level(0, column, 20.0 * math.log10(ms_limit), name)
+    for _, row, column, text in gang_names(members[0].loop.kind):
+        n = panels._number(row, column)
+        panels.annotations.append(
+            {"text": f"<b>{text}</b>", "x": 0.01, "y": 1.0, "xref": f"x{n} domain", "yref": f"y{n} domain"}
+            | {"xanchor": "left", "yanchor": "bottom", "showarrow": False, "font": {"size": 13}}
+        )
+    figure = panels.figure(height)
+    figure.update_layout({"yaxis": {"range": [-50, 10]}, "yaxis2": {"range": [-50, 10]}})
+    return _log_axes(figure, members, per_hz)
+
+
+STEPS = (
+    ("speed_reference", "speed_motor_rad_s", "motor speed (rad/s)<br>step of 1 rad/s", 1.0, "rad/s"),
+    ("speed_reference", "speed_carriage_m_s", "carriage speed (mm/s)<br>the same step", 1000.0, "mm/s"),
+    ("speed_reference", "tension_drum_n", "wire tension (N)<br>the same step", 1.0, "N"),
+    ("load_torque", "speed_motor_rad_s", "motor speed (mrad/s)<br>1 N m on the shaft", 1000.0, "mrad/s"),
+)
+
+
+Step = tuple[str, str, str, float, str]
+
+
+def steps_of(member: Member) -> tuple[Step, ...]:
+    """(input, signal, title of the panel, scale, unit) of the rows: of an axis its place, too."""
+    kind, loop = member.loop.kind, member.loop.kind.looped
+    if kind.payload:
+        return STEPS
+    way, speed, unit = kind.moved.unit, _SPEEDS[kind.moved.unit], kind.drive.unit
+    fine = f"m{way}"
+    rows = (
+        ("speed_reference", loop.speed, f"speed ({speed})<br>step of 1 {speed}", 1.0, speed),
+        ("load_torque", loop.speed, f"speed (m{speed})<br>1 {unit} on the axis", 1000.0, f"m{speed}"),
+    )
+    if not np.any(member.loop.plant.C[member.loop.outputs.index(loop.position)]):
+        return rows
+    # One thousandth of a metre or radian: a step that no drive could follow if it were whole.
+    moved = ("position_reference", loop.position, f"position ({fine})<br>step of 1 {fine}", 1.0, fine)
+    return (moved, *rows, ("load_torque", loop.position, f"position ({fine})<br>1 {unit} on the axis", 1000.0, fine))
+
+
+def _with_load(rows: tuple[Step, ...], kind: Kind, answers: Sequence[StepResponse]) -> tuple[Step, ...]:
+    """The rows with a step of the load that leaves an axis' speed below one unit: 1 N m throws a small one away."""
+    if kind.payload:
+        return rows
+    fastest = max(float(np.max(np.abs(answer.signals[kind.looped.speed]))) for answer in answers)
+    step = 10.0 ** -max(0, math.ceil(math.log10(fastest))) if fastest > 0.0 else 1.0
+    one, other = f"1 {kind.drive.unit} on the axis", f"{step:g} {kind.drive.unit} on the axis"
+    return tuple(
+        (of, signal, text.replace(one, powers(other)), scale * (step if of == "load_torque" else 1.0), unit)
+        for of, signal, text, scale, unit in rows
+    )
+
+
+def steps(members: Sequence[Member], title: str = "Step responses of the linear loop", height: int = 860) -> Figure:
+    """Deviations after a step of the reference, and of a torque on the shaft; duration by the slowest bandwidth."""
+    rows = steps_of(members[0])
+    slowest = min(m.margins.bandwidth_hz for m in members)
+    duration = min(max(6.0 / slowest if math.isfinite(slowest) else 0.0, 60.0 * members[0].loop.dt), 20.0)
+    inputs = dict.fromkeys(of for of, *_ in rows)
+    answers = [{of: step_response(member.loop, of, duration) for of in inputs} for member in members]
+    rows = _with_load(rows, members[0].loop.kind, [answer["load_torque"] for answer in answers])
+    panels = Panels(title, [text for _, _, text, _, _ in rows])
+    for member, responses, look in zip(members, answers, _looks(members), strict=True):
+        for row, (of, signal, _, scale, unit) in enumerate(rows):
+            response = responses[of]
+            panels.line(row, 0, response.time_s, scale * response.signals[signal], member_name(member), look, unit)
+    panels.level(0, 0, 1.0)
+    figure = panels.figure(height)
+    figure.update_xaxes(gridcolor=FAINT)
+    return figure
+
+
+def columns(members: Sequence[Member]) -> Mapping[str, Sequence[Any]]:
+    """One row per loop: operating point and margins."""
+    where = [place_of(member) for member in members]
+    places: dict[str, Sequence[Any]] = {name: [place[name] for place in where] for name in where[0]}
+    words = members[0].loop.kind.looped.motion_words
+    places["motion"] = [words[member.point.motion] for member in members]
+    return places | {name: [getattr(m.margins, name) for m in members] for name in vars(members[0].margins)}
+
+
+VIEW = View(
+    {"margins": lambda a: table(a.members)},
+    {
+        "bode": lambda a: bode(a.members),
+        "nyquist": lambda a: nyquist(a.members, a.ms_limit),
+        "sensitivity": lambda a: gang_of_four(a.members, a.ms_limit),
+        "steps": lambda a: steps(a.members),
+    },
+    lambda a: columns(a.members),
+)

@@ -1,0 +1,573 @@
+"""A study as people read it: tables, sentences on what the machine bears, figures, the page, the view for notebooks."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from workbench.core import shown as core_shown
+from workbench.core.errors import InputError
+from workbench.core.run import Array, Run
+from workbench.core.table import Column, Table, words
+from workbench.machines import kind_of
+from workbench.metrics import Metric, View, shown_in
+from workbench.study.conclude import (
+    QUANTILES,
+    SIGN,
+    Answer,
+    Use,
+    answer,
+    fronts,
+    rank_correlations,
+    read_answer,
+    sentences,
+    utilisation,
+)
+from workbench.study.decide import Decision, choices, decisions
+from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
+from workbench.study.load import plan_study
+from workbench.study.rows import Row, index_table, metrics_of, with_payload
+from workbench.study.run import StudyResult, peak_limit
+from workbench.study.scenario import Scenario
+from workbench.study.store import Finished
+from workbench.view.page import Section, save_page
+from workbench.view.study_figures import (
+    axis_overview,
+    changing,
+    curves_over_time,
+    metrics_over_axis,
+    overview,
+    pareto,
+    peak_torque_over_payload,
+    spread,
+    tornado,
+    torque_speed_plane,
+)
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+MARK = "workbench report"
+BEST = "★"
+MOST_SWEPT = 3  # columns of swept values, or one for each axis
+WIDEST_HEAD, WIDEST_RUN = 12, 42  # characters of a head's line and of a run in words
+MOST_LINES = 60  # runs that are listed one by one
+MOST_CURVES, MOST_GROUPS = 6, 3
+SWING = "wire_tension_swing_n"
+Result = Finished | StudyResult
+Noted = tuple["Figure", str]
+
+
+def _case(rows: Sequence[Row]) -> list[Column]:
+    """Payload, where the machine carries one, and reference."""
+    return [*([Column("payload", "kg")] if metrics_of(rows).payload else []), words("reference")]
+
+
+def _case_cells(row: Row) -> list[str]:
+    return [*([f"{row.payload_kg:g}"] if with_payload(row) else []), row.reference]
+
+
+def run_table(rows: Sequence[Row]) -> Table:
+    """A line a run: payload, reference, the fields that differ between the runs, metrics.
+
+    A failed run has no metrics but those known before it runs.
+    """
+    swept = _swept(rows)
+    metrics = shown_in(View.SWEPT_RUNS if swept else View.RUNS, metrics_of(rows))
+    return _lines(rows, swept, metrics)
+
+
+def _lines(rows: Sequence[Row], swept: Sequence[str], metrics: Sequence[Metric], what: str = "") -> Table:
+    lines = []
+    for row in rows:
+        cells = [metric.text(row.get(metric.name)) for metric in metrics]
+        if not row.ok and cells and not what:
+            cells[0] = "failed"
+        lines.append([*_case_cells(row), *(shown(row.assigned.get(name, "")) for name in swept), *cells])
+    fields = []
+    for name in swept:
+        label, text = field_label(name), any(isinstance(row.assigned.get(name), str) for row in rows)
+        fields.append(Column("\n".join(_narrow(label.words)), label.unit, "left" if text else "right"))
+    return Table([*_case(rows), *fields, *metric_heads(metrics)], lines, f"{what}{metric_note(metrics)}")
+
+
+def _swept(rows: Sequence[Row]) -> list[str]:
+    """Of each axis of the sweep a field, and more of them where there is room; without any, some of the drawn ones."""
+    axes = swept_axes(rows)
+    swept = [column for axis in axes for column in axis.columns]
+    needed = [axis.columns[0] for axis in axes]
+    more = [column for column in swept if column not in needed][: max(MOST_SWEPT - len(needed), 0)]
+    return [column for column in swept if column in {*needed, *more}] or drawn_columns(rows)[:MOST_SWEPT]
+
+
+def quantile_table(rows: Sequence[Row]) -> Table:
+    """Five lines for each payload and reference; of failed runs their number only."""
+    columns = shown_in(View.QUANTILES, metrics_of(rows))
+    groups: dict[tuple[float, str], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.payload_kg, row.reference), []).append(row)
+    names = dict(zip(("least", "5 %", "median", "95 %", "most"), (0.0, *QUANTILES, 1.0), strict=True))
+    lines = []
+    for members in groups.values():
+        good = [row for row in members if row.ok]
+        number = f"{len(good)}" if len(good) == len(members) else f"{len(good)} + {len(members) - len(good)} failed"
+        case = [*_case_cells(members[0]), number]
+        if not good:
+            lines.append([*case, "", *("–" for _ in columns)])
+        for name, share in names.items() if good else ():
+            values = (np.quantile([row.get(metric.name) for row in good], share) for metric in columns)
+            cells = [metric.text(float(value)) for metric, value in zip(columns, values, strict=True)]
+            lines.append([*(case if share == 0.0 else [""] * len(case)), name, *cells])
+    each = "payload and reference" if metrics_of(rows).payload else "reference"
+    note = (
+        f"Of each {each} the smallest value, the 5 %, 50 % and 95 % quantiles and the largest value of each column for "
+        f"itself. {metric_note(columns)}"
+    )
+    return Table([*_case(rows), Column("runs"), words("quantile"), *metric_heads(columns)], lines, note)
+
+
+def extremes_table(rows: Sequence[Row], axes: Sequence[SweptAxis]) -> Table:
+    """The runs at the ends of what matters; where all runs are alike no line."""
+    good = [row for row in rows if row.ok]
+    columns = shown_in(View.EXTREMES, metrics_of(rows))
+    lines = []
+    for metric in columns:
+        known = [row for row in good if np.isfinite(row.get(metric.name))]
+        values = np.array([row[metric.name] for row in known])
+        values = np.abs(values) if metric.better == "zero" else values
+        if not len(values) or np.ptp(values) <= 1e-9 * abs(values[0]):
+            continue
+        for name, sign in metric.ends:
+            row = known[int(np.argmax(sign * values))]
+            which = textwrap.fill(run_in_words(row, axes), WIDEST_RUN)
+            lines.append([name, which, *(column.text(row.get(column.name)) for column in columns)])
+    return Table([words("run with the"), words("which"), *metric_heads(columns)], lines)
+
+
+def metric_heads(metrics: Sequence[Metric]) -> list[Column]:
+    """A column a metric."""
+    return [Column(metric.head or "\n".join(_narrow(metric.label)), metric.shown_unit) for metric in metrics]
+
+
+def metric_note(metrics: Sequence[Metric]) -> str:
+    """What the heads mean: `Peak and RMS: torque of one motor; moves: time in motion.`; heads of one note together."""
+    by_note: dict[str, dict[str, None]] = {}
+    for metric in metrics:
+        head = (metric.head or metric.label).replace("\n", " ")
+        by_note.setdefault(metric.note or metric.label, {})[head] = None
+    parts = [note if [note] == list(heads) else f"{' and '.join(heads)}: {note}" for note, heads in by_note.items()]
+    text = "; ".join(parts)
+    return f"{text[0].upper()}{text[1:]}." if text else ""
+
+
+def _narrow(label: str) -> list[str]:
+    """Words over as many lines as they need to be narrow."""
+    return textwrap.wrap(label, WIDEST_HEAD, break_long_words=False, break_on_hyphens=False)
+
+
+def decision_table(rows: Sequence[Row]) -> Table | None:
+    """A row a reference, the best of each column marked; None where there is nothing to choose."""
+    compared, judged = choices(rows), metrics_of(rows)
+    if len(compared) < 2:
+        return None
+    metrics = [m for m in shown_in(View.DECISION, judged) if not any(math.isnan(c.values[m.name]) for c in compared)]
+    lines = [[c.reference] for c in compared]
+    for metric in metrics:
+        values = [c.values[metric.name] for c in compared]
+        best = min(values, key=abs) if metric.better == "zero" else -metric.worst([-value for value in values])
+        for line, value in zip(lines, values, strict=True):
+            text = metric.text(value)
+            line.append(f"{BEST} {text}" if text == metric.text(best) else text)
+    worst = "The worst of the payloads; " if judged.payload else ""
+    note = f"{worst}{BEST}: the best of the column. {metric_note(metrics)}"
+    return Table([words("reference"), *metric_heads(metrics)], lines, note)
+
+
+def criteria_table(decision: Decision) -> Table:
+    """Each criterion with weight, limit and its value for the one taken and for its rival."""
+    compared = [candidate for candidate in (decision.taken, decision.rival) if candidate is not None]
+    columns = [words("criterion"), Column("weight"), words("limit"), *(Column(c.words) for c in compared)]
+    lines = [
+        [c.metric.heading, f"{c.weight:g}", c.limit_words, *(c.text(one.values[c.name]) for one in compared)]
+        for c in decision.criteria
+    ]
+    lines.append(["Weighted sum of shares", "", "", *(f"{one.total:.3f}" for one in compared)])
+    where = f"At {decision.payload_kg:g} kg. " if decision.judged.payload else ""
+    return Table(columns, lines, f"{where}The least weighted sum is taken of those that keep every limit.")
+
+
+def utilisation_table(uses: Sequence[Use]) -> Table:
+    """A line each, with its light."""
+    lines = [[f"{SIGN[use.light]} {use.light}", use.what, f"{use.percent:.0f}", use.bound, use.where] for use in uses]
+    note = "Green up to 85 % of what is borne, amber above, red where it is reached; the run that uses most."
+    return Table([words("light"), words("utilisation"), Column("used", "%"), words("of"), words("in")], lines, note)
+
+
+def run_tables(rows: Sequence[Row]) -> list[Table]:
+    """Tables with a line a run; of more than sixty runs their quantiles and the runs at the ends."""
+    if len(rows) > MOST_LINES:
+        note = f"Each of the {len(rows)} runs has its line in index.parquet."
+        return [quantile_table(rows), replace(extremes_table(rows, swept_axes(rows)), note=note)]
+    judged, tables = metrics_of(rows), [run_table(rows)]
+    for view, what in ((View.DRIVE, "The drive"), (View.MOTION, "Motion and wire" if judged.payload else "Motion")):
+        metrics = [m for m in shown_in(view, judged) if any(row.metrics.get(m.name) is not None for row in rows)]
+        if metrics:
+            tables.append(_lines(rows, _swept(rows), metrics, f"{what}. "))
+    return tables
+
+
+def what_was_run(result: Result) -> Table:
+    """Scenario, machine, versions: enough to run it again."""
+    said, manifest, machine = result.scenario, result.manifest, result.machine
+    failed = sum(not row.ok for row in result.rows)
+    payloads = [f"{p:g}" for p in sorted({row.payload_kg for row in result.rows})]
+    some = ", ".join(payloads) if len(payloads) <= 12 else f"{payloads[0]} to {payloads[-1]}, {len(payloads)} values,"
+    commit = manifest.get("commit")
+    lines = {
+        "machine": f"{machine.name} ({manifest.get('machine_hash', '')})".removesuffix(" ()"),
+        "drive": kind_of(machine).looped.drive_words(machine),
+        "payloads": f"{some} kg" if metrics_of(result.rows).payload else "",
+        "references": ", ".join(dict.fromkeys(row.reference for row in result.rows)),
+        "moves": ", ".join(_move(move) for move in said.get("moves") or ()),
+        "limits": _block(said.get("limits") or {}),
+        "controller": _block(said.get("controller") or {}),
+        "events": _block(said.get("events") or {}),
+    }
+    for axis in swept_axes(result.rows):
+        points = [axis.short(point) for point in axis.points]
+        text = ", ".join(points) if len(points) <= 12 else f"{points[0]} to {points[-1]}, {len(points)} values"
+        lines[f"swept: {axis.words}"] = text
+    for column in drawn_columns(result.rows):
+        values = [float(value) for row in result.rows if not isinstance(value := row.assigned[column], str)]
+        label = field_label(column)
+        lines[f"drawn: {label.words}"] = f"{shown(min(values))} to {shown(max(values))} {label.unit}"
+    lines["runs"] = f"{len(result.rows)}" + (f", of which {failed} failed" if failed else "")
+    if manifest:
+        lines["scenario"] = f"{manifest.get('scenario_hash', '')}, seed {manifest.get('seed')}"
+        versions = ", ".join(f"{name} {number}" for name, number in (manifest.get("versions") or {}).items())
+        commit_words = f"; commit {str(commit)[:12]}" if commit else ""
+        lines["program"] = f"{versions}; {manifest.get('platform', '')}{commit_words}"
+    return Table([words("what"), words("was run")], [[name, text] for name, text in lines.items() if text])
+
+
+def _move(move: Mapping[str, Any]) -> str:
+    if "for_s" in move:
+        ((key, value),) = ((k, v) for k, v in move.items() if k != "for_s")
+        return f"{value:g} {'rad' if 'rad' in key else 'm'}/s for {move['for_s']:g} s"
+    ((key, value),) = move.items()
+    word, _, unit = key.partition("_")
+    return f"{'rest' if word == 'dwell' else word} {value:g} {unit}"
+
+
+def _block(block: Mapping[str, Any]) -> str:
+    """The values of a block that say something; zeros of nested blocks are left out."""
+    parts = []
+    for key, value in block.items():
+        if isinstance(value, Mapping) and key in ("hoisting", "lowering"):
+            parts += [f"{key} {field_label(k).of(v)}" for k, v in value.items() if v is not None]
+        elif isinstance(value, Mapping):
+            inner = ", ".join(f"{field_label(k).words} {v:g}" for k, v in value.items() if v)
+            parts += [f"{key.replace('_', ' ')}: {inner}"] if inner else []
+        elif isinstance(value, bool):
+            parts.append(f"{key.replace('_', ' ')} {'yes' if value else 'no'}")
+        elif value is not None:
+            parts.append(value if key == "kind" else field_label(key).of(value))
+    return ", ".join(parts)
+
+
+def conclusions(result: Result) -> list[str]:
+    """The study's answer, as it stands in the result or made again, then what it means for drive and wire."""
+    kept = _kept(result)
+    good = [row for row in result.rows if row.ok]
+    said = list(kept.sentences) if kept is not None else _asked_again(result)
+    return [*said, *_heat(good, result.scenario), *_power(good), *_wire(good)]
+
+
+def _kept(result: Result) -> Answer | None:
+    return None if result.folder is None else read_answer(result.folder)
+
+
+def _asked_again(result: Result) -> list[str]:
+    """The answer of a result without one; only what its rows say where it cannot be planned here."""
+    try:
+        if isinstance(result, StudyResult):
+            return answer(result.study, result.rows)
+        return answer(plan_study(Scenario.model_validate(dict(result.scenario)), result.machine), result.rows)
+    except (InputError, ValidationError):
+        return sentences(result.rows, peak_limit(result.machine))
+
+
+def _heat(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:
+    """The thermal load; only a cycle that ends where it began is said to be repeatable."""
+    known = [row for row in good if row.get("thermal_load_percent") > 0.0]
+    if not known:
+        return []
+    hot = max(known, key=lambda row: row["thermal_load_percent"])
+    load, hoist = hot["thermal_load_percent"], metrics_of(known).payload
+    where = run_in_words(hot, swept_axes(good))
+    owner = "motors'" if hoist else "drive's"
+    text = f"The {owner} thermal load is at most {load:.0f} % of nominal ({where})"
+    if load > 100.0 and hoist and _closes(scenario):
+        pause = hot["i2t_s"] * (1.0 - 100.0 / load)
+        text += f": repeated without end the cycle needs {pause:.1f} s more of rest at no torque"
+    elif load > 100.0:
+        text += ": more than it bears without end"
+    elif _closes(scenario):
+        text += ": the cycle can be repeated without end"
+    if not hoist:
+        return [f"{text}."]
+    above = max(row["overload_time_s"] for row in known)
+    return [f"{text}. One motor is above its nominal torque for up to {above:.2g} s of it."]
+
+
+def _closes(scenario: Mapping[str, Any]) -> bool:
+    """Whether the moves end where they began; a jog's end depends on its limits, and events stop a move on its way."""
+    start = scenario.get("start_position_m", scenario.get("start_position_rad"))
+    if start is None or any(value is not None for value in (scenario.get("events") or {}).values()):
+        return False
+    here = float(start)
+    for move in scenario.get("moves") or ():
+        if "for_s" in move:
+            return False
+        target = move.get("to_m", move.get("to_rad"))
+        here = here + float(move.get("by_m", move.get("by_rad", 0.0))) if target is None else float(target)
+    return abs(here - float(start)) < 1e-9
+
+
+def _power(good: Sequence[Row]) -> list[str]:
+    known = [row for row in good if row.get("peak_power_motoring_kw") >= 0.0]
+    if not known:
+        return []
+    up, down = (max(row[f"peak_power_{way}_kw"] for row in known) for way in ("motoring", "regenerating"))
+    back = [row["energy_regenerated_j"] / row["energy_motoring_j"] for row in known if row["energy_motoring_j"] > 0.0]
+    text = f"Both motors together give up to {up:.0f} kW and take back up to {down:.0f} kW"
+    if back and 0.01 < max(back) < 1.0:  # runs that only lower get all of it back, and more
+        low, high = f"{100.0 * min(back):.0f}", f"{100.0 * max(back):.0f}"
+        text += f"; {low if low == high else f'{low} to {high}'} % of the work comes back at the shaft"
+    return [f"{text}."]
+
+
+def _wire(good: Sequence[Row]) -> list[str]:
+    if not good or not metrics_of(good).payload:
+        return []
+    most = max(good, key=lambda row: row["max_wire_tension_n"])
+    least = min(good, key=lambda row: row["min_wire_tension_n"])
+    axes = swept_axes(good)
+    text = (
+        f"A fall of wire carries between {least['min_wire_tension_n'] / 1000.0:.1f} kN ({run_in_words(least, axes)}) "
+        f"and {most['max_wire_tension_n'] / 1000.0:.1f} kN ({run_in_words(most, axes)})"
+    )
+    factors = [row["wire_safety_factor"] for row in good if row.metrics.get("wire_safety_factor") is not None]
+    return [f"{text}; the safety factor is {min(factors):.1f} or more." if factors else f"{text}."]
+
+
+def decision(result: Result) -> list[Table]:
+    """What decides: a row a reference, the criteria at the heaviest payload, the use of what the machine bears."""
+    uses, first = utilisation(result.rows, result.machine), decision_table(result.rows)
+    made = [one for one in _decisions(result) if one.taken is not None and len(one.candidates) > 1]
+    criteria = [criteria_table(made[-1])] if made else []
+    return [*([first] if first is not None else []), *criteria, *([utilisation_table(uses)] if uses else [])]
+
+
+def _decisions(result: Result) -> list[Decision]:
+    given = Scenario.model_validate(dict(result.scenario)).decide
+    return decisions(result.rows, result.machine, given, _beside(result))
+
+
+def _beside(result: Result) -> Sequence[Row]:
+    kept = _kept(result)
+    return kept.beside if kept is not None else ()
+
+
+def figures_of(result: Result) -> list[Noted]:
+    """The figures that a study's kind asks for, each with a line that says how to read it."""
+    good = [row for row in result.rows if row.ok]
+    if not good:
+        return []
+    axes, drawn, beside = swept_axes(result.rows), drawn_columns(result.rows), [r for r in _beside(result) if r.ok]
+    figures: list[Noted] = []
+    if any(".limits." in column for axis in axes for column in axis.columns):
+        note = (
+            "Each point is a run; the line joins those that no other run beats in both. The knee is the run farthest "
+            "below the line between the front's ends: beyond it on either side a little of one cost is bought dearly."
+        )
+        seconds = [name for name in (metrics_of(good).peak, SWING) if all(name in row.metrics for row in good)]
+        figures += [(pareto(good, fronts(good, name)[-MOST_GROUPS:], axes, name), note) for name in seconds]
+    elif beside:
+        taken = {d.payload_kg: d.taken.values for d in _decisions(result) if d.taken is not None}
+        names = [name for name in (metrics_of(good).peak, metrics_of(good).rms_error, SWING) if name in good[0].metrics]
+        note = (
+            "Each line is a family of references, slowed down by its limits; of each time its best limits. Filled: "
+            "runs of the study; open: run beside it; star: taken."
+        )
+        figures.append((curves_over_time(good, beside, names, taken), note))
+    if drawn:
+        figures += _scatter(good, drawn)
+    figures += [_over(result, good, axis) for axis in axes if changing(good, axis)]
+    if not axes and not drawn and len({row.payload_kg for row in good}) > 1:
+        figures.append((peaks_figure(result), ""))
+    return [*figures, *_curves(result)]
+
+
+def _scatter(good: Sequence[Row], drawn: Sequence[str]) -> list[Noted]:
+    groups: dict[str, list[Row]] = {}
+    for row in good:
+        case = f"{row.payload_kg:g} kg, {row.reference}" if with_payload(row) else row.reference
+        groups.setdefault(case, []).append(row)
+    judged = metrics_of(good)
+    ranked = [(name, rank_correlations(rows, drawn, judged.peak)) for name, rows in groups.items()]
+    ranked = [group for group in ranked if group[1]][-MOST_GROUPS:]
+    names = [m.name for m in shown_in(View.SPREAD, judged) if all(row.metrics.get(m.name) is not None for row in good)]
+    note = "Above the histogram, below the share of runs at or below a value; ticks: 5, 50, 95 %."
+    figures: list[Noted] = [(spread(good, names), note)]
+    if ranked:
+        note = "Spearman's rank correlation of each drawn value with the metric: ±1 is a fixed order, 0 no relation."
+        figures.append((tornado(ranked, judged.peak), note))
+    return figures
+
+
+def _over(result: Result, good: Sequence[Row], axis: SweptAxis) -> Noted:
+    machine = result.machine
+    figure = metrics_over_axis(good, axis, kind_of(machine).looped.nominal(machine), peak_limit(machine))
+    several = len(good) > len({(row.payload_kg, row.reference, axis.at(row)) for row in good})
+    note = "The line is the worst of the runs at a value, the band all of them." if several else ""
+    if len(axis.columns) > 1:
+        note = f"{axis.words.capitalize()} are walked together. {note}".strip()
+    return figure, note
+
+
+def peaks_figure(result: Result) -> Figure:
+    """The torque peak over payload, a line a reference, with what holds the load."""
+    machine, good = result.machine, [row for row in result.rows if row.ok]
+    loads = np.array(sorted({row.payload_kg for row in good}))
+    if len(loads) < 2:
+        raise InputError("there is nothing to draw: it takes two payloads")
+    peak = {(row.reference, row.payload_kg): row[metrics_of(good).peak] for row in good}
+    held = {row.payload_kg: row["hold_torque_nm"] / machine.motor.count for row in good}
+    kinds = dict.fromkeys(row.reference for row in good)
+    peaks = {kind: np.array([peak.get((kind, load), np.nan) for load in loads]) for kind in kinds}
+    static: Array = np.array([held[load] for load in loads])
+    return peak_torque_over_payload(loads, peaks, machine.motor.nominal_torque_nm, peak_limit(machine), static)
+
+
+def _curves(result: Result) -> list[Noted]:
+    """Signals over time, and torque over speed, of a choice of runs that can be told apart."""
+    runs, what = chosen_runs(result)
+    if not runs:
+        return []
+    figures = [(start_figure(result), what)]
+    if kind_of(result.machine).looped.position_loop:
+        return [*figures, (runs_figure(result), what)]
+    motor, limit = result.machine.motor, peak_limit(result.machine)
+    plane = torque_speed_plane(
+        runs, motor.nominal_torque_nm, limit, motor.nominal_speed_rad_s, result.machine.drive.field_weakening
+    )
+    shaded = "Where a fall of wire is slack the panel of its tension is shaded."
+    within = "Within the continuous line for as long as one likes, up to the peak line for a while."
+    return [*figures, (runs_figure(result), f"{what} {shaded}".strip()), (plane, f"{what} {within}".strip())]
+
+
+def runs_figure(result: Result) -> Figure:
+    """The runs over time."""
+    return _over_time(result, "Closed loop over time", None)
+
+
+def start_figure(result: Result) -> Figure:
+    """The start of the first move."""
+    return _over_time(result, "Start of the first move", start_of_move(result))
+
+
+def _over_time(result: Result, title: str, window_s: tuple[float, float] | None) -> Figure:
+    runs, machine = chosen_runs(result)[0], result.machine
+    if not runs:
+        raise InputError("there is nothing to draw: it takes a run that ends and keeps its signals")
+    kind, limit = kind_of(machine), peak_limit(machine)
+    if kind.looped.position_loop:
+        return axis_overview(runs, kind, limit, machine.drive.nominal, title, window_s)
+    shown_rows = ("speed", "error", "torque", *(() if window_s else ("tension",)))
+    return overview(runs, machine.motor.nominal_torque_nm, limit, title, window_s, shown_rows)
+
+
+def start_of_move(result: Result) -> tuple[float, float]:
+    """From when to when (s) the first move gathers speed, and what rings after it."""
+    loop = kind_of(result.machine).looped
+    run = chosen_runs(result)[0][0][1]
+    speed = np.abs(run[loop.references[1] if loop.position_loop else "speed_reference_rad_s"])
+    moving = np.flatnonzero(speed > 1e-3 * speed.max())
+    if not len(moving):
+        return float(run.time_s[0]), float(run.time_s[-1])
+    there = moving[0] + int(np.argmax(speed[moving[0] :] >= 0.999 * speed.max()))
+    start, end = float(run.time_s[moving[0]]), float(run.time_s[there])
+    if loop.position_loop:  # what an axis does is soon over
+        return start - 0.1, max(end + 0.2, 1.5 * end - 0.5 * start + 0.35)
+    return start - 0.4, end + 1.5
+
+
+def chosen_runs(result: Result) -> tuple[list[tuple[str, Run]], str]:
+    """Some runs with their names, and what they have in common: without a sweep all that kept their signals."""
+    kept = [row for row in result.rows if row.ok and row.run_id in result.runs]
+    axes = swept_axes(result.rows)
+    if not kept or drawn_columns(result.rows):
+        return [], ""
+    if not axes:
+        return [(row.reference, result.runs[row.run_id]) for row in kept], ""
+    axis, others = axes[0], axes[1:]
+    points = [axis.points[i] for i in np.unique(np.linspace(0, len(axis.points) - 1, MOST_CURVES).round().astype(int))]
+    kind = kept[-1].reference
+    some = [
+        row for row in kept
+        if row.reference == kind and axis.at(row) in points and all(o.at(row) == o.points[0] for o in others)
+    ]  # fmt: skip
+    said = "; ".join([kind, *(other.say(other.points[0]) for other in others)])
+    return [(axis.say(axis.at(row)), result.runs[row.run_id]) for row in some], f"Runs with {said}."
+
+
+def save_study_page(result: Result, path: Path) -> None:
+    """Write the report as one page that needs no network. The same result, the same bytes."""
+    description = str(result.scenario.get("description") or "")
+    section = Section(
+        sentences=[description] if description else [],
+        points=conclusions(result),
+        tables=[*decision(result), *run_tables(result.rows), what_was_run(result)],
+        figures=figures_of(result),
+    )
+    save_page([section], path, f"Study {result.name}", generator=MARK)
+
+
+def write_study_report(result: Finished, path: Path) -> None:
+    """The page at a place of the user's; InputError where another file stands there, or it cannot be written."""
+    if path.is_dir():
+        raise InputError("is a folder, expected the name of an .html file", file=path)
+    if path.exists():
+        with path.open(encoding="utf-8", errors="replace") as page:
+            if f'content="{MARK}"' not in page.read(2000):
+                raise InputError("is there and is no report; nothing is overwritten, choose another file", file=path)
+    temporary = path.with_name(f".{path.name}.part")
+    try:
+        save_study_page(result, temporary)
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(f"the report cannot be written: {error.strerror or error}", file=path) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _columns(result: StudyResult) -> Mapping[str, Sequence[Any]]:
+    """The index of the study: what a run was, what a sweep set, its metrics."""
+    table = index_table(result.rows)
+    return {name: table[name].to_pylist() for name in table.column_names}
+
+
+VIEW = core_shown.View(
+    {"runs": lambda result: run_table(result.rows)},
+    {"runs": runs_figure, "start": start_figure, "peaks": peaks_figure},
+    _columns,
+    index="run_id",
+)

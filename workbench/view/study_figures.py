@@ -1,0 +1,534 @@
+"""Figures of a study: runs over time, the torque-speed plane, metrics over what is varied, trade-offs, scatter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from workbench.core.run import Array, Run
+from workbench.machines import Kind
+from workbench.metrics import Metric, View, shown_in
+from workbench.study.conclude import NO_CHANGE, Correlation, Front, cost
+from workbench.study.labels import SweptAxis, drawn_in, metric_label, run_in_words, set_in, shown
+from workbench.study.rows import Row, metrics_of
+from workbench.view.panels import Panels
+from workbench.view.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    MARKERS,
+    PURPLE,
+    SPARE,
+    TEMPLATE,
+    VERMILLION,
+    faint,
+    label,
+    line,
+)
+from workbench.view.thin import MOST_POINTS
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+MOST_COLUMNS = 3  # more leave no panel wide enough to read at 1280 px
+QUANTITIES = ("speed", "error", "torque", "tension")
+QUANTILES = (0.05, 0.5, 0.95)
+# Quantity -> title of its row, weight of its height.
+_ROWS = {
+    "speed": ("motor speed<br>(rad/s)", 1.0),
+    "error": ("set point − speed<br>(rad/s)", 0.75),
+    "torque": ("torque per motor<br>(N m)", 1.25),
+    "tension": ("wire tension<br>(kN)", 1.0),
+}
+_SETTING = "%{text}<br>%{x:.4~g}, %{y:.4~g}"
+Runs = Sequence[tuple[str, Run]]
+
+
+def few(payloads: Sequence[float]) -> list[float]:
+    """The lightest, a middle and the heaviest of more than three payloads."""
+    loads = sorted(set(payloads))
+    if len(loads) <= MOST_COLUMNS:
+        return loads
+    return [loads[i] for i in np.linspace(0, len(loads) - 1, MOST_COLUMNS).round().astype(int)]
+
+
+def overview(
+    runs: Runs,
+    nominal_torque_nm: float,
+    torque_limit_nm: float,
+    title: str = "Closed loop",
+    window_s: tuple[float, float] | None = None,
+    quantities: Sequence[str] = QUANTITIES,
+    height: int = 780,
+) -> Figure:
+    """Speed and set point, tracking error, torque of the harder-worked motor, wire tension; a column a payload.
+
+    runs: (reference, run) with the closed loop's signals. nominal_torque_nm, torque_limit_nm: of one motor.
+    window_s: the stretch of time drawn; without it all. quantities: some of QUANTITIES.
+    """
+    payloads = [run.payload_kg for _, run in runs]
+    loads, every = few(payloads), len(set(payloads))
+    if len(loads) < every:
+        title = f"{title} ({len(loads)} of {every} payloads)".strip()
+    panels = Panels(
+        title,
+        [_ROWS[q][0] for q in quantities],
+        [f"payload {p:g} kg" for p in loads],
+        row_weights=[_ROWS[q][1] for q in quantities],
+        one_cursor=True,
+    )
+    numbers = {reference: k for k, reference in enumerate(dict.fromkeys(reference for reference, _ in runs))}
+    for reference, run in sorted(runs, key=lambda one: numbers[one[0]]):
+        if run.payload_kg not in loads:
+            continue
+        part, column = _within(run, window_s), loads.index(run.payload_kg)
+        t, name, look = part.time_s, label(reference), line(reference, numbers[reference])
+        for row, quantity in enumerate(quantities):
+            if quantity == "speed":
+                panels.line(row, column, t, part["speed_motor_rad_s"], name, look, "rad/s")
+                _set_point(panels, row, column, t, part["speed_reference_rad_s"], "rad/s")
+            elif quantity == "error":
+                error = part["speed_reference_rad_s"] - part["speed_motor_rad_s"]
+                panels.line(row, column, t, error, name, look, "rad/s")
+            elif quantity == "torque":
+                panels.line(row, column, t, harder_worked_nm(part), name, look, "N m")
+            else:
+                panels.line(row, column, t, part["tension_drum_n"] / 1000.0, name, look, "kN")
+                for start, end in slack_stretches(part):
+                    panels.shade(row, column, start, end, PURPLE, edge=2.0, text="slack")
+    if "torque" in quantities:
+        for column in range(len(loads)):  # the lightest payload leaves the most room for the lines' names
+            _limits(panels, quantities.index("torque"), column, nominal_torque_nm, torque_limit_nm, "N m", column == 0)
+    return panels.figure(height)
+
+
+def axis_overview(
+    runs: Runs,
+    kind: Kind,
+    limit: float,
+    nominal: float | None,
+    title: str = "Closed loop",
+    window_s: tuple[float, float] | None = None,
+    height: int = 780,
+) -> Figure:
+    """Position and speed with their references, tracking error, and the drive's force or torque; a line a run.
+
+    limit, nominal: of the drive; inf and None where it states none.
+    """
+    loop, unit, drive, rate = kind.looped, kind.moved.unit, kind.drive, kind.moved.speed_unit
+    x_ref, v_ref = loop.references
+    speed = "velocity" if unit == "m" else "speed"
+    rows = [f"position<br>({unit})", f"tracking error<br>(m{unit})", f"{speed}<br>({rate})"]
+    rows.append(f"{drive.quantity}<br>({drive.unit})")
+    panels = Panels(title, rows, row_weights=[1.0, 1.0, 1.0, 1.25], one_cursor=True)
+    for number, (name, run) in enumerate(runs):
+        part = _within(run, window_s)
+        error = 1000.0 * (part[x_ref] - part[loop.position])
+        drawn = (part[loop.position], error, part[loop.speed], part[kind.plant.input])
+        for row, (values, of) in enumerate(zip(drawn, (unit, f"m{unit}", rate, drive.unit), strict=True)):
+            panels.line(row, 0, part.time_s, values, label(name), line(name, number), of)
+        _set_point(panels, 0, 0, part.time_s, part[x_ref], unit)
+        _set_point(panels, 2, 0, part.time_s, part[v_ref], rate)
+    _limits(panels, 3, 0, nominal, limit, drive.unit, True, both_ways=True)
+    return panels.figure(height)
+
+
+def _set_point(panels: Panels, row: int, column: int, time_s: Array, values: Array, unit: str) -> None:
+    """Its legend entry comes last."""
+    panels.line(row, column, time_s, values, "set points", line("set point", width=1.2), unit, legendrank=2000)
+
+
+def _limits(
+    panels: Panels, row: int, column: int, nominal: float | None, limit: float, unit: str, named: bool,
+    both_ways: bool = False,
+) -> None:  # fmt: skip
+    for value, what, dash in ((nominal, "nominal", "dot"), (limit, "limit", "dash")):
+        if value is not None and math.isfinite(value):
+            panels.level(row, column, value, f"{what} {value:.4g} {unit}" if named else "", dash)
+            if both_ways:
+                panels.level(row, column, -value, "", dash)
+
+
+def _within(run: Run, window_s: tuple[float, float] | None) -> Run:
+    if window_s is None:
+        return run
+    inside = (run.time_s >= window_s[0]) & (run.time_s <= window_s[1])
+    signals = {name: values[inside] for name, values in run.signals.items()}
+    return replace(run, time_s=run.time_s[inside], signals=signals)
+
+
+def harder_worked_nm(run: Run) -> Array:
+    """The torque of whichever motor carries more at each time; half the sum where motors are not told apart."""
+    if "torque_motor1_nm" not in run or "torque_motor2_nm" not in run:
+        return run["torque_motor_nm"] / 2.0
+    one, two = run["torque_motor1_nm"], run["torque_motor2_nm"]
+    return np.where(np.abs(one) >= np.abs(two), one, two)
+
+
+def slack_stretches(run: Run) -> list[tuple[float, float]]:
+    """Start and end (s) of each stretch in which a wire carries nothing."""
+    if "tension_min_n" not in run:
+        return []
+    slack = np.concatenate(([False], run["tension_min_n"] <= 0.0, [False]))
+    starts, ends = np.flatnonzero(slack[1:] & ~slack[:-1]), np.flatnonzero(~slack[1:] & slack[:-1])
+    return [(float(run.time_s[a]), float(run.time_s[b - 1])) for a, b in zip(starts, ends, strict=True)]
+
+
+def peak_torque_over_payload(
+    payload_kg: Array,
+    peaks_nm: Mapping[str, Array],
+    nominal_torque_nm: float,
+    torque_limit_nm: float,
+    static_nm: Array | None = None,
+    height: int = 520,
+) -> Figure:
+    """The harder-worked motor's torque peak over payload, a line a reference.
+
+    payload_kg: (n,); peaks_nm: reference -> (n,), NaN where a run failed; static_nm: (n,) the torque
+    per motor that holds the load.
+    """
+    panels = Panels("Torque peak over payload", ["torque peak per motor (N m)"], x_title="payload (kg)")
+    order = np.argsort(payload_kg)
+    levels = [torque_limit_nm, nominal_torque_nm]
+    for number, (kind, peak) in enumerate(peaks_nm.items()):
+        marker, y = _marker(number, 9), np.asarray(peak)[order]
+        look = line(kind, number, 2.2)
+        panels.line(0, 0, payload_kg[order], y, label(kind), look, "N m", mode="lines+markers", marker=marker)
+        levels += [float(value) for value in y]
+    if static_nm is not None:
+        held = {"color": GREY, "dash": "2px,2px", "width": 1.5}
+        panels.line(0, 0, payload_kg[order], static_nm[order], "holding the load", held, "N m")
+    _limits(panels, 0, 0, nominal_torque_nm, torque_limit_nm, "N m", True)
+    figure = panels.figure(height, y_ranges={0: (0.0, 1.08 * max(x for x in levels if np.isfinite(x)))})
+    figure.update_layout(hovermode="x unified")
+    return figure
+
+
+def envelope_nm(speed_rad_s: Array, torque_nm: float, nominal_speed_rad_s: float, field_weakening: bool) -> Array:
+    """Torque (n,) that a motor gives at speeds (n,): constant up to nominal speed, then at constant power."""
+    if not field_weakening:
+        return np.full_like(speed_rad_s, torque_nm)
+    return torque_nm * np.minimum(1.0, nominal_speed_rad_s / np.maximum(np.abs(speed_rad_s), 1e-9))
+
+
+def torque_speed_plane(
+    runs: Runs,
+    nominal_torque_nm: float,
+    torque_limit_nm: float,
+    nominal_speed_rad_s: float,
+    field_weakening: bool = True,
+    height: int = 560,
+) -> Figure:
+    """The harder-worked motor's path in the torque-speed plane; continuous and peak envelope; a column a payload."""
+    loads = few([run.payload_kg for _, run in runs])
+    panels = Panels(
+        "Torque and speed of one motor, in what the drive can give", ["torque per motor (N m)"],
+        [f"payload {p:g} kg" for p in loads], x_title="motor speed (rad/s)",
+    )  # fmt: skip
+    fastest = max([nominal_speed_rad_s * 1.15, *(float(np.abs(run["speed_motor_rad_s"]).max()) for _, run in runs)])
+    speed = np.linspace(-fastest, fastest, 241)
+    for column in range(len(loads)):
+        for torque, name, dash in ((nominal_torque_nm, "continuous", "2px,2px"), (torque_limit_nm, "peak", "6px,3px")):
+            edge = envelope_nm(speed, torque, nominal_speed_rad_s, field_weakening)
+            closed = np.concatenate([speed, speed[::-1], speed[:1]]), np.concatenate([edge, -edge[::-1], edge[:1]])
+            look = {"color": GREY, "dash": dash, "width": 1.6, "simplify": False}
+            panels.line(0, column, *closed, f"{name} {torque:.4g} N m", look, hoverinfo="skip", hovertemplate=None)
+    numbers = {kind: k for k, kind in enumerate(dict.fromkeys(kind for kind, _ in runs))}
+    for kind, run in sorted(runs, key=lambda one: numbers[one[0]]):
+        if run.payload_kg in loads:
+            x, y = _fewer(run["speed_motor_rad_s"], harder_worked_nm(run))
+            look, hover = line(kind, numbers[kind], 1.4), "%{x:.4~g} rad/s, %{y:.4~g} N m"
+            panels.line(0, loads.index(run.payload_kg), x, y, label(kind), look, hovertemplate=hover)
+    figure = panels.figure(height)
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def _fewer(x: Array, y: Array, most: int = 1400) -> tuple[Array, Array]:
+    """Points of a path where it moves: stretches at rest are left out, corners stay."""
+    scale = np.ptp(x) or 1.0, np.ptp(y) or 1.0
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x) / scale[0], np.diff(y) / scale[1]))])
+    if len(x) <= most or length[-1] == 0.0:
+        return x, y
+    keep = np.searchsorted(length, np.linspace(0.0, length[-1], most)).clip(max=len(x) - 1)
+    keep = np.unique(np.concatenate([keep, [np.argmax(y), np.argmin(y), np.argmax(x), np.argmin(x)]]))
+    return x[keep], y[keep]
+
+
+def metrics_over_axis(
+    rows: Sequence[Row], axis: SweptAxis, nominal_torque_nm: float | None, torque_limit_nm: float, height: int = 900
+) -> Figure:
+    """The metrics that change along an axis, a panel each; a column a payload, a line a reference.
+
+    Where other fields are swept too, the line is the worst of their runs and a band shows all. torque limits: of
+    one motor, or of an axis' drive, which may state none (None, inf).
+    """
+    good = [row for row in rows if row.ok]
+    judged, loads = metrics_of(good), few([row.payload_kg for row in good])
+    metrics = changing(good, axis) or list(shown_in(View.SWEEP, judged)[:1])
+    panels = Panels(
+        f"Over {axis.words}",
+        [drawn_in(metric.name)[0].axis.replace(" (", "<br>(") for metric in metrics],
+        [f"payload {p:g} kg" if judged.payload else "" for p in loads],
+        x_title=axis.label,
+    )
+    x = np.array([point[0] for point in axis.points], dtype=float) if axis.numeric else np.arange(len(axis.points))
+    for number, kind in enumerate(dict.fromkeys(row.reference for row in good)):
+        look = line(kind, number)
+        for column, payload in enumerate(loads):
+            here = [row for row in good if row.reference == kind and row.payload_kg == payload]
+            for level, metric in enumerate(metrics):
+                groups = [[metric.scale * row[metric.name] for row in here if axis.at(row) == p] for p in axis.points]
+                low, high = (np.array([f(g) if g else np.nan for g in groups]) for f in (min, max))
+                worst, other = (low, high) if metric.better == "higher" else (high, low)
+                if max(map(len, groups), default=0) > 1:
+                    band = np.concatenate([x, x[::-1]]), np.concatenate([worst, other[::-1]])
+                    known = np.isfinite(band[1])
+                    panels.line(
+                        level, column, band[0][known], band[1][known], f"{label(kind)}: all", {"width": 0},
+                        fill="toself", fillcolor=look["color"], opacity=0.18, hoverinfo="skip", hovertemplate=None,
+                        showlegend=False,
+                    )  # fmt: skip
+                panels.line(
+                    level, column, x.astype(float), worst, label(kind), look, metric.shown_unit,
+                    mode="lines+markers", marker=_marker(number, 7),
+                )  # fmt: skip
+    names = [metric.name for metric in metrics]
+    if judged.peak in names:  # its panel has the limits in it
+        for column in range(len(loads)):
+            _limits(panels, names.index(judged.peak), column, nominal_torque_nm, torque_limit_nm, judged.rate_unit,
+                    column == 0)  # fmt: skip
+    figure = panels.figure(max(260 + 150 * len(metrics), 420) if height == 900 else height)
+    if not axis.numeric:
+        words = [shown(point[0]) for point in axis.points]
+        figure.update_xaxes(tickmode="array", tickvals=list(range(len(words))), ticktext=words)
+    elif _even_in_ratio(x):
+        figure.update_xaxes(type="log", tickmode="array", tickvals=list(x), ticktext=[f"{v:.3g}" for v in x])
+    figure.update_yaxes(zeroline=False)
+    return figure
+
+
+def changing(rows: Sequence[Row], axis: SweptAxis) -> list[Metric]:
+    """The metrics whose worst value at a point of the axis is not the same along it."""
+    groups: dict[tuple[float, str], dict[Any, list[Row]]] = {}
+    for row in rows:
+        groups.setdefault((row.payload_kg, row.reference), {}).setdefault(axis.at(row), []).append(row)
+
+    def changes(metric: Metric) -> bool:
+        if any(row.metrics.get(metric.name) is None for row in rows):
+            return False
+        courses = [
+            [metric.worst([row[metric.name] for row in own]) for own in case.values()] for case in groups.values()
+        ]
+        return any(max(course) - min(course) > NO_CHANGE * max(map(abs, course)) for course in courses)
+
+    return [metric for metric in shown_in(View.SWEEP, metrics_of(rows)) if changes(metric)]
+
+
+def _even_in_ratio(x: np.ndarray) -> bool:
+    """Whether values go in equal ratios rather than in equal steps."""
+    if len(x) < 4 or np.min(x) <= 0.0:
+        return False
+    ratio, step = np.diff(np.log(x)), np.diff(x)
+    return bool(np.ptp(ratio) < 0.01 * np.abs(ratio).max() and np.ptp(step) > 0.01 * np.abs(step).max())
+
+
+def _marker(number: int, size: int) -> dict[str, Any]:
+    return {"symbol": MARKERS[number % len(MARKERS)], "size": size}
+
+
+def pareto(
+    rows: Sequence[Row],
+    fronts: Sequence[Front],
+    axes: Sequence[SweptAxis],
+    second: str,
+    first: str = "move_time_s",
+    height: int = 560,
+    chosen: Sequence[Row] = (),
+) -> Figure:
+    """Two costs of all good runs, a panel a payload; the front as steps, the knee with its settings.
+
+    chosen: runs that are pointed out, such as those of the settings at hand.
+    """
+    costs, payloads = (first, second), [front.payload_kg for front in fronts]
+    across, up = drawn_in(first)[0], drawn_in(second)[0]
+    titles = [f"payload {p:g} kg" for p in payloads] if len(payloads) > 1 else [""]
+    panels = Panels(
+        f"{across.words.capitalize()} against {up.words}", [up.axis], titles, x_title=across.axis,
+    )  # fmt: skip
+    good = [row for row in rows if row.ok]
+    for number, kind in enumerate(dict.fromkeys(row.reference for row in rows)):
+        marker = {**_marker(number, 6), "color": line(kind, number)["color"], "opacity": 0.55}
+        for column, payload in enumerate(payloads):
+            here = [row for row in good if row.reference == kind and row.payload_kg == payload]
+            some = (
+                here[:: -(-len(here) // MOST_POINTS)] if here else []
+            )  # a cloud's shape; the front has all of its own
+            _points(panels, column, some, costs, label(kind), {}, axes, mode="markers", marker=marker)
+    for column, front in enumerate(fronts):
+        steps = {"color": BLACK, "width": 1.6, "shape": "hv", "simplify": False}
+        ring = {"size": 9, "symbol": "circle-open", "color": BLACK}
+        _points(
+            panels, column, front.rows, costs, "front: beaten by no run", steps, axes, mode="lines+markers", marker=ring
+        )
+        if front.knee is not None:
+            _knee(panels, column, front.knee, costs)
+        for number, row in enumerate(row for row in chosen if row.ok and row.payload_kg == front.payload_kg):
+            star = {"symbol": "star", "size": 15, "color": line(row.reference, number)["color"]}
+            star["line"] = {"color": BLACK, "width": 1.2}
+            _points(panels, column, [row], costs, f"chosen: {label(row.reference)}", {}, axes, mode="markers",
+                    marker=star)  # fmt: skip
+    figure = panels.figure(height)
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def _points(
+    panels: Panels, column: int, rows: Sequence[Row], costs: tuple[str, str], name: str, look: dict[str, Any],
+    axes: Sequence[SweptAxis], **more: Any,
+) -> None:  # fmt: skip
+    if rows:
+        x, y = (_costs(rows, of) for of in costs)
+        text = [run_in_words(row, axes) for row in rows]
+        panels.line(0, column, x, y, name, look, text=text, hovertemplate=_SETTING, **more)
+
+
+def _knee(panels: Panels, column: int, knee: Row, costs: tuple[str, str]) -> None:
+    x, y = (_costs([knee], name) for name in costs)
+    ring = {"symbol": "circle-open", "size": 17, "color": SPARE[0][0], "line": {"width": 3}}
+    panels.line(0, column, x, y, "knee", {}, mode="markers", marker=ring, hoverinfo="skip", hovertemplate=None)
+    said = f"<b>knee</b>: {label(knee.reference)}<br>{set_in(knee).replace(', ', '<br>')}"
+    panels.note(0, column, float(x[0]), float(y[0]), said, SPARE[0][0])
+
+
+def _costs(rows: Sequence[Row], name: str) -> Array:
+    return drawn_in(name)[1] * np.array([cost(row, name) for row in rows])
+
+
+Taken = Mapping[float, Mapping[str, float]]
+
+
+def curves_over_time(
+    good: Sequence[Row], beside: Sequence[Row], names: Sequence[str], taken: Taken, height: int = 760
+) -> Figure:
+    """Metrics over move time, a row a metric and a column a payload: each family's best limits at each time.
+
+    taken: payload -> the metrics of what is recommended there, a star.
+    """
+    payloads = sorted({row.payload_kg for row in beside})
+    labels = [drawn_in(name)[0] for name in names]
+    panels = Panels(
+        "What more time buys",
+        [f"{one.words}<br>({one.unit})" for one in labels],
+        [f"payload {payload:g} kg" for payload in payloads] if len(payloads) > 1 else [""],
+        x_title=drawn_in("move_time_s")[0].axis,
+    )
+    every = [*good, *beside]
+    for number, kind in enumerate(dict.fromkeys(row.reference for row in every)):
+        look, symbol = line(kind, number), MARKERS[number % len(MARKERS)]
+        for column, payload in enumerate(payloads):
+            here = [row for row in every if row.ok and row.reference == kind and row.payload_kg == payload]
+            for at, name in enumerate(names):
+                best = best_at_each_time(here, name)
+                symbols = [symbol if row in good else f"{symbol}-open" for row in best]
+                panels.line(
+                    at, column, _costs(best, "move_time_s"), _costs(best, name), label(kind), look,
+                    mode="lines+markers", marker={"symbol": symbols, "size": 8, "color": look["color"]},
+                    text=[f"{run_in_words(row, [])}<br>{set_in(row)}" for row in best], hovertemplate=_SETTING,
+                )  # fmt: skip
+    star = {"symbol": "star", "size": 13, "color": SPARE[0][0], "line": {"color": BLACK, "width": 1.0}}
+    for column, payload in enumerate(payloads):
+        for at, name in enumerate(names) if payload in taken else ():
+            x, y = (drawn_in(of)[1] * np.array([taken[payload][of]]) for of in ("move_time_s", name))
+            hover = "taken<br>%{x:.4~g}, %{y:.4~g}"
+            panels.line(at, column, x, y, "taken", {}, mode="markers", marker=star, hovertemplate=hover)
+    figure = panels.figure(height)
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def best_at_each_time(rows: Sequence[Row], name: str) -> list[Row]:
+    """By rising time the run with the least of a metric at each."""
+    best: dict[float, Row] = {}
+    for row in rows:
+        time = round(row["move_time_s"], 2)
+        if time not in best or row[name] < best[time][name]:
+            best[time] = row
+    return [best[time] for time in sorted(best)]
+
+
+def spread(rows: Sequence[Row], metrics: Sequence[str], height: int = 520) -> Figure:
+    """Histogram and empirical distribution of each metric, a column a metric; 5 %, 50 % and 95 % are marked."""
+    good = [row for row in rows if row.ok]
+    cases = list(dict.fromkeys((row.payload_kg, row.reference) for row in good))
+    panels = Panels(
+        "Spread of the results",
+        ["share of runs<br>(%)", "share of runs<br>at or below (%)"],
+        [drawn_in(name)[0].axis for name in metrics],
+        x_title="",
+        row_weights=(1.0, 1.2),
+    )
+    many = len({payload for payload, _ in cases}) > 1
+    for column, name in enumerate(metrics):
+        everything = _costs(good, name)
+        edges = np.histogram_bin_edges(everything, bins=min(40, max(8, round(2 * len(everything) ** (1 / 3)))))
+        for number, (payload, kind) in enumerate(cases):
+            case = [row for row in good if (row.payload_kg, row.reference) == (payload, kind)]
+            values = np.sort(_costs(case, name))
+            title = f"{label(kind)}, {payload:g} kg" if many else label(kind)
+            look = line(kind, number)
+            counts, _ = np.histogram(values, edges)
+            # Outlined steps: two cases that overlap stay apart, in black and white too.
+            x, y = np.repeat(edges, 2), np.concatenate([[0.0], np.repeat(100.0 * counts / len(values), 2), [0.0]])
+            panels.line(0, column, x, y, title, look, "%", fill="tozeroy", fillcolor=faint(look["color"]))
+            share = 100.0 * (np.arange(len(values)) + 1.0) / len(values)
+            panels.line(1, column, values, share, title, look | {"shape": "hv"}, "%")
+            at = np.quantile(values, QUANTILES)
+            panels.line(
+                1, column, at, 100.0 * np.array(QUANTILES), title, {}, mode="markers+text",
+                marker={"size": 9, "symbol": "line-ns-open", "color": look["color"], "line": {"width": 3}},
+                text=[f"{value:.4g}" for value in at], textposition="middle right", textfont={"size": 11},
+                cliponaxis=False, showlegend=False, hovertemplate="%{y:.0f} %: %{x:.4~g}",
+            )  # fmt: skip
+    figure = panels.figure(height)
+    for number in range(2 * len(metrics)):  # each metric has an axis of its own; the panels of one share it
+        column = number % len(metrics)
+        figure.layout[f"xaxis{number + 1 if number else ''}"].matches = f"x{column + 1}" if column else "x"
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def tornado(groups: Sequence[tuple[str, Sequence[Correlation]]], metric: str, height: int | None = None) -> Figure:
+    """Rank correlation of each drawn field with a metric, a column a group, the strongest on top."""
+    from plotly.subplots import make_subplots
+
+    strongest: dict[str, float] = {}
+    for correlation in (one for _, ranked in groups for one in ranked):
+        words = correlation.label.words
+        strongest[words] = max(strongest.get(words, 0.0), abs(correlation.value))
+    order = sorted(strongest, key=lambda words: strongest[words])
+    titles = [f"<b>{name}</b>" for name, _ in groups]
+    figure: Figure = make_subplots(
+        1, len(groups), shared_yaxes=True, subplot_titles=titles, horizontal_spacing=0.04,
+        x_title="rank correlation (–)",
+    )  # fmt: skip
+    for column, (name, ranked) in enumerate(groups, 1):
+        value = {correlation.label.words: correlation.value for correlation in ranked}
+        bars = [value.get(words, 0.0) for words in order]
+        figure.add_bar(
+            x=bars, y=order, name=name, orientation="h", text=[f"{bar:+.2f}" for bar in bars], textposition="outside",
+            cliponaxis=False, hovertemplate="%{y}: %{x:+.2f}<extra></extra>",
+            marker_color=[BLUE if bar >= 0.0 else VERMILLION for bar in bars], row=1, col=column,
+        )  # fmt: skip
+    figure.update_xaxes(range=[-1.15, 1.15])
+    figure.update_yaxes(zeroline=False)
+    title = {"text": f"What the {metric_label(metric).words} depends on"}
+    figure.update_layout(
+        template=TEMPLATE, height=height or 190 + 30 * len(order), title=title, showlegend=False, bargap=0.35,
+        hovermode="closest",
+    )  # fmt: skip
+    return figure
