@@ -16,7 +16,7 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Candidate
 from workbench.diagnose.verdict.judge import Judged
 
-SCORED = 5  # hypotheses whose held-out score is computed
+SCORED = 3  # hypotheses whose held-out score is computed
 FAR = 3.0  # tolerances
 
 
@@ -27,7 +27,9 @@ def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar])
     rows, folds = [], _folds(search)
     for k, hypothesis in enumerate(judged.weighed):
         unseen = (
-            [held_out(problem, hypothesis.fit, f.fold_of_row).rms(problem.inputs) for f in folds] if k < SCORED else []
+            [held_out(problem, hypothesis.fit, f.fold_of_row).rms(problem.inputs) for f in folds[: 1 + (k == 0)]]
+            if k < SCORED
+            else []
         )
         rows.append(
             Candidate(

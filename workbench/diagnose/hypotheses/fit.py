@@ -45,7 +45,7 @@ SLOPE_STEP = 1e-4  # of z, for the values' slopes
 Raw = dict[bytes, tuple[Array, Array]]  # z -> residual and Jacobian, in the input's unit
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fitted:
     """The fit of one hypothesis. effects: ids. z: at the minimum, base parameters first. residual, jacobian: at z.
 

@@ -57,8 +57,17 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
 
     Gauss-Newton steps with a Jacobian that each step corrects (C. G. Broyden, Mathematics of Computation 19, 1965); all
     folds are simulated together. A step is taken as far as it serves the runs that are left: all of it, or a part.
-    What is each run's own (a phase) is taken from that run itself: another run cannot know it.
+    What is each run's own (a phase) is taken from that run itself: another run cannot know it. What was computed once
+    is kept.
     """
+    asked = (fitted, fold_of_row.tobytes(), problem.errors.sizes)
+    if asked not in problem.kept:
+        problem.kept[asked] = _held_out(problem, fitted, fold_of_row)
+    found: HeldOut = problem.kept[asked]
+    return found
+
+
+def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
     lowest, highest, std = bounds_of(fitted.free)
     prior = np.diag(1.0 / std**2)
     white = problem.errors.whiten(np.column_stack([fitted.jacobian, fitted.residual]))

@@ -88,6 +88,7 @@ class Problem:
         self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
         self.row_noise = np.full(self.inputs, self.noise)
         self.evaluations = 0
+        self.kept: dict[Any, Any] = {}  # held-out fits, by fit and folds: several steps ask for the same
         self.lagging = False
         if self.line is not None:
             name = self.line.signal
