@@ -37,6 +37,7 @@ from workbench.identify.least_squares import minimise
 
 ROUND = 4  # steps with the base parameters' signatures as they were
 WORTH = 0.05  # of the objective: less is not worth another round
+WORTH_OF_ALL = 2e-5  # the same, of the whole
 SIZES = (0.2, 0.07, 0.025, 0.008)  # of the steps of a pattern search: of a value, or of LEAST of its scale if more
 LEAST = 0.1
 AGAIN = 2  # steps of one size
@@ -115,6 +116,7 @@ def fit_hypothesis(
         return full, full_white
 
     before = _objective(white, z, std)
+    enough = max(WORTH, WORTH_OF_ALL * before)
     while evaluations < most:
         raw = {z.tobytes(): (residual, jacobian)}  # the minimum is sought in whitened rows
 
@@ -132,8 +134,8 @@ def fit_hypothesis(
         z, white, slopes = minimum.z, minimum.residual, minimum.jacobian
         residual, jacobian = raw[z.tobytes()]
         after = _objective(white, z, std)
-        if not base or (minimum.settled and minimum.evaluations == 0) or before - after < WORTH:
-            settled = minimum.settled or before - after < WORTH
+        if not base or (minimum.settled and minimum.evaluations == 0) or before - after < enough:
+            settled = minimum.settled or before - after < enough
             break
         before = after
         jacobian, slopes = renewed()

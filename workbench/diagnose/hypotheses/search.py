@@ -55,6 +55,7 @@ from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect, Ranged, ranges_of
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
+FEW = 3  # of them to begin with
 FIRST_ROUND = 6  # evaluations each, before the field is narrowed
 LAST_ROUND = 40
 ALWAYS = 2  # effects refitted whatever they promise
@@ -139,14 +140,14 @@ def searched(
     if late_s > 0.0:
         search = Search(problem.moving_after(late_s), effects, tell, rivals, base)
     most_effects = 1 if quick else most_effects
-    result = search.causes(most_effects, LARGE)
-    for _ in range(0 if quick else SEARCHED_AGAIN):
-        sizes = search.sizes_needed(result)
+    few = FEW  # single effects are enough to tell the sizes, in most campaigns
+    for _ in range(1 + SEARCHED_AGAIN):
+        result = search.causes(most_effects, few, LARGE)
+        sizes = None if quick else search.sizes_needed(result)
         if sizes is None:
             break
-        search = search.with_sizes(sizes)
-        result = search.causes(most_effects, LARGE)
-    return search.causes(most_effects, 0.0, result) if most_effects > 1 else result
+        search, few = search.with_sizes(sizes), REFITTED
+    return result if quick else search.causes(most_effects, REFITTED, 0.0)
 
 
 @dataclass(frozen=True)
@@ -188,6 +189,7 @@ class Search:
         self.failures: dict[Names, str] = {}
         self.scanned: Sequence[Signature] = ()
         self._base: Fitted | None = None
+        self._begun: tuple[Fitted, Sequence[Signature]] | None = None  # within the tolerances, and the signatures there
         self.begin: Array | None = None  # z of the base fit, where another search has found it
         self.found: Mapping[Names, Fitted] = {}  # fits of that search
 
@@ -216,10 +218,11 @@ class Search:
                 z[self._place_of(parameter)] = BEGUN * np.array(parameter.prior_std)
         return z
 
-    def causes(self, most: int, least: float, begun: SearchResult | None = None) -> SearchResult:
-        """The fits of single effects, then one further effect after the other beside the leading hypotheses, as long as
-        one more is worth it. least: of what a leader leaves, what a further effect has to promise."""
-        result = begun or self.singles()
+    def causes(self, most: int, refitted: int, least: float) -> SearchResult:
+        """The fits of single effects, `refitted` of them; then one further effect after the other beside the leading
+        hypotheses, as long as one more is worth it. least: of what a leader leaves, what a further effect has to
+        promise."""
+        result = self.singles(refitted)
         for size in range(1, most):
             self._extend(result, size, least)
             if size == 1:
@@ -251,18 +254,22 @@ class Search:
         again = copy(self)
         again.problem = self.problem.with_model_error(sizes)
         again.found, again.begin = self.fits, self.base_fit().z
-        again.fits, again.linear, again.failures, again._base = {}, {}, {}, None
+        again.fits, again.linear, again.failures, again._base, again._begun = {}, {}, {}, None, None
         return again
 
-    def singles(self) -> SearchResult:
+    def singles(self, refitted: int = REFITTED) -> SearchResult:
         """The fit without effects, and the fits of every effect alone."""
         base = self.base_fit()
-        within = self._within_tolerances(base)
+        if self._begun is None:
+            within = self._within_tolerances(base)
+            self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
+            near = replace(within, free=base.free)
+            signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
+            self.scanned = self.scanned or signatures
+            self._begun = within, signatures
+        within, signatures = self._begun
         near = replace(within, free=base.free)  # hypotheses start there, and may go further
-        self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
-        signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
-        self.scanned = self.scanned or signatures
-        self._singles(base, near, signatures)
+        self._singles(base, near, signatures, refitted)
         self._offer_standstill(base)
         return self._found(base, within, signatures)
 
@@ -311,7 +318,7 @@ class Search:
         best = {name: sorted(shapes, key=lambda q: -q[0])[:SHAPES_AGAIN] for name, shapes in gains.items()}
         return {name: [at for _, at in shapes] for name, shapes in best.items()} or None
 
-    def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Signature]) -> None:
+    def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Signature], refitted: int) -> None:
         promised = self._promised(near, signatures)
         self.linear |= {(name,): promise.gain for name, promise in promised.items()}
         order = sorted(promised, key=lambda name: -promised[name].evidence)
@@ -319,8 +326,9 @@ class Search:
         order = [
             name
             for k, name in enumerate(order)
-            if k < ALWAYS or name in strained or (k < REFITTED and promised[name].evidence > HOPELESS)
+            if k < ALWAYS or name in strained or (k < refitted and promised[name].evidence > HOPELESS)
         ]
+        order = [name for name in order if (name,) not in self.fits]
         for k, name in enumerate(order):
             self._tell(Progress(Stage.SEARCH, Task.SINGLE, k + 1, len(order), (name,)))
             self._try((name,), lambda promise=promised[name]: self._fit_with(near, promise))  # type: ignore[misc]
@@ -329,7 +337,7 @@ class Search:
                 if (name,) not in self.fits or float(white @ white) + found.prior < self.fits[name,].objective:
                     self._try((name,), lambda found=found: self._again(found))  # type: ignore[misc]
         if np.any(near.z != base.z):
-            self._from_base(base, order)
+            self._from_base(base, order[:FEW])
             self._with_delay(base)
         self._with_nuisances(base)
         self._step_play()
@@ -337,8 +345,11 @@ class Search:
 
     def _step_play(self) -> None:
         """The fit of a play, continued from the best point that steps of its values lead to."""
+        singles = [fit.objective for names, fit in self.fits.items() if len(names) == 1]
         for _ in range(ROUNDS_OF_PLAY):
             fit = self.fits.get((PLAY,))
+            if fit is not None and not self.problem.struck and fit.objective > min(singles):
+                return  # one among others: its steps are not worth their time
             z = stepped(self.problem, fit, self.count) if fit is not None else None
             if fit is None or z is None or not np.any(z != fit.z):
                 return
