@@ -14,7 +14,7 @@ from typing import Any
 
 from workbench.blind.answer import answer, load, save, text_of
 from workbench.blind.make import mapped
-from workbench.reports.blind import tables
+from workbench.view import blind as tables
 
 
 def main() -> None:
@@ -28,7 +28,7 @@ def main() -> None:
     for line in answered(given.campaigns, given.out, given.names, given.withhold, given.processes):
         print(line, flush=True)
     rows = rows_of(given.campaigns, given.out)
-    for table in (tables.sheet(rows), tables.amounts(rows), tables.confusion(rows), tables.misses(rows)):
+    for table in (tables.sheet_table(rows), tables.amounts(rows), tables.confusion_table(rows), tables.misses(rows)):
         print(f"\n{table.markdown()}")
 
 

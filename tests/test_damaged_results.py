@@ -14,8 +14,8 @@ import pytest
 
 from benchmarks.attack.mangle import ROOT, finished_result
 from workbench.core.errors import InputError
+from workbench.core.input_file import readable_file
 from workbench.core.whole_folder import replace_json
-from workbench.core.yaml_strict import readable_file
 from workbench.identify import identify as module
 from workbench.logs import Campaign
 from workbench.machines import default_hoist

@@ -48,7 +48,7 @@ def datagram(seed: int) -> bytes:
     if way == 0:
         return command_packet(seed, value, chance.getrandbits(32))
     if way == 1:  # of a machine of the other byte order
-        return struct.pack(">4sIIId16s", b"WBC2", BYTE_ORDER, seed, 0, 500.0, b"")
+        return struct.pack(">4sIIId16s", b"WBC2", BYTE_ORDER, seed & 0xFFFFFFFF, 0, 500.0, b"")
     if way == 2:  # of version 1
         return struct.pack("<4sIIId", b"WBC1", seed, 0, 0, value)
     if way == 3:

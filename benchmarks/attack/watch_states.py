@@ -22,10 +22,10 @@ from benchmarks.watch import healthy, month
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.machines import default_hoist, get_value
-from workbench.reports.watch.page import write_page
+from workbench.view.watch import write_page
 from workbench.watch.estimate import Estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Rules
-from workbench.watch.store import FILE, DamagedError, Kept, Store
+from workbench.watch.store import FILE, DamagedError, Said, Store
 from workbench.watch.watch import Watch, rebuild
 
 KINDS = {"state": "watch.sqlite", "copies": "cycles.parquet", "sidecar": ""}
@@ -61,12 +61,13 @@ def make_state(folder: Path) -> None:
     for k in range(CYCLES):
         values = nominal + sizes * noise.normal(size=5) + np.array([2000.0, 2000.0, 0.0, 0.0, 0.0]) * (k >= 40)
         start = 0.0 if k == 7 else 100.0 * k
-        cycle = Cycle(f"c{k}", 4500.0, start, 20.0, Estimate(keys, values, sizes, np.eye(5), 1.0, 1.0))
-        judged = judge.add(cycle)
-        store.add(Kept(k, f"{k:064x}", cycle, f"c{k}.csv", 9.0, judged.counted, judged.statistic, ("a note",)), judged)
-    store.diagnosed(store.alarms()[0].cycle, {"verdict": "named", "effects": [], "sentence": "It is so.", "repeats": 0})
+        made = Estimate(keys, values, sizes, np.eye(5), 1.0, 1.0)
+        cycle = Cycle(f"c{k}", 4500.0, start, 20.0, made, f"{k:064x}", f"c{k}.csv", 9.0, ("a note",))
+        store.add(k, cycle, judge.add(cycle))
+    diagnosis = {"verdict": "named", "effects": [], "sentence": "It is so.", "repeats": 0}
+    store.say(judge.alarms[0].cycle, Said(diagnosis=diagnosis))
     store.refuse("0", "x.csv", "x.csv: is no log")
-    store.write_parquet()
+    store.write_copies(judge)
     store.close()
     with contextlib.closing(sqlite3.connect(folder / FILE)) as db:  # so that its bytes alone are all of it
         db.execute("PRAGMA journal_mode=DELETE")
@@ -154,8 +155,9 @@ def read(kind: str, content: bytes, folder: Path) -> tuple[str, str]:
         rebuild(state, HOIST, RULES)
         again = Store(state, HOIST, RULES)
         whole = Store(finished_state() / "state", HOIST, RULES, wait_s=5.0)
-        alarms, events = whole.alarms(), whole.events()  # it may have gone on by a cycle before it met the damage
-        same = again.alarms()[: len(alarms)] == alarms and again.events()[: len(events)] == events
+        known, cycles = whole.said(), whole.cycles()  # it may have gone on by a cycle before it met the damage
+        same = {at: again.said().get(at) for at in known} == known
+        same = same and [c.digest for c in again.cycles()][: len(cycles)] == [c.digest for c in cycles]
         again.close()
         whole.close()
         if not same or _looked(logs, state, said) != CYCLES + 1:

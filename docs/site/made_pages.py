@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from workbench.core.yaml_strict.checked import bounds_of
+from workbench.core.yaml_strict import bounds_of
 from workbench.effects import Effect, library_effects
 from workbench.effects.declare import words
 from workbench.effects.registry import library_for

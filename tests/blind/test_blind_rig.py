@@ -21,7 +21,7 @@ from benchmarks.validation.entry import LARGEST, SMALLEST, content_of, made, ord
 from benchmarks.validation.hoist_causes import LISTED, scales_of
 from benchmarks.validation.rig import Rig, rig_from
 from benchmarks.validation.rig_files import rig_of
-from workbench.blind import later
+from workbench.blind import score as later
 from workbench.blind.answer import Answer
 from workbench.blind.criteria import Share, of_the_oracle
 from workbench.blind.make import Asked
@@ -29,10 +29,9 @@ from workbench.blind.power import LEAST, power_of, thresholds
 from workbench.blind.seal import Order
 from workbench.core.errors import InputError
 from workbench.effects import find
-from workbench.figures import blind as figures
 from workbench.logs import read_campaign
 from workbench.machines import plant_of
-from workbench.reports.blind import tables
+from workbench.view import blind as tables
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "scenarios" / "demo_campaign"
@@ -190,12 +189,12 @@ def test_thresholds_of_a_known_logistic_law_are_recovered():
     middles = (0.5, 1.0, 2.0)
     sizes = [np.exp(rng.uniform(-2.0, 2.5, 400)) for _ in middles]
     passed = [rng.random(400) < 1.0 / (1.0 + (m / x) ** 3.0) for m, x in zip(middles, sizes, strict=True)]
-    fit = thresholds([list(x) for x in sizes], [list(p) for p in passed])
+    threshold, std = thresholds([list(x) for x in sizes], [list(p) for p in passed])
     true = np.log(np.multiply(middles, 9.0 ** (1.0 / 3.0)))
-    assert fit.threshold == pytest.approx(true, abs=0.3)
-    assert np.all(np.abs(fit.threshold - true) < 3.5 * fit.std)
-    assert np.all((fit.std > 0.03) & (fit.std < 0.3))
-    assert len(thresholds([], []).threshold) == 0
+    assert threshold == pytest.approx(true, abs=0.3)
+    assert np.all(np.abs(threshold - true) < 3.5 * std)
+    assert np.all((std > 0.03) & (std < 0.3))
+    assert len(thresholds([], [])[0]) == 0
 
 
 def power_score(rig: Rig) -> Any:
@@ -226,12 +225,12 @@ def test_the_power_is_the_size_from_which_nine_of_ten_are_named_and_what_never_i
     assert named.one_more == pytest.approx(0.5 * named.amount)
     assert named.interval[0] < named.amount < named.interval[1]
     assert (never.effect, never.amount, never.interval) == ("torque_offset", None, None)
-    assert "> 3470" in tables.power(power).by_column["named in 9 of 10 from"]
+    assert "> 3470" in tables.power_table(power).by_column["named in 9 of 10 from"]
     assert "the quickest one again, makes effects show at down to 50 % of these sizes" in power.sentences[0]
     little = power_of(power_score(rig), {"friction_viscous": 0.99}, "another one")
     assert little is not None
     assert "makes an effect show at a size that is smaller by more than 3 %; another one comes" in little.sentences[0]
-    drawn = figures.power(power.effects, power.unit)
+    drawn = tables.power(power.effects, power.unit)
     assert [trace.name for trace in drawn.data] == ["these runs", "with one more run", "not within the sizes tried"]
     few = power_score(rig)
     few.rows = few.rows[: 2 * LEAST - 2]

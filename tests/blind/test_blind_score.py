@@ -14,7 +14,7 @@ from benchmarks import calibrate, practice
 from workbench.blind import criteria, measures
 from workbench.blind.criteria import Share
 from workbench.diagnose.hypotheses.settings import calibration
-from workbench.reports.blind import tables
+from workbench.view import blind as tables
 
 EVIDENCE = dict.fromkeys(calibrate.EVIDENCE, 0.0)
 GUIDE = {"subsystem": "guide", "regime": "speed"}
@@ -96,7 +96,7 @@ def test_the_sheet_has_a_column_for_each_kind_and_source_and_one_for_all_of_a_ki
     other = made([VISCOUS], "named", [VISCOUS])
     other["label"] = {**other["label"], "source": "multibody"}
     simulated = [{**row, "label": {**row["label"], "source": "simulator"}} for row in [*ANSWERS, axis]]
-    sheet = tables.sheet([*simulated, other])
+    sheet = tables.sheet_table([*simulated, other])
     assert sheet.heads == (
         "measured", "axis, asked %", "axis, simulator", "hoist, asked %", "hoist, multibody", "hoist, simulator",
         "hoist, all",
@@ -172,18 +172,15 @@ def test_intervals_are_wilsons(count: int, of: int, low: float, high: float):
 UNLISTED = "unlisted: a fan"
 
 
-def test_a_place_is_right_by_the_likeliest_one_and_weighed_by_its_probability():
+def test_a_place_is_right_by_the_likeliest_one():
     motor = {"subsystem": "motor", "regime": "speed"}
     row = made([UNLISTED], "unknown", where=motor, places=[("guide", 0.3), ("motor", 0.6), ("drum", 0.1)])
     assert criteria.likeliest_place(row) == "motor"
     assert criteria.place_right(row)
-    assert criteria.probability_of_place(row) == pytest.approx(0.6)
     wrong = made([UNLISTED], "unknown", where=motor, places=[("guide", 0.8), ("motor", 0.2)])
     assert not criteria.place_right(wrong)
-    assert criteria.probability_of_place(wrong) == pytest.approx(0.2)
     single = made([UNLISTED], "unknown", where=motor)  # an answer of one place, without probabilities
     assert not criteria.place_right(single)
-    assert criteria.probability_of_place(single) == 0.0
     assert share("unknown_place", [row, wrong, single]) == (1, 3)
 
 
@@ -366,7 +363,7 @@ def test_recorded_machines_come_first_each_a_column_and_names_that_say_the_same_
     row = {**row, "label": {**row["label"], **recorded}}
     first, *_ = measures.groups([*ANSWERS, row])
     assert first == "recorded, emps"
-    assert tables.sheets([*ANSWERS, row])[0].columns[1].head == "recorded,\nasked"
+    assert tables.sheet_table([*ANSWERS, row]).columns[1].head == "recorded,\nasked"
     assert criteria.right_or_alike(row) and not criteria.right(row) and not criteria.wrong(row)
     assert not criteria.right_or_alike({**row, "names": ["inertia_error"]})
     assert criteria.wrong({**row, "names": ["inertia_error"]})

@@ -25,7 +25,7 @@ from workbench.blind.score import OPENED, open_all, open_and_score, sheet_of
 from workbench.blind.seal import Label, Order
 from workbench.cli import main
 from workbench.core.errors import InputError
-from workbench.reports.blind.words import sentences
+from workbench.view.blind import sentences
 
 ROOT = Path(__file__).resolve().parents[2]
 SEED = 424242424242

@@ -7,7 +7,6 @@ import json
 import multiprocessing
 import os
 import pickle
-import re
 import signal
 import socket
 import subprocess
@@ -271,37 +270,19 @@ def test_a_cluster_that_has_lost_its_last_worker_is_given_up_in_time(computers, 
         run_batch(study, place_for(study, tmp_path / "out"), spread=spread, tell=killing_after(2, kill_both))
 
 
-@pytest.mark.parametrize("cluster", ["local:2", "computers"])
-def test_a_stopped_worker_is_said_after_its_time_and_others_take_its_work(
-    cluster, request, study, index, tmp_path, monkeypatch
-):
-    """SIGSTOP, not SIGKILL: the connection stays open and nothing comes over it. With a fifth of the times."""
-    monkeypatch.setattr("workbench.study.cluster.SILENT_S", 2.0)
-    monkeypatch.setattr("workbench.study.cluster.GIVEN_UP_S", 6.0)
-    monkeypatch.setattr("workbench.study.cluster.FETCH_S", 6.0)
-    said: list[tuple[float, str]] = []
-    stopped: list[tuple[float, int]] = []
-    made = request.getfixturevalue("computers") if cluster == "computers" else None
+def test_others_take_the_work_of_a_stopped_process(study, index, tmp_path, monkeypatch):
+    """SIGSTOP, not SIGKILL: the connection stays open and nothing comes over it."""
+    monkeypatch.setattr("workbench.study.cluster.SILENT_S", 4.0)
+    stopped: list[int] = []
 
     def stop_one() -> None:
-        pid = made.workers[0].pid if made else multiprocessing.active_children()[0].pid
-        assert pid is not None
-        os.kill(pid, signal.SIGSTOP)
-        stopped.append((time.monotonic(), pid))
+        stopped.append(multiprocessing.active_children()[0].pid or 0)
+        os.kill(stopped[0], signal.SIGSTOP)
 
-    with spread_on(made.address if made else cluster, lambda text: said.append((time.monotonic(), text))) as spread:
+    with spread_on("local:2") as spread:
         run_batch(study, place_for(study, tmp_path / "out"), spread=spread, tell=killing_after(2, stop_one))
-        done = time.monotonic()
-    ((at, _),) = stopped
-    assert (tmp_path / "out" / "index.parquet").read_bytes() == index
-    # On a busy computer a worker that runs may fall silent too: then there are more lines, none of them too early.
-    silent = [when - at for when, text in said if "has been silent for" in text]
-    moved = [when - at for when, text in said if re.fullmatch(r"chunks \d+(, \d+)* go to other workers", text)]
-    assert silent and moved and "after 6 s others take its work" in said[0][1]
-    assert 1.0 < silent[0] < moved[0] and moved[0] > 5.0
-    assert done - at < 180.0
-    if made is None:
-        assert multiprocessing.active_children() == [], "a stopped process is ended with the rest"
+    assert stopped and (tmp_path / "out" / "index.parquet").read_bytes() == index
+    assert multiprocessing.active_children() == [], "a stopped process is ended with the rest"
 
 
 def test_a_process_that_dies_at_its_start_is_one_sentence(monkeypatch):

@@ -256,7 +256,7 @@ def test_a_state_of_the_version_before_is_taken_over(place: Path, commands: Comm
     done = commands(*words(place, "--once"))
     assert done.status == 0 and "its cycles are judged anew" in done.err
     store = Store(place / "state", HOIST, RULES)
-    first = store.alarms()[0]
+    first = next(iter(store.said().values()))
     assert len(store.cycles()) == 60 and first.diagnosis is not None and first.diagnosis["sentence"] == "It is so."
     store.close()
 

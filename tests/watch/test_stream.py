@@ -281,10 +281,10 @@ def test_cycles_of_a_server_are_those_of_its_logs_and_a_server_that_goes_and_com
     line.close()
     kept = watch.store.cycles()
     watch.close()
-    assert [k.cycle.payload_kg for k in kept] == [whole[0].payload_kg, whole[2].payload_kg]
+    assert [k.payload_kg for k in kept] == [whole[0].payload_kg, whole[2].payload_kg]
     for k, run in zip(kept, (whole[0], whole[2]), strict=True):
         alone = estimate(HOIST, run)
-        assert np.all(np.abs(k.cycle.estimate.values - alone.values) < 2.0 * alone.errors + 1e-9)
+        assert np.all(np.abs(k.estimate.values - alone.values) < 2.0 * alone.errors + 1e-9)
     assert sum("not counted" in text and "the line to the server was lost" in text for text in said) == 1
 
     again, idle = watch_of(tmp_path, machine, said)

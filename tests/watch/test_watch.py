@@ -344,12 +344,12 @@ def test_after_kill_9_it_goes_on_where_it_was(arrived: Path, tmp_path: Path):
     watch = watch_of(arrived, state)
     assert len(watch.judge.cycles) == begun
     new, _ = watch.look(0.0)
-    alarms = watch.store.alarms()
+    alarms = watch.judge.alarms, watch.store.said()
     watch.close()
     whole = watch_of(arrived, tmp_path / "other")
     whole.look(0.0)
     assert begun + new == len(whole.judge.cycles)
-    assert alarms == whole.store.alarms()
+    assert alarms == (whole.judge.alarms, whole.store.said())
     whole.close()
 
 

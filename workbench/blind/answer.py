@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from workbench.blind.baselines import sparse_regression
+from workbench.blind.make import validation
 from workbench.core.errors import InputError
 from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
 from workbench.diagnose.hypotheses.evidence import same_but_freer
@@ -83,13 +83,10 @@ def answer(folder: Path, withheld: Sequence[str] = (), most_effects: int = MOST_
         diagnosis = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects, study=False)
         return _kept(diagnosis, folder, tuple(withheld), spent())
     except InputError as error:
-        return _none_given(folder, "refused", str(error), tuple(withheld), spent())
+        word, why = "refused", str(error)
     except Exception:  # a defect is an answer that counts as wrong, and no reason to lose the others
-        return _none_given(folder, "failed", traceback.format_exc(limit=-3), tuple(withheld), spent())
-
-
-def _none_given(folder: Path, word: str, why: str, withheld: tuple[str, ...], spent: Mapping[str, Any]) -> Answer:
-    return Answer(folder.name, word, withheld, ranking=[(word, [], 1.0)], warnings=(why,), **spent)
+        word, why = "failed", traceback.format_exc(limit=-3)
+    return Answer(folder.name, word, tuple(withheld), ranking=[(word, [], 1.0)], warnings=(why,), **spent())
 
 
 def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[str, Any]) -> Answer:
@@ -109,7 +106,10 @@ def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[
             name: {e.name: (e.value, e.std_error) for e in rows}
             for name, rows in (d.candidates[0].parameters if d.candidates else {}).items()
         },
-        held_out=[([], d.shrink.before), *_held_out(d)],
+        held_out=[
+            ([], d.shrink.before),
+            *((list(row.effects), row.held_out_rms) for row in d.candidates if row.held_out_rms is not None),
+        ],
         before=d.shrink.before,
         after=d.shrink.after,
         noise=d.shrink.noise,
@@ -124,14 +124,19 @@ def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[
         none={"chi2": base.chi2, "prior": base.prior, "samples": d.search.problem.samples},
         visible={name: (parameter, amount) for name, (parameter, amount) in d.isolability.visible.items()},
         next_run=asdict(d.next_run) if d.next_run else None,
-        sparse=sparse_regression(d.search),
+        sparse=_sparse(d),
         warnings=tuple(map(str, d.warnings)),
         **spent,
     )
 
 
-def _held_out(d: Diagnosis) -> list[tuple[list[str], float]]:
-    return [(list(row.effects), row.held_out_rms) for row in d.candidates if row.held_out_rms is not None]
+def _sparse(d: Diagnosis) -> tuple[str, ...] | None:
+    """In a checkout with pysindy."""
+    try:
+        named: tuple[str, ...] | None = validation("baselines").sparse_regression(d.search)
+    except InputError:
+        return None
+    return named
 
 
 def _weighed(w: Any, base: int) -> dict[str, Any]:

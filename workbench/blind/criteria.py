@@ -156,19 +156,6 @@ def place_right(row: Row) -> bool:
     return likeliest_place(row) in {where["subsystem"] for where in row["label"]["where"]}
 
 
-def probability_of_place(row: Row) -> float:
-    """What the answer gives the right places together; 1 or 0 where it gives one place without a probability."""
-    told = {where["subsystem"] for where in row["label"]["where"]}
-    places = row.get("places") or ()
-    return sum(float(p) for place, p in places if place in told) if places else float(place_right(row))
-
-
-def place_and_regime_right(row: Row) -> bool:
-    return any(
-        where["subsystem"] == row["subsystem"] and where["regime"] == row["regime"] for where in row["label"]["where"]
-    )
-
-
 def next_run_decides(row: Row) -> bool:
     """Whether the answer leaves hypotheses open and says that the run that it recommends tells them apart."""
     run = row.get("next_run")
@@ -225,16 +212,14 @@ class Share:
         half = Z_95 / (1.0 + z2 / n) * math.sqrt(p * (1.0 - p) / n + z2 / (4.0 * n * n))
         return max(middle - half, 0.0), min(middle + half, 1.0)
 
+    def _with_interval(self, text: str) -> str:
+        low, high = self.interval()
+        return f"{text} ({100.0 * low:.0f}–{100.0 * high:.0f})" if self.of else "–"
+
     def text(self) -> str:
         """As 17/18 (74–99), the interval in per cent; – where nothing was asked."""
-        if not self.of:
-            return "–"
-        low, high = self.interval()
-        return f"{self.count}/{self.of} ({100.0 * low:.0f}–{100.0 * high:.0f})"
+        return self._with_interval(f"{self.count}/{self.of}")
 
     def percent(self) -> str:
         """As 94 (74–99), in per cent; – where nothing was asked."""
-        if not self.of:
-            return "–"
-        low, high = self.interval()
-        return f"{100.0 * self.count / self.of:.0f} ({100.0 * low:.0f}–{100.0 * high:.0f})"
+        return self._with_interval(f"{100.0 * self.count / max(self.of, 1):.0f}")

@@ -128,13 +128,13 @@ def maker_of(asked: Asked, seed: int, tell: Tell) -> Maker:
         raise InputError("recorded does not go with other sources; make a folder of each", place="source")
     if asked.runs is None:
         raise InputError("recorded needs a campaign of measured runs", place="runs")
-    for place in ("machine", "families", "effects"):
-        if getattr(asked, place):
-            name = "family" if place == "families" else place
-            raise InputError("does not go with recorded: the machine is that of the runs", place=name)
-    if asked.identified != "no" or asked.case == "pairs":
-        place = "case" if asked.case == "pairs" else "identified"
-        raise InputError("does not go with recorded: one piece is bent of a machine that is identified", place=place)
+    given = {"machine": asked.machine, "family": asked.families, "effects": asked.effects}
+    bent = {"case": asked.case == "pairs", "identified": asked.identified != "no"}
+    for place in (name for name, said in {**given, **bent}.items() if said):
+        why = (
+            "the machine is that of the runs" if place in given else "one piece is bent of a machine that is identified"
+        )
+        raise InputError(f"does not go with recorded: {why}", place=place)
     known = recording(asked.runs)
     if asked.kind not in (None, known.machine.kind):
         raise InputError(f"{asked.kind}, but the machine is of kind {known.machine.kind}", place="kind")

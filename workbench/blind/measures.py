@@ -216,13 +216,8 @@ def _said(row: Row) -> float:
 
 def calibration_error(rows: Sequence[Row]) -> float | None:
     bins = reliability(rows)
-    total = sum(interval.right.of for interval in bins)
-    if not total:
-        return None
-    return (
-        sum(interval.right.of * abs(interval.said - interval.right.count / interval.right.of) for interval in bins)
-        / total
-    )
+    total = sum(b.right.of for b in bins)
+    return sum(abs(b.right.of * b.said - b.right.count) for b in bins) / total if total else None
 
 
 def calibration_by_chance(rows: Sequence[Row]) -> float | None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from workbench.blind import criteria
 from workbench.blind.criteria import Row, Share
+from workbench.blind.make import validation
 from workbench.blind.score import Score
+from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.effects import find
 
@@ -53,13 +55,18 @@ class Power:
     sentences: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Fit:
-    """A logistic regression of right over ln size: threshold where nine of ten are right, (effects,), in ln size, with
-    its standard error."""
-
-    threshold: Array
-    std: Array
+def power_of_rig(scores: Sequence[Score]) -> Power | None:
+    """The power of the runs of one machine, from all its folders, and what one more run would buy, in a checkout. None
+    where machines were drawn, or are not the same in all folders."""
+    first = scores[0]
+    if not first.truth.rig or any(score.truth.rig != first.truth.rig for score in scores):
+        return None
+    rows = [row for score in scores for row in score.rows]
+    try:
+        one_more = validation("next_run").one_more_run(first)
+    except InputError:
+        one_more = None
+    return power_of(first.with_rows(rows), *(one_more or ()))
 
 
 def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str = "") -> Power | None:
@@ -76,11 +83,9 @@ def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str
     cases = {name: members for name, members in sorted(cases.items()) if len(members) >= LEAST}
     sizes = [[float(c[0]["label"]["torque_change_rms_nm"]) for c in members] for members in cases.values()]
     passed = [[criteria.right_or_alike(c[0]) for c in members] for members in cases.values()]
-    fit = thresholds(sizes, passed)
+    threshold, std = thresholds(sizes, passed)
     effects = tuple(
-        _effect(
-            name, members, sizes[k], passed[k], float(fit.threshold[k]), float(fit.std[k]), (one_more or {}).get(name)
-        )
+        _effect(name, members, sizes[k], passed[k], float(threshold[k]), float(std[k]), (one_more or {}).get(name))
         for k, (name, members) in enumerate(cases.items())
     )
     few = sorted({r["label"]["effects"][0] for r in score.rows if criteria.single(r)} - set(cases))
@@ -146,15 +151,15 @@ def first_amount(row: Row, plant: str) -> tuple[float, str, float] | None:
     return None
 
 
-def thresholds(sizes: Sequence[Sequence[float]], passed: Sequence[Sequence[bool]]) -> Fit:
-    """Size at which ASKED of the cases of each effect pass, by the most likely
+def thresholds(sizes: Sequence[Sequence[float]], passed: Sequence[Sequence[bool]]) -> tuple[Array, Array]:
+    """(effects,) ln size at which ASKED of the cases of each effect pass, and its standard error, by the most likely
 
         logit P = slope (ln size − middle_k),   middle_k ~ N(mean, SPREAD²/slope²),   ln slope ~ N(ln SLOPE, SLOPE_STD²)
 
     with standard errors from the curvature there (Laplace).
     """
     if not sizes:
-        return Fit(np.zeros(0), np.zeros(0))
+        return np.zeros(0), np.zeros(0)
     from scipy.optimize import minimize
 
     x = np.concatenate([np.log(of_effect) for of_effect in sizes])
@@ -181,13 +186,12 @@ def thresholds(sizes: Sequence[Sequence[float]], passed: Sequence[Sequence[bool]
     covariance = np.linalg.pinv(_curvature(loss, best))
     steps = 1e-4 * np.eye(len(best))
     slopes = np.stack([(threshold(best + s) - threshold(best - s)) / 2e-4 for s in steps], axis=1)
-    return Fit(threshold(best), np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0)))
+    return threshold(best), np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
 
 
-def _curvature(loss: object, at: Array, step: float = 1e-3) -> Array:
+def _curvature(loss: Callable[[Array], float], at: Array, step: float = 1e-3) -> Array:
     """Second differences."""
     n, f = len(at), loss
-    assert callable(f)
     out = np.zeros((n, n))
     e = step * np.eye(n)
     for i in range(n):

@@ -109,15 +109,12 @@ def _said(text: str) -> str:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    lock = FileLock(folder / LOCK)
     try:
-        lock.acquire(timeout=0)
+        lock = FileLock(folder / LOCK, timeout=0).acquire()
     except Timeout:
         raise InputError("another `workbench blind run` works in this folder", file=folder) from None
-    try:
+    with lock:
         yield
-    finally:
-        lock.release()
 
 
 def _answers(folder: Path, names: Sequence[str], processes: int, diagnose: Diagnose) -> Iterator[tuple[str, str]]:

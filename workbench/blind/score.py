@@ -1,25 +1,39 @@
-"""The seal opened: what was changed since is found, answers are joined with their labels."""
+"""The seal opened: what was changed since is found, answers are joined with their labels; then the true effects are
+fitted, and recommended runs simulated."""
 
 from __future__ import annotations
 
 import itertools
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from workbench.blind.answer import load
-from workbench.blind.criteria import Row
+from workbench.blind.answer import load, save, text_of
+from workbench.blind.criteria import Row, next_run_decides, oracle_after, recorded, right, right_word
 from workbench.blind.ledger import LEDGER, Entry, compare, copy_of, entries
+from workbench.blind.make import mapped, validation
 from workbench.blind.run import ANSWERS, answer_file
-from workbench.blind.seal import MANIFEST, Manifest, Truth, check_campaign, key_of, read_manifest, sha256, unseal
+from workbench.blind.seal import (
+    CAMPAIGNS,
+    MANIFEST,
+    Manifest,
+    Truth,
+    check_campaign,
+    key_of,
+    read_manifest,
+    sha256,
+    unseal,
+)
 from workbench.core.errors import InputError
 from workbench.core.whole_folder import write_json
 
-OPENED = "opened.json"
+OPENED, NEXT, ORACLE = "opened.json", "next_runs", "oracle"
+Tell = Callable[[str], None]
 NO_CHAIN = "The answers were given by a version without a chain of hashes: their order and times are unproved."
 
 
@@ -172,3 +186,89 @@ def _written_down(folder: Path, manifest: Manifest, lines: Mapping[str, Entry], 
         write_json(part, {"format": 1, "openings": openings})
         part.replace(path)
     return str(openings[0]["at"])
+
+
+# What can be computed once the seal is open: the true effect's own fit, and the recommended run on the same machine.
+
+
+def with_oracle(score: Score, processes: int, tell: Tell) -> Score:
+    """Each case of listed effects with its true effect's held-out rms, fitted where the diagnosis has not. What was
+    fitted at an earlier call is kept."""
+    lack = [row for row in score.rows if right_word(row) == "named" and oracle_after(row) is None and row["noise"]]
+    fitted: dict[str, Row] = {}
+    with mapped(processes) as over:
+        for row in over(partial(fitted_truth, score.folder), lack):
+            fitted[row["folder"]] = row
+            tell(f"{len(fitted)}/{len(lack)} true effects fitted")
+    return score.with_rows([fitted.get(row["folder"], row) for row in score.rows])
+
+
+def fitted_truth(folder: Path, row: Row) -> Row:
+    """The row with the held-out rms of its label's effects fitted to its runs; as it is where that breaks down."""
+    file = folder / ORACLE / f"{row['folder']}.json"
+    if not file.exists():
+        save(json.dumps(_held_out_of_truth(folder / CAMPAIGNS / row["folder"], sorted(row["label"]["effects"]))), file)
+    return {**row, "held_out": [*row["held_out"], *json.loads(file.read_text(encoding="utf-8"))]}
+
+
+def _held_out_of_truth(folder: Path, told: list[str]) -> list[tuple[list[str], float]]:
+    from workbench.diagnose.diagnose import diagnose
+    from workbench.logs import read_campaign
+
+    try:
+        diagnosis = diagnose(read_campaign(folder), candidates=told, most_effects=len(told), study=False)
+    except InputError:
+        return []
+    return [
+        (list(candidate.effects), candidate.held_out_rms)
+        for candidate in diagnosis.candidates
+        if sorted(candidate.effects) == told and candidate.held_out_rms is not None
+    ]
+
+
+@dataclass(frozen=True)
+class WithNextRun:
+    """An open case: its answer, and the answer with the recommended run, which was simulated on the same machine."""
+
+    row: Row
+    then: Row
+
+    @property
+    def settled(self) -> bool:
+        """The answer is right then, and leaves nothing open."""
+        return right(self.then) and not self.then["next_run"]
+
+
+def with_next_runs(scores: Sequence[Score], most: int, processes: int, tell: Tell) -> list[WithNextRun]:
+    """At most so many open cases of each folder, diagnosed again with their recommended run, where the diagnosis says
+    that it decides. What was answered at an earlier call is kept. Campaigns are named as on the sheet of these
+    folders."""
+    return [
+        WithNextRun(*(named(score, row, len(scores) > 1) for row in (before, then)))
+        for score in scores
+        for before, then in _with_their_next_run(score, most, processes, tell)
+    ]
+
+
+def _with_their_next_run(score: Score, most: int, processes: int, tell: Tell) -> list[tuple[Row, Row]]:
+    """A recorded machine is not there to run again."""
+    able = [row for row in score.rows if row["label"]["effects"] and not recorded(row)]
+    open_cases = list(filter(next_run_decides, able))[:most]
+    anew: dict[str, Row] = {}
+    with mapped(processes) as over:
+        kept = score.folder / NEXT
+        for row in over(partial(_answered_anew, score.truth.orders, score.truth.rig, kept), open_cases):
+            anew[row["folder"]] = row
+            said = "+".join(row["names"]) or row["word"]
+            tell(f"{len(anew)}/{len(open_cases)} next run of campaign {row['folder']}: {said}")
+    return [(row, anew[row["folder"]]) for row in open_cases]
+
+
+def _answered_anew(
+    orders: Mapping[str, Mapping[str, Any]], rig: Mapping[str, Any] | None, kept: Path, row: Row
+) -> dict[str, Any]:
+    file = kept / f"{row['folder']}.json"
+    if not file.exists():
+        anew = validation("next_run").answered_with_next_run
+        save(text_of(anew(orders[row["folder"]], rig, row)), file)
+    return {**json.loads(file.read_text(encoding="utf-8")), "label": row["label"], "folder": row["folder"]}

@@ -36,6 +36,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "report": ("workbench.cli.report:command", "Write the report of a finished study: one HTML page."),
     "schema": ("workbench.cli.schema:command", "Print a JSON Schema, for completion in an editor."),
     "serve": ("workbench.cli.serve:command", "Run a machine's plant in real time, for a PLC."),
+    "size": ("workbench.cli.size:command", "Size a hoist's drive for a duty cycle; say what limits."),
     "study": ("workbench.cli.study:command", "Run scenarios in closed loop; tables and figures."),
     "watch": ("workbench.cli.watch:command", "Watch a machine by its logs; say when it has changed."),
     "tune": ("workbench.cli.tune:command", "Find controller gains for a bandwidth or best rejection."),

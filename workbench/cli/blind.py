@@ -156,13 +156,12 @@ def score_(
 
     Not all campaigns need an answer. opened.json records when the seal was opened and which answers existed then.
     """
-    from workbench.blind.later import power_of_rig, with_next_runs, with_oracle
-    from workbench.blind.score import open_all, sheet_of
+    from workbench.blind.measures import by_kind
+    from workbench.blind.power import power_of_rig
+    from workbench.blind.score import open_all, sheet_of, with_next_runs, with_oracle
     from workbench.cli.show import print_table, print_text
     from workbench.core.whole_folder import check_free
-    from workbench.reports.blind import tables
-    from workbench.reports.blind.page import write_score
-    from workbench.reports.blind.words import sentences
+    from workbench.view import blind as view
 
     if out is not None:
         check_free(out)
@@ -171,24 +170,23 @@ def score_(
         scores = [with_oracle(score, processes, tell) for score in scores]
     anew = with_next_runs(scores, next_runs, processes, tell) if next_runs else []
     sheet, power = sheet_of(scores), power_of_rig(scores)
-    print_text(sentences(sheet))
-    shown = [
-        *(("", table) for table in tables.sheets(sheet.rows)),
-        ("", tables.amounts(sheet.rows)),
-        *tables.sizes_by_kind(sheet.rows),
-    ]
+    print_text(view.sentences(sheet))
+    rows = sheet.rows
+    shown = [("", view.sheet_table(of_kind)) for of_kind in by_kind(rows).values()]
+    shown += [("", view.amounts(rows)), *view.by_kind("By the size of the gap", view.sizes, rows)]
     if power is not None:
-        shown.append((POWER, tables.power(power)))
-    for head, table in [*shown, *tables.methods_by_kind(sheet.rows)]:
+        shown.append((POWER, view.power_table(power)))
+    for head, table in [*shown, *view.by_kind("Beside other methods", view.methods, rows)]:
         if table:
             click.echo(f"\n{head}" if head else "")
             if power is not None and head == POWER:
                 print_text(power.sentences)
             print_table(table)
-    if missed := tables.miss_lines(sheet.rows, misses):
+    if missed := view.miss_lines(rows, misses):
         print_text(["", "Misses", *missed])
     if anew:
-        print_text(["", tables.settled_text(anew, sheet.rows), *tables.next_run_lines(anew)])
+        print_text(["", view.settled_text(anew, rows)])
+        print_table(view.next_runs_table(anew))
     if out is not None:
-        write_score(sheet, out, power, anew)
+        view.write_score(sheet, out, power, anew)
         click.echo(f"\nReport: {out / 'score.html'}\nNumbers: {out / 'score.json'}")

@@ -9,25 +9,14 @@ import click
 
 @click.command(name="export-controller")
 @click.argument("controller", type=click.Path(path_type=Path))
-@click.option(
-    "--as",
-    "form",
-    type=click.Choice(["st", "c", "yaml"]),
-    required=True,
-    help="Format: structured text, C99, or a drive's parameters.",
-)
-@click.option(
-    "--drive",
-    type=click.Choice(["siemens-s120", "abb-acs880", "generic"]),
-    default="generic",
-    show_default=True,
-    help="Drive whose parameters are written, with --as yaml.",
-)
+@click.option("--as", "form", type=click.Choice(["st", "c", "yaml"]), required=True,
+              help="Format: structured text, C99, or a drive's parameters.")  # fmt: skip
+@click.option("--drive", type=click.Choice(["siemens-s120", "abb-acs880", "generic"]), default="generic",
+              show_default=True, help="Drive whose parameters are written, with --as yaml.")  # fmt: skip
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for the files.")
 @click.option("--machine", type=click.Path(path_type=Path), help="A machine.yaml. Default: the built-in machine.")
-@click.option(
-    "--payload", type=float, default=0.0, show_default=True, help="Payload in the inertia feed-forward, in kg."
-)
+@click.option("--payload", type=float, default=0.0, show_default=True,
+              help="Payload in the inertia feed-forward, in kg.")  # fmt: skip
 def command(controller: Path, form: str, drive: str, out: Path, machine: Path | None, payload: float) -> None:
     """Write CONTROLLER, a file with a controller block such as the output of tune, for the machine's own controls.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -12,70 +13,33 @@ from workbench.cli.options import effects_option
 
 @click.command(name="serve")
 @click.argument("machine", type=click.Path(path_type=Path))
+@click.option("--protocol", type=click.Choice(["udp", "modbus", "opcua"]), default="udp", show_default=True,
+              help="opcua needs the extra 'serve'.")  # fmt: skip
+@click.option("--rate", "rate_hz", type=float, default=1000.0, show_default=True, help="Steps of the plant per second.")
+@click.option("--address", default="127.0.0.1", show_default=True,
+              help="Address to listen on. The default is reachable from this computer only; others need "
+              "--token.")  # fmt: skip
+@click.option("--token", default="", envvar="WORKBENCH_TOKEN", show_envvar=True,
+              help="8 to 16 characters that clients have to show.")  # fmt: skip
+@click.option("--port", type=click.IntRange(0, 65535),
+              help="Port. Default: 5560 (udp), 5020 (modbus), 4840 (opcua); 0: any free port.")  # fmt: skip
 @click.option(
-    "--protocol",
-    type=click.Choice(["udp", "modbus", "opcua"]),
-    default="udp",
-    show_default=True,
-    help="opcua needs the extra 'serve'.",
+    "--payload", "payload_kg", type=float, default=0.0, show_default=True, help="Payload at the start, in kg."
 )
-@click.option("--rate", type=float, default=1000.0, show_default=True, help="Steps of the plant per second.")
-@click.option(
-    "--address",
-    default="127.0.0.1",
-    show_default=True,
-    help="Address to listen on. The default is reachable from this computer only; others need --token.",
-)
-@click.option(
-    "--token",
-    default="",
-    envvar="WORKBENCH_TOKEN",
-    show_envvar=True,
-    help="8 to 16 characters that clients have to show.",
-)
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    help="Port. Default: 5560 (udp), 5020 (modbus), 4840 (opcua); 0: any free port.",
-)
-@click.option("--payload", type=float, default=0.0, show_default=True, help="Payload at the start, in kg.")
-@click.option(
-    "--start-position",
-    type=float,
-    help="Height at the start, in m (an axis: its position, m or rad). Default: mid rail; 0.",
-)
-@click.option(
-    "--watchdog",
-    type=float,
-    default=0.1,
-    show_default=True,
-    help="Time without a message, in s, after which the torque is set to zero.",
-)
+@click.option("--start-position", "start_position_m", type=float,
+              help="Height at the start, in m (an axis: its position, m or rad). Default: mid rail; 0.")  # fmt: skip
+@click.option("--watchdog", "watchdog_s", type=float, default=0.1, show_default=True,
+              help="Time without a message, in s, after which the torque is set to zero.")  # fmt: skip
 @click.option("--leave-brake", is_flag=True, help="Keep the brake open when the watchdog acts.")
 @click.option("--ready", help="Effects that clients may set while the plant runs, separated by commas, or 'all'.")
 @click.option("--send-every", type=click.IntRange(1), default=1, show_default=True, help="Send a state every N steps.")
 @click.option("--lock-step", is_flag=True, help="Step once per command instead of in real time (udp); for tests.")
 @click.option("--priority", is_flag=True, help="Ask the operating system for a higher priority.")
 @click.option("--for", "seconds", type=float, help="Run time in s. Default: until Ctrl-C.")
-@click.option("--status", "status_file", type=click.Path(path_type=Path), help="Write the last status to a JSON file.")
+@click.option("--status", type=click.Path(path_type=Path), help="Write the last status to a JSON file.")
 @effects_option
 def command(
-    machine: Path,
-    protocol: str,
-    rate: float,
-    address: str,
-    token: str,
-    port: int | None,
-    payload: float,
-    start_position: float | None,
-    watchdog: float,
-    leave_brake: bool,
-    ready: str | None,
-    send_every: int,
-    lock_step: bool,
-    priority: bool,
-    seconds: float | None,
-    status_file: Path | None,
+    machine: Path, leave_brake: bool, ready: str | None, seconds: float | None, status: Path | None, **wish: Any
 ) -> None:
     """Serve the plant of MACHINE, a machine.yaml: torque in, speed, height and tensions out, faults on command; an
     axis: force or torque in, position and speed out.
@@ -93,16 +57,12 @@ def command(
     from workbench.serve.serve import Wish, chosen_ready, last_words, serve
 
     read = load_machine(machine, check_effects=check)
-    wish = Wish(
-        protocol, rate, address, port, payload, start_position, watchdog, not leave_brake,  # type: ignore[arg-type]
-        tuple(chosen_ready(ready, read)), send_every, lock_step, priority, token,
-    )  # fmt: skip
+    wished = Wish(**wish, watchdog_brake=not leave_brake, ready=tuple(chosen_ready(ready, read)))
     stop = threading.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda *_: stop.set())
-    status = serve(
-        read, wish, lambda line: click.echo(line, err=True), stop, for_s=math.inf if seconds is None else seconds
-    )
-    if status_file is not None:
-        replace_json(status_file, json.loads(json.dumps(status)), "pace")
-    click.echo("\n".join(last_words(status, lock_step=lock_step)))
+    for_s = math.inf if seconds is None else seconds
+    last = serve(read, wished, lambda line: click.echo(line, err=True), stop, for_s=for_s)
+    if status is not None:
+        replace_json(status, json.loads(json.dumps(last)), "pace")
+    click.echo("\n".join(last_words(last, lock_step=wished.lock_step)))

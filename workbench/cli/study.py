@@ -75,7 +75,7 @@ def _spread(cluster: str | None) -> Iterator[Spread]:
         return
     from workbench.study.cluster import spread_on
 
-    with spread_on(cluster, lambda text: click.echo(f"{cluster}: {text}", err=True)) as spread:
+    with spread_on(cluster) as spread:
         yield spread
 
 

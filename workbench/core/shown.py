@@ -35,6 +35,7 @@ VIEWS = {
     "LoopResult": "workbench.face.simulate:VIEW",
     "ReplayResult": "workbench.view.replay:VIEW",
     "Run": "workbench.view.logs:RUN",
+    "Sizing": "workbench.view.size:VIEW",
     "StudyResult": "workbench.view.study:VIEW",
     "Tuning": "workbench.view.tune:VIEW",
 }

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from workbench.core.errors import InputError, nearest
+from workbench.core.run import Run
 from workbench.core.shown import Shown
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.gap import Delivered, Gap, Shrink, delivered_of, folds_of, gap_of, shrink_of
@@ -22,6 +23,7 @@ from workbench.diagnose.readiness.checks import check_runs
 from workbench.diagnose.readiness.condition import Condition, condition
 from workbench.diagnose.readiness.noise import informative_band, motion_noise
 from workbench.diagnose.remainder import remainder_of
+from workbench.diagnose.residual_tests import ResidualTest, residual_tests
 from workbench.diagnose.unexplained.records import Unknown
 from workbench.diagnose.unexplained.unknown import explain, explained_machine
 from workbench.diagnose.verdict.answer import Candidate, Left, Remainder, Verdict, shared
@@ -29,6 +31,7 @@ from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged
 from workbench.effects import Effect, effects_for
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
+from workbench.simulate.impacts import own_impacts
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.study.consequences import Consequences, consequences_of
 from workbench.study.load import Study
@@ -143,6 +146,7 @@ class Diagnosis(Shown):
     search: SearchResult = field(repr=False, compare=False)
     judged: Judged = field(repr=False, compare=False)
     warnings: tuple[str, ...] = ()
+    residual_tests: tuple[ResidualTest, ...] = ()
     replays: tuple[ReplayResult, ReplayResult] | None = field(default=None, repr=False, compare=False)
 
     def replayed(self) -> tuple[ReplayResult, ReplayResult]:
@@ -150,8 +154,9 @@ class Diagnosis(Shown):
         if self.replays is not None:
             return self.replays
         runs, band = self.campaign.runs, self.gap.band_hz
-        before = replay_runs(self.refitted, runs, band)
-        return before, before if self.corrected == self.refitted else replay_runs(self.corrected, runs, band)
+        impacts = own_impacts(self.corrected, runs)
+        before = replay_runs(self.refitted, runs, band, impacts)
+        return before, before if self.corrected == self.refitted else replay_runs(self.corrected, runs, band, impacts)
 
     @property
     def chosen(self) -> Candidate | None:
@@ -183,24 +188,28 @@ def diagnose(
     baseline: str = "tolerances",
     candidates: Sequence[str] | None = None,
     most_effects: int = MOST_EFFECTS,
-    quick: bool = False,
     seed: int = 0,
     band_hz: float | None = None,
     study: bool = True,
     scenario: Study | None = None,
+    quick: bool = False,
+    validate: Sequence[str] = (),
     tell: Tell | None = None,
 ) -> Diagnosis:
     """The location of the gap between machine and runs, its cause, and its reduction on held-out runs.
 
     baseline: "tolerances" refits the base parameters with their tolerances as priors, "nominal" keeps them.
     candidates: ids of the effects to weigh, None for the listed ones of the machine's kind. most_effects: largest
-    number of effects at once, 1 to 3; each further one is searched beside the best hypotheses so far. study:
+    number of effects at once; each further one is searched as long as it is worth its parameters. study:
     whether to compute the changes in the control study. scenario: a user's study, whose moves, limits, payloads and
-    controller these are computed with. tell: receives the progress. The same seed gives the same
-    answer. InputError if the runs cannot be diagnosed.
+    controller these are computed with. quick: names and places within seconds: single effects, one search, no study.
+    validate: names of runs that are kept for the end; no number is fitted to them. tell: receives the progress. The
+    same seed gives the same answer. InputError if the runs cannot be diagnosed.
     """
     say = tell or (lambda progress: None)
     say(Progress(Stage.READ))
+    campaign, aside = set_aside(campaign, validate)
+    most_effects, study = (1, False) if quick else (most_effects, study)
     warnings = check_runs(campaign)
     effects = chosen_effects(campaign, candidates)
     problem = Problem(campaign.machine, campaign.runs, band_hz)
@@ -227,9 +236,13 @@ def diagnose(
     rows = candidate_rows(search, judged, keys)
     say(Progress(Stage.LOCATE))
     refitted = refitted_machine(problem, keys, search.within_tolerances)
-    refitted_replay = replay_runs(refitted, campaign.runs, problem.band_hz)
-    gap = gap_of(problem, search, refitted_replay)
     fit = search.fits[judged.names] if judged.names else None
+    corrected = refitted if fit is None else corrected_machine(problem, keys, fit)
+    impacts = own_impacts(corrected, campaign.runs)  # one choice of samples for all machines
+    before, refitted_replay = (
+        replay_runs(m, campaign.runs, problem.band_hz, impacts) for m in (campaign.machine, refitted)
+    )
+    gap = gap_of(problem, search, before, refitted_replay)
     named = [effect for effect in effects if effect.id in judged.names]
     where = where_of(problem, search.within_tolerances, fit, named, seed) if judged.word != "no_gap" else None
     say(Progress(Stage.SEPARATE))
@@ -238,16 +251,18 @@ def diagnose(
     more = next_run(problem, search, _open(judged, alternatives(judged, problem.active.kind)))
     say(Progress(Stage.SHRINK))
     unknown = explain(problem, search.within_tolerances) if judged.word == "unknown" else None
-    if fit is not None:
-        corrected = corrected_machine(problem, keys, fit)
-    elif unknown is not None:
+    if unknown is not None:
         corrected = explained_machine(problem, unknown)
-    else:
-        corrected = refitted
-    replayed = refitted_replay if corrected is refitted else replay_runs(corrected, campaign.runs, problem.band_hz)
-    delivered = delivered_of(problem.noise, refitted_replay, replayed)
-    warnings = (*warnings, *differing(delivered))
+    replayed = refitted_replay
+    if corrected is not refitted:
+        replayed = replay_runs(corrected, campaign.runs, problem.band_hz, impacts)
     shrink = shrink_of(search, keys, judged.names, folds_of(search, judged.names, unknown), seed, unknown)
+    delivered = delivered_of(problem.noise, refitted_replay, replayed, shrink.by_run)
+    if aside:
+        struck = own_impacts(corrected, aside)
+        first, last = (replay_runs(m, aside, problem.band_hz, struck) for m in (refitted, corrected))
+        delivered = replace(delivered, validated=delivered_of(problem.noise, first, last).runs)
+    warnings = (*warnings, *differing(delivered))
     if judged.word == "named" and (also or shrink.ci95[0] <= 1.0):  # the runs leave it open
         judged = replace(judged, ranking=shared(judged.ranking, also))
     say(Progress(Stage.CONSEQUENCES))
@@ -292,8 +307,21 @@ def diagnose(
         search=search,
         judged=judged,
         warnings=tuple(warnings),
+        residual_tests=residual_tests(replayed),
         replays=(refitted_replay, replayed),
     )
+
+
+def set_aside(campaign: Campaign, names: Sequence[str]) -> tuple[Campaign, tuple[Run, ...]]:
+    """The campaign without the named runs, and these. InputError for a name that is none, or where no run is left."""
+    known = [run.name for run in campaign.runs]
+    for name in names:
+        if name not in known:
+            raise InputError(f"no run '{name}'; {nearest(name, known)}", place="validate")
+    kept = tuple(run for run in campaign.runs if run.name not in names)
+    if not kept:
+        raise InputError("no run is left to diagnose", place="validate")
+    return replace(campaign, runs=kept), tuple(run for run in campaign.runs if run.name in names)
 
 
 def differing(delivered: Delivered) -> list[str]:
@@ -301,8 +329,8 @@ def differing(delivered: Delivered) -> list[str]:
     total = sum(run.after**2 - run.noise**2 for run in delivered.runs)
     return [
         f"{len(delivered.runs) - 1} runs agree; {run.name} holds "
-        f"{100.0 * (run.after**2 - run.noise**2) / total:.0f} % of what stays: "
-        "another machine, payload or setting? Look at it, or leave it out."
+        f"{100.0 * (run.after**2 - run.noise**2) / total:.0f} % of what stays (probability of as much by chance "
+        f"{max(run.p_alike, 1e-4):.1g}): another machine, payload or setting? Look at it, or leave it out."
         for run in delivered.runs
         if run.differs
     ]

@@ -7,8 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import t as student
 
 from workbench.core.errors import InputError
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting, base_parameters
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
@@ -43,8 +45,8 @@ class Gap:
 @dataclass(frozen=True)
 class RunResidual:
     """One run under the delivered machine, as `replay` prints it: rms while moving, N m (N). before: refitted within
-    the tolerances; after: as delivered. share: of the gap's energy that this run holds; differs: whether it alone
-    holds most of what stays."""
+    the tolerances; after: as delivered. share: of the gap's energy that this run holds. p_alike: that a run like the
+    others leaves as much, see `outliers`; differs: whether that is improbable."""
 
     name: str
     share: float
@@ -52,52 +54,76 @@ class RunResidual:
     after: float
     noise: float
     differs: bool = False
+    p_alike: float = 1.0
 
 
 @dataclass(frozen=True)
 class Delivered:
     """What `replay` gives with the delivered machine.yaml, in the band of the gap: rms of the residual while moving,
-    N m (N); speed error in open loop, per cent; and each run."""
+    N m (N); speed error in open loop, per cent; and each run. validated: the runs that were kept for the end."""
 
     residual_rms: float
     speed_rmse_percent: float
     runs: tuple[RunResidual, ...]
+    validated: tuple[RunResidual, ...] = ()
 
 
 EXCESS = 0.8  # of the noise, rms beside it: a machine without a gap stays below (no model is exact)
 STRETCHED = 4.0  # tolerances: the furthest of ten honest values lies further off once in 1,600 machines
+UNLIKELY = 0.01  # probability: a run that leaves more than its like does is not like the others
+UNLIKE = 0.1  # of the residual, rms: runs of one machine differ by so much, whatever the others' scatter is
 
 
-DIFFERS = 0.7  # of the energy beyond noise that stays: a run that holds so much alone is not like the others
+def outliers(rms: Array) -> Array:
+    """(n,) The probability that a run like the others leaves as much as each does, for the choice among n corrected.
+
+    Deleted studentised residuals of the logarithms, one-sided (F. E. Grubbs, Annals of Mathematical Statistics 21,
+    1950; C. E. Bonferroni). 1 with fewer than four runs.
+    """
+    n = len(rms)
+    if n < 4 or not np.all(rms > 0.0):
+        return np.ones(n)
+    x = np.log(rms)
+    others = np.array([np.delete(x, j) for j in range(n)])
+    spread = np.maximum(np.std(others, axis=1, ddof=1), UNLIKE) * math.sqrt(1.0 + 1.0 / (n - 1))
+    return np.minimum(n * student.sf((x - np.mean(others, axis=1)) / spread, n - 2), 1.0)
 
 
-def delivered_of(noise: float, refitted: ReplayResult, corrected: ReplayResult) -> Delivered:
+def delivered_of(
+    noise: float,
+    refitted: ReplayResult,
+    corrected: ReplayResult,
+    held_out: Mapping[str, tuple[float, float]] | None = None,
+) -> Delivered:
     """Both machines as replayed: the numbers that the report prints are those that anybody gets with the file. noise:
-    rms in the band, in the input's unit."""
-    before = np.array([run.residual_rms_moving for run in refitted.runs])
-    after = np.array([run.residual_rms_moving for run in corrected.runs])
+    rms in the band, in the input's unit. held_out: run -> residual before and after, by a fit to the other runs."""
+    before = np.nan_to_num([run.residual_rms_moving for run in refitted.runs])
+    after = np.nan_to_num([run.residual_rms_moving for run in corrected.runs])
     length = np.array([np.count_nonzero(run.balance.moving) for run in corrected.runs], dtype=float)
-    before, after = np.nan_to_num(before), np.nan_to_num(after)
-    beyond, stays = (length * np.maximum(x**2 - noise**2, 0.0) for x in (before, after))
-    total, left = max(float(np.sum(beyond)), 1e-300), float(np.sum(stays))
-    alone = [len(length) >= 3 and left > 0.0 and part > DIFFERS * left and rms > 2.0 * noise for part, rms in
-             zip(stays, after, strict=True)]  # fmt: skip
+    beyond = length * np.maximum(before**2 - noise**2, 0.0)
+    left = (
+        np.ones(0)
+        if held_out is None
+        else np.array([held_out[r.name][1] for r in corrected.runs if r.name in held_out])
+    )
+    alike = outliers(left) if len(left) == len(after) else np.ones(len(after))
     rows = tuple(
-        RunResidual(run.name, float(part) / total, float(b), float(a), noise, one)
-        for run, part, b, a, one in zip(corrected.runs, beyond, before, after, alone, strict=True)
+        RunResidual(run.name, float(share), float(b), float(a), noise, bool(p < UNLIKELY), float(p))
+        for run, share, b, a, p in zip(
+            corrected.runs, beyond / max(float(np.sum(beyond)), 1e-300), before, after, alike, strict=True
+        )
     )
     return Delivered(corrected.residual_rms_moving, corrected.speed_rmse_percent, rows)
 
 
-def gap_of(problem: Problem, search: SearchResult, refitted: ReplayResult) -> Gap:
+def gap_of(problem: Problem, search: SearchResult, plain: ReplayResult, refitted: ReplayResult) -> Gap:
     """The gap: the residual with the base parameters refitted within their tolerances, `search.within_tolerances`.
 
     A fit that tolerances merely hold, `search.base`, may stretch one to ten times itself and hide a gap there;
-    how far it does is the worst tolerance. refitted: its machine, replayed.
+    how far it does is the worst tolerance. plain, refitted: the machine as given and as refitted, replayed.
     """
     base, keys = search.base, base_parameters(problem.machine, problem.runs)
     left = refitted.residual_rms_moving
-    plain = replay_runs(problem.machine, problem.runs, problem.band_hz)
     worst = worst_tolerance(keys, base)
     excess = math.sqrt(max(left**2 - problem.noise**2, 0.0))
     stretched = abs(worst[1]) > STRETCHED

@@ -107,6 +107,10 @@ def _signal(name: str) -> Callable[[Session], float]:
     return lambda s: s.plant.signal(name)
 
 
+def _flag(bit: int) -> Callable[[Session], float]:
+    return lambda s: float(s.flags >> bit & 1)
+
+
 def outputs(session: Session) -> tuple[Point, ...]:
     """What may be read, in the order of every protocol's addresses."""
     plant = session.plant
@@ -120,7 +124,7 @@ def outputs(session: Session) -> tuple[Point, ...]:
         ("skipped_s", left_out, lambda s: s.skipped_s),
     ]
     flags = [
-        Point(f"is_{name}", "switch", meaning, lambda s, bit=bit: float(s.flags >> bit & 1))
+        Point(f"is_{name}", "switch", meaning, _flag(bit))
         for bit, (name, meaning) in enumerate(FLAGS) if plant.has_brake or name in OF_AXES
     ]  # fmt: skip
     return (*(Point(name, "number", meaning, read) for name, meaning, read in rows), *flags)

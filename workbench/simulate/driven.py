@@ -22,7 +22,7 @@ from workbench.core.run import Array, Run
 from workbench.effects import Active, Part, logged_input, moved_by, true_run
 from workbench.engine import kernels
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
-from workbench.simulate.impacts import bridged
+from workbench.simulate.impacts import GUARD_S, beside, bridged
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import Motion, motion_of, moving
 from workbench.simulate.plant_model import PlantModel, plant_model
@@ -38,7 +38,7 @@ class Balance:
     """The balance of one run: all arrays (n,), in the input's unit (N m or N).
 
     measured, predicted: low-passed to `band_hz`; residual is their difference.
-    inside: away from the ends. moving: inside, and not at rest (see `motion.moving`).
+    inside: away from the ends. moving: inside, not at rest (see `motion.moving`), no impact of a play near.
     states: (n, other states), simulated; for a hoist sheave angle, height, sheave speed, carriage speed.
     """
 
@@ -81,9 +81,11 @@ class InverseSimulation:
         self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
         # The motion behind the log: what a late speed sensor shows is brought forward first.
         self.impacts = tuple(impacts) or tuple(np.zeros(0) for _ in self.runs)
+        self._driven = (self.plant.positions[0], self.plant.speeds[0])
+        true = [true_run(run, self.model.active) for run in self.runs]
         self.motions = []
-        for run, at in zip(self.runs, self.impacts, strict=True):
-            motion = motion_of(true_run(run, self.model.active), self.plant, self.band_hz)
+        for run, at in zip(true, self.impacts, strict=True):
+            motion = motion_of(run, self.plant, self.band_hz)
             if len(at):
                 motion = replace(motion, acceleration=bridged(run.time_s, motion.acceleration, at))
             self.motions.append(motion)
@@ -101,6 +103,7 @@ class InverseSimulation:
             i & moving(run.time_s, m.speed, self.scale, self.band_hz)
             for run, m, i in zip(self.runs, self.motions, self.inside, strict=True)
         ]
+        self.judged = [self._judged(j, run) for j, run in enumerate(true)]
         self.noise = [noise_rms(r.time_s, u, self.band_hz) for r, u in zip(self.runs, self.inputs, strict=True)]
 
     def predict(self, values: Sequence[Sequence[SimpleNamespace]]) -> list[list[tuple[Array, Array]]]:
@@ -212,6 +215,14 @@ class InverseSimulation:
         at = time_s + earlier_s
         return Motion(*(np.interp(at, time_s, x) for x in (motion.position, motion.speed, motion.acceleration)))
 
+    def _judged(self, j: int, true: Run) -> np.ndarray:
+        """(n,) bool: the samples that residuals are judged by: moving, and so in a late log too; no impact beside."""
+        run = self.runs[j]
+        going = self.moving[j] & ~beside(run.time_s, self.impacts[j], GUARD_S)
+        if any(true[name] is not run[name] for name in self._driven if name in run):
+            going &= moving(run.time_s, motion_of(run, self.plant, self.band_hz).speed, self.scale, self.band_hz)
+        return going
+
     def balances(self, values: Sequence[SimpleNamespace] | None = None) -> list[Balance]:
         """Each run's balance under one set of parameters, the machine's own by default."""
         predicted = self.predict([self.base if values is None else values])[0]
@@ -230,7 +241,7 @@ class InverseSimulation:
                 noise,
             )
             for run, motion, measured, (raw, states), within, going, noise in zip(
-                self.runs, self.motions, self.measured, predicted, self.inside, self.moving, self.noise, strict=True
+                self.runs, self.motions, self.measured, predicted, self.inside, self.judged, self.noise, strict=True
             )
         ]
 

@@ -22,6 +22,13 @@ AGAIN, IN_RUNS = 4, 2  # plain impacts of a campaign whose impacts come again, a
 APART_S = 0.04
 NEAR_S = 0.5  # of log, in which the noise of jumps is judged: that of jittery time stamps grows with the speed
 BRIDGED_S = 0.012
+GUARD_S = 0.04  # around an impact, not looked at: how well its time can be foretold
+PLAY = "backlash"  # the effect that makes them
+
+
+def own_impacts(machine: Any, runs: Sequence[Run]) -> tuple[Array, ...]:
+    """Times of the impacts of each run that the machine's own play makes, s; none for a machine without play."""
+    return impacts_of(machine, runs) if PLAY in machine.effects else tuple(np.zeros(0) for _ in runs)
 
 
 def impacts_of(machine: Any, runs: Sequence[Run]) -> tuple[Array, ...]:

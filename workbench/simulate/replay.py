@@ -17,6 +17,7 @@ from workbench.effects import logged, true_input
 from workbench.engine import kernels
 from workbench.machines import Axis, Hoist, Plant
 from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms, sensor, start_point
+from workbench.simulate.impacts import own_impacts
 
 RESTART_S = 2.0
 
@@ -58,9 +59,16 @@ class ReplayResult(Shown):
     machine: Hoist | Axis
 
 
-def replay_runs(machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None) -> ReplayResult:
-    """Replay the measured input of every run on the machine; see `ReplayResult`."""
-    bench = InverseSimulation(machine, runs, band_hz)
+def replay_runs(
+    machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None, impacts: Sequence[Array] | None = None
+) -> ReplayResult:
+    """Replay the measured input of every run on the machine; see `ReplayResult`.
+
+    impacts: times of each run, s, beside which no residual is judged; those of the machine's own play without it.
+    """
+    bench = InverseSimulation(
+        machine, runs, band_hz, impacts=own_impacts(machine, runs) if impacts is None else impacts
+    )
     balances = bench.balances()
     states = simulate_replays(machine, bench)
     replays = []

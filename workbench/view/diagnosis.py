@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from workbench.core.errors import InputError
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
@@ -15,6 +17,7 @@ from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.progress import Progress, Stage, Task
+from workbench.diagnose.residual_tests import ALL_RUNS
 from workbench.diagnose.unexplained.words import OVER, over_what
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
@@ -295,10 +298,49 @@ def runs_table(d: Diagnosis) -> Table:
         [run.name, f"{100.0 * run.share:.0f}", figures(run.before), figures(run.after), figures(run.noise)]
         for run in d.delivered.runs
     ]
+    rows += [
+        [f"{run.name}, not in the fit", NOTHING, figures(run.before), figures(run.after), figures(run.noise)]
+        for run in d.delivered.validated
+    ]
     note = (
-        "Before: refitted within tolerances; after: the delivered machine.yaml. Rms while moving, fitted to all runs."
+        "Before: refitted within tolerances; after: the delivered machine.yaml. Rms while moving, fitted to "
+        f"{'the other' if d.delivered.validated else 'all'} runs."
     )
     return Table(columns, rows, note)
+
+
+def left_table(d: Diagnosis) -> Table:
+    """Each run's residual under the delivered machine: whether it is white, and with what it goes together."""
+    names = list(dict.fromkeys(name for test in d.residual_tests for name in test.correlations))
+    columns = [words("run"), Column("probability\nof white"), Column("lags beyond\nthe 99 % bound"),
+               *(Column(f"correlation\nwith {name}") for name in names)]  # fmt: skip
+    rows = []
+    for test in d.residual_tests:
+        beyond = int(np.count_nonzero(np.abs(test.autocorrelation) > test.bound_99))
+        found = [test.correlations.get(name) for name in names]
+        shown = [NOTHING if c is None else f"{c.value:+.2f}{' *' if abs(c.value) > c.bound_99 else ''}" for c in found]
+        rows.append([test.run, draw.percent(test.p_white), f"{beyond} of {len(test.lags_s)}", *shown])
+    note = (
+        "The residual of the delivered machine while moving, at samples that are independent if it is noise. "
+        "Probability: that white noise shows as much autocorrelation (Ljung and Box). *: beyond the 99 % bound."
+    )
+    return Table(columns, rows, note)
+
+
+def left_sentence(d: Diagnosis) -> str:
+    """Whether anything is left in the residual; "" where no run moves enough to tell."""
+    runs = [test for test in d.residual_tests if test.run != ALL_RUNS]
+    if not runs:
+        return ""
+    white = sum(test.white for test in runs)
+    related = {name: [t.run for t in runs if name in t.related] for t in runs for name in t.related}
+    said = f"Of {len(runs)} run{'s' if len(runs) > 1 else ''} {white} leave{'s' if white == 1 else ''} white noise"
+    what = [f"with the {name} in {listed(names)}" for name, names in related.items()]
+    return (
+        f"{said}; beyond the 99 % bound the residual goes {'; '.join(what)}."
+        if what
+        else (f"{said}; with speed, position and input no run's residual goes beyond the 99 % bound.")
+    )
 
 
 def where_table(d: Diagnosis) -> Table:
@@ -482,6 +524,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
         against = "What speaks for a cause that the library does not hold:" if unknown else "What speaks against it:"
     visible, more = visible_table(d), next_run_table(d)
     ranked = draw.ranking(ranking_table(v.ranking, MOST_RANKED))
+    tests = d.residual_tests
     return {
         "answer": Section("", list(filter(None, lead)), d.warnings, [found] if found else []),
         "condition": Section("1. Condition of the logs", (), d.condition.sentences, [condition_table(d)]),
@@ -498,6 +541,16 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
         ),
         **({} if d.unknown is None else {"unknown": _unknown(d)}),
         "shrink": _shrink(d, runs),
+        **(
+            {
+                "left": Section(
+                    "Is anything left?", [left_sentence(d)], (), [left_table(d)],
+                    [(draw.autocorrelations(tests), "Bars beyond the lines are more than chance.")],
+                )
+            }
+            if tests
+            else {}
+        ),
         "consequences": _consequences(d, "8. What changes in the control study"),
         "next_run": Section("9. The next run", [next_run_sentence(d)], (), [more] if more else []),
     }  # fmt: skip
@@ -582,6 +635,7 @@ def brief_sections(d: Diagnosis) -> list[Section]:
         *([Section("What is known of the unknown cause", points=unknown)] if unknown else []),
         shrunk,
         Section("What changes in the control study", points=changes),
+        Section("Is anything left?", list(filter(None, [left_sentence(d)]))),
         Section("The next run", [next_run_sentence(d)]),
     ]
     return [replace(s, tables=[replace(table, note="") for table in s.tables]) for s in sections]
@@ -644,6 +698,7 @@ VIEW = View(
         "parameters": parameters_table,
         "gap": gap_table,
         "runs": runs_table,
+        "left": left_table,
         "where": where_table,
         "shrink": shrink_table,
         "condition": condition_table,
@@ -656,6 +711,7 @@ VIEW = View(
         "profiles": _figure("where", 1),
         "isolability": _figure("isolability"),
         "shrink": _figure("shrink"),
+        "left": _figure("left"),
         "consequences": _figure("consequences"),
     },
     _columns,

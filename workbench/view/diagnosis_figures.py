@@ -12,6 +12,7 @@ from workbench.core.names import powers
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.location.profiles import Profile
+from workbench.diagnose.residual_tests import ResidualTest
 from workbench.diagnose.unexplained.records import Curve
 from workbench.machines import plant_of
 from workbench.view.panels import ranges_below_names
@@ -19,6 +20,7 @@ from workbench.view.replay import run_grid, runs_figure, stretches, torque_resid
 from workbench.view.style import (
     AFTER,
     BEFORE,
+    BLACK,
     BLUE,
     FAINT,
     GREY,
@@ -27,6 +29,7 @@ from workbench.view.style import (
     MARKERS,
     MEASURED,
     NOISE,
+    NOISE_DASH,
     PURPLE,
     SPARE,
     TEMPLATE,
@@ -111,6 +114,21 @@ def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
             )
         )
     return tuple(series)
+
+
+def autocorrelations(tests: Sequence[ResidualTest]) -> Figure:
+    """The autocorrelation of each run's residual over the lag, with its 95 and 99 % bounds."""
+    panels, places, height = run_grid("Autocorrelation of what is left", "autocorrelation", [t.run for t in tests])
+    panels.x_title = "lag (s)"
+    bar = {"color": BLACK, "dash": "solid", "width": 1.6}
+    for test, place in zip(tests, places, strict=True):
+        for lag, value in zip(test.lags_s, test.autocorrelation, strict=True):
+            panels.line(*place, np.array([lag, lag]), np.array([0.0, value]), "autocorrelation", bar)
+        for name, bound, dash in (("95 %", test.bound_95, "2px,2px"), ("99 %", test.bound_99, NOISE_DASH)):
+            for sign in (1.0, -1.0):
+                panels.line(*place, test.lags_s, sign * bound, f"{name} bound", {"color": GREY, "dash": dash})
+    drawn = [[t.autocorrelation, t.bound_99, -t.bound_99] for t in tests]
+    return runs_figure(panels, height, places, ranges_below_names(places, drawn))
 
 
 def inputs(runs: Sequence[RunSeries], unit: str) -> Figure:

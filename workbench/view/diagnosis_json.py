@@ -60,7 +60,12 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
             "speed_rmse_percent": g.speed_rmse_percent,
         },
         "shrink": _without(d.shrink, "by_run", "sentences"),
-        "delivered": {**_without(d.delivered, "runs"), "band_hz": g.band_hz, "runs": list(map(vars, d.delivered.runs))},
+        "delivered": {
+            **_without(d.delivered, "runs", "validated"),
+            "band_hz": g.band_hz,
+            "runs": list(map(vars, d.delivered.runs)),
+            "validated": list(map(vars, d.delivered.validated)),
+        },
         "steps": list(map(vars, v.steps)),
     }
     # Times of windows have their own rounding: milliseconds.
@@ -123,6 +128,11 @@ def _steps(d: Diagnosis) -> dict[str, Any]:
             "by_run": {name: {"before": was, "after": now} for name, (was, now) in d.shrink.by_run.items()},
             "sentences": d.shrink.sentences,
         },
+        "residual_tests": [
+            _without(test, "correlations")
+            | {"correlations": {name: vars(correlation) for name, correlation in test.correlations.items()}}
+            for test in d.residual_tests
+        ],
         "unknown": d.unknown
         and {
             "curves": [

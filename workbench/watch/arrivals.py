@@ -22,9 +22,6 @@ from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Column, Entry, Name, read_runs
 from workbench.machines import Axis, Hoist, kind_of
 
-RUNS = "runs.yaml"
-UNFINISHED = (".part", ".tmp", ".crdownload")
-
 
 class Beside(Record):
     """The file beside a log."""
@@ -56,6 +53,7 @@ class Arrivals:
         if not folder.is_dir():
             raise InputError("is no folder; expected one that logs come into", file=folder)
         self._folder, self._machine, self._settle_s = folder, machine, settle_s
+        self._runs, self._kind = folder / "runs.yaml", kind_of(machine)
         self._seen: dict[Path, tuple[tuple[int, ...], float]] = {}
         self._done: dict[Path, tuple[int, ...]] = {}
         self.columns: Mapping[str, Column] = {}
@@ -66,25 +64,26 @@ class Arrivals:
         InputError where runs.yaml is wrong; it may be complete at the next look. What is wrong with the file beside a
         log is that log's problem alone.
         """
-        entries = self._entries()
+        entries: dict[str, Entry] = {}
+        if self._runs.is_file():
+            described, _ = read_runs(self._runs, self._machine, self._kind.signals.names)
+            self.columns = described.columns
+            entries = {Path(entry.file).name: entry for entry in described.runs}
         complete, waiting = [], 0
         for file in sorted(self._folder.iterdir()):
             if file.name.startswith(".") or file.suffix.lower() not in suffixes() or not file.is_file():
                 continue
-            try:
-                state = file.stat()
-            except OSError:  # gone again
-                continue
-            sign = state.st_size, state.st_mtime_ns, *self._sign_beside(file)
-            if self._done.get(file) == sign:
+            # A log that was set aside for what stands beside it is looked at again when that changes.
+            sign = (*_sign(file), *_sign(_beside(file)))
+            if not sign or self._done.get(file) == sign:
                 continue
             if self._seen.get(file, (None, 0.0))[0] != sign:
                 self._seen[file] = sign, now
-            if now - self._seen[file][1] < self._settle_s or state.st_size == 0:
+            if now - self._seen[file][1] < self._settle_s or sign[0] == 0:
                 waiting += 1
                 continue
             try:
-                complete.append(Arrived(file, entries.get(file.name) or self._beside(file)))
+                complete.append(Arrived(file, entries.get(file.name) or self._described(file)))
             except InputError as error:
                 complete.append(Arrived(file, None, str(error)))
         return complete, waiting
@@ -93,28 +92,11 @@ class Arrivals:
         """Not to be looked at again unless it changes."""
         self._done[file] = self._seen[file][0]
 
-    def _sign_beside(self, file: Path) -> tuple[int, ...]:
-        """A log that was set aside for what stands beside it is looked at again when that changes."""
-        try:
-            state = file.with_name(f"{file.name}.yaml").stat()
-        except OSError:
-            return ()
-        return state.st_size, state.st_mtime_ns
-
-    def _entries(self) -> dict[str, Entry]:
-        runs = self._folder / RUNS
-        if not runs.is_file():
-            return {}
-        described, _ = read_runs(runs, self._machine, kind_of(self._machine).signals.names)
-        self.columns = described.columns
-        return {Path(entry.file).name: entry for entry in described.runs}
-
-    def _beside(self, file: Path) -> Entry | None:
-        kind = kind_of(self._machine)
-        beside = file.with_name(f"{file.name}.yaml")
+    def _described(self, file: Path) -> Entry | None:
+        """By the file beside it; None where there is none and one is needed."""
+        kind, beside = self._kind, _beside(file)
         if not beside.is_file():
-            plain = not kind.payload and kind.start is None
-            return entry_of(file, file.stem) if plain else None
+            return entry_of(file, file.stem) if not kind.payload and kind.start is None else None
         said = validate(Beside, load(beside))
         if kind.payload and said.payload_kg is None:
             raise InputError("needs payload_kg, in kg and at least 0", file=beside, place="payload_kg")
@@ -125,9 +107,22 @@ class Arrivals:
     def read(self, arrived: Arrived) -> Run:
         """The log, checked and repaired as a campaign's. InputError for what is wrong with it."""
         assert arrived.entry is not None
-        runs = self._folder / RUNS
-        (run,), _ = read_run(arrived.entry, arrived.file, self._machine, self.columns, None, runs, whole=True)
+        machine = self._machine
+        (run,), _ = read_run(arrived.entry, arrived.file, machine, self.columns, None, self._runs, whole=True)
         return run
+
+
+def _beside(file: Path) -> Path:
+    return file.with_name(f"{file.name}.yaml")
+
+
+def _sign(file: Path) -> tuple[int, ...]:
+    """Changes when a file does; () where it is gone."""
+    try:
+        state = file.stat()
+    except OSError:
+        return ()
+    return state.st_size, state.st_mtime_ns
 
 
 def entry_of(file: Path, name: str, **said: float | None) -> Entry:
@@ -136,7 +131,5 @@ def entry_of(file: Path, name: str, **said: float | None) -> Entry:
         return Entry.model_validate({"name": name, "file": file.name, **said})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise InputError(
-            f"cannot be a run's: {first['input']!r:.60}, {first['msg']}", file=file, place=place
-        ) from error
+        reason = f"cannot be a run's: {first['input']!r:.60}, {first['msg']}"
+        raise InputError(reason, file=file, place=".".join(map(str, first["loc"]))) from error

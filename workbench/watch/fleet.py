@@ -11,17 +11,18 @@ import contextlib
 import os
 import sqlite3
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 from pydantic import Field
 
 from workbench.core.errors import InputError, one_line
 from workbench.core.names import unit_of
 from workbench.core.record import Finite, Record
+from workbench.core.yaml_strict import load, validate
 from workbench.effects import check
 from workbench.logs.runs_file import Name
 from workbench.machines import load_machine
@@ -29,7 +30,7 @@ from workbench.study.cluster import client_on
 from workbench.watch.judge import Rules
 from workbench.watch.opcua import SCHEME, Line, line_of
 from workbench.watch.store import UnwritableError
-from workbench.watch.watch import Diagnoser, Say, Watch
+from workbench.watch.watch import Diagnoser, Say, Watch, patient
 
 STATES = ("failed", "alarm", "learning", "healthy")  # in the order of the table
 WORKER_S = 600.0  # for a worker's answer on one machine, a diagnosis included
@@ -75,18 +76,27 @@ class Plan:
     wait_s: float = 0.0
 
 
+def read_fleet(file: Path, state: Path, rules: Rules, **more: Any) -> list[Plan]:
+    """A plan for each machine of fleet.yaml, its state in a folder of its name; more: of every `Plan`."""
+    beside, plans = file.parent, []
+    for name, one in validate(FleetFile, load(file)).machines.items():
+        source = one.logs if one.logs.startswith(SCHEME) else str(beside / one.logs)
+        its = Rules(**{**vars(rules), "limits": {**rules.limits, **one.limits}})
+        nodes = None if one.nodes is None else beside / one.nodes
+        plans.append(Plan(name, source, beside / one.machine, state / name, its, nodes, one.still, **more))
+    return plans
+
+
 def opened(plan: Plan, say: Say) -> tuple[Watch, Line | None]:
     """The watch at work, with the line that feeds it. InputError for what cannot be watched."""
-    machine = load_machine(plan.machine, check_effects=check)
-    streams = plan.source.startswith(SCHEME)
-    folder, line = Path(plan.source), None
-    if streams:
+    machine, folder, line = load_machine(plan.machine, check_effects=check), Path(plan.source), None
+    if plan.source.startswith(SCHEME):
         folder = plan.state / "stream"
         line = line_of(plan.source, plan.nodes, machine, folder, plan.sample_s, plan.still, plan.stand_s, plan.silent_s,
                        once=plan.once)  # fmt: skip
     page = plan.page
     watch = Watch(
-        folder, machine, plan.state, plan.rules, settle_s=0.0 if streams else plan.settle_s, line=line,
+        folder, machine, plan.state, plan.rules, settle_s=plan.settle_s if line is None else 0.0, line=line,
         diagnose=plan.diagnose, hook=plan.hook, say=say, wait_s=plan.wait_s,
         page=lambda made: page(made, plan.state / "watch.html") if page is not None else None,
     )  # fmt: skip
@@ -103,8 +113,7 @@ def opened(plan: Plan, say: Say) -> tuple[Watch, Line | None]:
 @dataclass(frozen=True)
 class Row:
     """A machine of the fleet. last_start_s: of its last cycle; since: the first cycle of its last change; amount: of
-    the likeliest cause, in its unit; trouble: why it is not watched, or cannot be written. new, waiting: by this
-    look."""
+    the likeliest cause, in its unit; trouble: why it is not watched, or cannot be written."""
 
     machine: str
     state: str
@@ -119,34 +128,22 @@ class Row:
     cycles_left: float | None = None
     diagnosis: str = ""
     trouble: str = ""
-    new: int = field(default=0, metadata={"hidden": True})
-    waiting: int = field(default=0, metadata={"hidden": True})
 
 
-COLUMNS = tuple(f.name for f in fields(Row) if not f.metadata)
-_open: dict[Path, tuple[Watch, Line | None, list[str]]] = {}
+class Looked(NamedTuple):
+    """What came of a look: new cycles, logs that are waited for, what is to be said."""
+
+    row: Row
+    new: int = 0
+    waiting: int = 0
+    said: Sequence[str] = ()
 
 
-def read_fleet(file: Path, state: Path, rules: Rules, **more: Any) -> list[Plan]:
-    """A plan for each machine of fleet.yaml, its state in a folder of its name; more: of every `Plan`."""
-    from workbench.core.yaml_strict import load, validate
-
-    def placed(text: str) -> str:
-        return text if text.startswith(SCHEME) else str(file.parent / text)
-
-    plans = []
-    for name, one in validate(FleetFile, load(file)).machines.items():
-        its = Rules(**{**vars(rules), "limits": {**rules.limits, **one.limits}})
-        nodes = None if one.nodes is None else file.parent / one.nodes
-        plans.append(
-            Plan(name, placed(one.logs), file.parent / one.machine, state / name, its, nodes, one.still, **more)
-        )
-    return plans
+_open: dict[Path, tuple[Watch, Line | None, list[str]]] = {}  # by the folder of the state, in this process
 
 
-def look(plan: Plan) -> tuple[Row, list[str]]:
-    """One look at a machine, in the process that has it, and what there is to be said."""
-    said: list[str] = []
+def look(plan: Plan) -> Looked:
+    """One look at a machine, in the process that has it."""
     try:
         if plan.state not in _open:
             lines: list[str] = []
@@ -154,125 +151,112 @@ def look(plan: Plan) -> tuple[Row, list[str]]:
         watch, _, lines = _open[plan.state]
         new, waiting = watch.look(time.monotonic())
         said, lines[:] = list(lines), []
-        return row_of(plan.name, watch, new, waiting), said
+        return Looked(row_of(plan.name, watch), new, waiting, said)
     except (InputError, OSError, MemoryError) as error:
         close(plan)
-        return Row(plan.name, "failed", trouble=one_line(str(error))), said
+        return Looked(Row(plan.name, "failed", trouble=one_line(str(error))))
 
 
-def close(plan: Plan, *, report: bool = False) -> int:
+def close(plan: Plan, report: bool = False) -> int:
     """Lets a machine go; how many alarms no exit status had told of, if it is to tell of them."""
-    watch, line, _ = _open.pop(plan.state, (None, None, None))
+    if plan.state not in _open:
+        return 0
+    watch, line, _ = _open.pop(plan.state)
     if line is not None:
         line.close()
-    if watch is None:
-        return 0
     try:
         return watch.store.report() if report else 0
     finally:
         watch.close()
 
 
-def row_of(name: str, watch: Watch, new: int = 0, waiting: int = 0) -> Row:
+def row_of(name: str, watch: Watch) -> Row:
     """What a watch knows of its machine."""
-    alarms = [alarm for alarm in watch.store.alarms() if not alarm.again]
-    cycles, trouble = watch.judge.cycles, "" if watch.trouble is None else str(watch.trouble)
-    known = watch.judge.baseline is not None
-    state = (
-        "failed" if trouble else "alarm" if watch.judge.state.base is not None else "healthy" if known else "learning"
-    )
-    row = Row(name, state, len(cycles), alarms=len(alarms), trouble=trouble, new=new, waiting=waiting)
-    if cycles:
-        row = replace(row, last_cycle=cycles[-1].name, last_start_s=cycles[-1].start_s)
-    if not alarms:
-        return row
-    told = watch.told(alarms[-1])
-    cause = told.causes[0]
-    return replace(
-        row, since=cycles[told.onset].name, cause=cause["name"], amount=cause["amount"], unit=unit_of(cause["keys"][0]),
-        cycles_left=told.cycles_left, diagnosis="" if told.diagnosis is None else told.diagnosis["sentence"],
-    )  # fmt: skip
+    judge, trouble = watch.judge, "" if watch.trouble is None else str(watch.trouble)
+    known = "alarm" if judge.state.base is not None else "learning" if judge.baseline is None else "healthy"
+    made: dict[str, Any] = {"cycles": len(judge.cycles), "alarms": len(watch.alarms), "trouble": trouble}
+    if judge.cycles:
+        made |= {"last_cycle": judge.cycles[-1].name, "last_start_s": judge.cycles[-1].start_s}
+    if watch.alarms:
+        told = watch.told(watch.alarms[-1])
+        cause = told.causes[0]
+        made |= {
+            "since": judge.cycles[told.onset].name, "cause": cause.name, "amount": cause.amount,
+            "unit": unit_of(cause.keys[0]), "cycles_left": told.cycles_left,
+            "diagnosis": "" if told.diagnosis is None else told.diagnosis["sentence"],
+        }  # fmt: skip
+    return Row(name, "failed" if trouble else known, **made)
 
 
-Looker = Callable[[Sequence[Plan]], list[tuple[Row, list[str]]]]
+class Workers:
+    """The workers of a cluster, each with the machines that it has been given; without a cluster, this process."""
+
+    def __init__(self, client: Any) -> None:
+        self._client, self._homes = client, dict[str, str]()
+
+    def look(self, plans: Sequence[Plan]) -> list[Looked]:
+        """Each machine at its worker; those of a lost one, and new ones, at the worker with the fewest."""
+        if self._client is None:
+            return [look(plan) for plan in plans]
+        workers = sorted(self._client.scheduler_info(n_workers=-1)["workers"])
+        if not workers:
+            return [Looked(Row(plan.name, "failed", trouble="the cluster has no worker")) for plan in plans]
+        for plan in plans:
+            if self._homes.get(plan.name) not in workers:
+                homes = list(self._homes.values())
+                self._homes[plan.name] = min(workers, key=homes.count)
+        futures = [self._asked(look, plan) for plan in plans]
+        return [_answer(plan, future) for plan, future in zip(plans, futures, strict=True)]
+
+    def close(self, plan: Plan, report: bool) -> int:
+        if self._client is None:
+            return close(plan, report)
+        if plan.name in self._homes:
+            with contextlib.suppress(Exception):  # a lost worker holds nothing any more
+                return int(self._asked(close, plan, report).result(timeout=WORKER_S))
+        return 0
+
+    def _asked(self, what: Callable[..., Any], plan: Plan, *more: Any) -> Any:
+        return self._client.submit(what, plan, *more, workers=[self._homes[plan.name]], pure=False, retries=0)
 
 
-@contextmanager
-def lookers(cluster: str | None) -> Iterator[tuple[Looker, Callable[[Plan, bool], int]]]:
-    """What looks at all machines once, and what lets one go: here, or on the workers of a cluster (`local:N`, or a
-    scheduler's address)."""
-    if cluster is None:
-        yield lambda plans: [look(plan) for plan in plans], lambda plan, report: close(plan, report=report)
-        return
-    with client_on(cluster) as client:
-        homes: dict[str, str] = {}
-        yield (
-            lambda plans: _looked_on(client, plans, homes),
-            lambda plan, report: _closed_on(client, plan, report, homes),
-        )
-
-
-def _looked_on(client: Any, plans: Sequence[Plan], homes: dict[str, str]) -> list[tuple[Row, list[str]]]:
-    """Each machine at its worker; those of a lost one, and new ones, at the worker with the fewest."""
-    workers = sorted(client.scheduler_info(n_workers=-1)["workers"])
-    if not workers:
-        return [(Row(plan.name, "failed", trouble="the cluster has no worker"), []) for plan in plans]
-    futures = []
-    for plan in plans:
-        if homes.get(plan.name) not in workers:
-            homes[plan.name] = min(workers, key=lambda worker: sum(home == worker for home in homes.values()))
-        futures.append(client.submit(look, plan, workers=[homes[plan.name]], pure=False, retries=0))
-    return [_answer(plan, future) for plan, future in zip(plans, futures, strict=True)]
-
-
-def _answer(plan: Plan, future: Any) -> tuple[Row, list[str]]:
+def _answer(plan: Plan, future: Any) -> Looked:
     try:
-        row, said = future.result(timeout=WORKER_S)
-        return row, said
+        return Looked(*future.result(timeout=WORKER_S))
     except Exception as error:  # whatever a cluster ends a task with: lost worker, cancelled, no answer
         reason = f"its worker gave no answer ({type(error).__name__}); it is tried again"
-        return Row(plan.name, "failed", trouble=reason), []
-
-
-def _closed_on(client: Any, plan: Plan, report: bool, homes: Mapping[str, str]) -> int:
-    if plan.name not in homes:
-        return 0
-    future = client.submit(close, plan, report=report, workers=[homes[plan.name]], pure=False, retries=0)
-    with contextlib.suppress(Exception):  # a lost worker holds nothing any more
-        return int(future.result(timeout=WORKER_S))
-    return 0
+        return Looked(Row(plan.name, "failed", trouble=reason))
 
 
 def run_fleet(
     plans: Sequence[Plan], cluster: str | None, folder: Path, every_s: float, stop: Callable[[], bool], *, once: bool,
     settle_s: float, say: Say,
 ) -> tuple[list[Row], int]:  # fmt: skip
-    """Looks at all machines again and again until `stop`; once: until none waits any more. The last rows, and how many
-    alarms no exit status had told of: none are told of where a machine failed."""
-    rows: list[Row] = []
-    quiet_until, troubles = None, dict[str, str]()
-    with lookers(cluster) as (look_at, let_go):
-        while not stop():
-            now = time.monotonic()
-            looked = look_at(plans)
-            rows = [row for row, _ in looked]
-            for row, said in looked:
-                if row.trouble and troubles.get(row.machine) != row.trouble:
-                    said = [*said, row.trouble]
+    """Looks at all machines again and again, as `patient`. The last rows, and how many alarms no exit status had told
+    of: none are told of where a machine failed."""
+    rows, troubles = list[Row](), dict[str, str]()
+    with nullcontext() if cluster is None else client_on(cluster) as client:
+        workers = Workers(client)
+
+        def look_at_all() -> tuple[int, int]:
+            looked = workers.look(plans)
+            rows[:] = [one.row for one in looked]
+            for row, _, _, said in looked:
+                again = not row.trouble or troubles.get(row.machine) == row.trouble
                 troubles[row.machine] = row.trouble
-                for line in said:
+                for line in [*said, *([] if again else [row.trouble])]:
                     say(f"{row.machine}: {line}")
             write_table(folder, rows)
-            if once:
-                if not any(row.waiting for row in rows):
-                    break
-                if any(row.new for row in rows) or quiet_until is None:
-                    quiet_until = now + 2.0 * settle_s + every_s
-                if now >= quiet_until:
-                    break
-            time.sleep(min(every_s, max(0.05, settle_s)) if once else every_s)
+            return sum(one.new for one in looked), sum(one.waiting for one in looked)
+
+        patient(look_at_all, every_s, stop, once=once, settle_s=settle_s)
         failed = any(row.state == "failed" for row in rows)
-        return rows, sum(let_go(plan, not failed) for plan in plans)
+        return rows, sum(workers.close(plan, not failed) for plan in plans)
+
+
+def by_state(rows: Sequence[Row]) -> list[Row]:
+    """The worst machines first."""
+    return sorted(rows, key=lambda row: (STATES.index(row.state), row.machine))
 
 
 def write_table(folder: Path, rows: Sequence[Row]) -> None:
@@ -280,20 +264,19 @@ def write_table(folder: Path, rows: Sequence[Row]) -> None:
     import pyarrow as pa
     import pyarrow.parquet
 
-    ordered = sorted(rows, key=lambda row: (STATES.index(row.state), row.machine))
-    data = [{name: value for name, value in asdict(row).items() if name in COLUMNS} for row in ordered]
-    kinds = {int: pa.int64(), float: pa.float64(), str: pa.string()}
-    numbers = {"cycles": int, "alarms": int, "last_start_s": float, "amount": float, "cycles_left": float}
-    schema = pa.schema([(name, kinds[numbers.get(name, str)]) for name in COLUMNS])
+    data, hints = [asdict(row) for row in by_state(rows)], get_type_hints(Row)
+    kinds = {int: pa.int64(), str: pa.string()}
+    columns = [column.name for column in fields(Row)]
+    schema = pa.schema([(name, kinds.get(hints[name], pa.float64())) for name in columns])
     hidden = folder / ".fleet.parquet.part"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         pyarrow.parquet.write_table(pa.Table.from_pylist(data, schema=schema), hidden)
         os.replace(hidden, folder / "fleet.parquet")
         with contextlib.closing(sqlite3.connect(folder / "fleet.sqlite")) as db, db:
-            db.execute(f"CREATE TABLE IF NOT EXISTS machines ({', '.join(COLUMNS)})")
+            db.execute(f"CREATE TABLE IF NOT EXISTS machines ({', '.join(columns)})")
             db.execute("DELETE FROM machines")
-            marks = ", ".join("?" * len(COLUMNS))
-            db.executemany(f"INSERT INTO machines VALUES ({marks})", [tuple(one.values()) for one in data])
+            places = ", ".join(f":{name}" for name in columns)
+            db.executemany(f"INSERT INTO machines VALUES ({places})", data)
     except (OSError, sqlite3.Error) as error:
         raise UnwritableError(f"cannot be written: {error}", file=folder / "fleet.parquet") from error

@@ -60,13 +60,18 @@ class Rules:
 
 @dataclass(frozen=True)
 class Cycle:
-    """One cycle as the judge takes it. start_s: on the campaign's clock."""
+    """One cycle. start_s: on the campaign's clock. digest, file, start_position_m, notes: of its log; the judge needs
+    none of them."""
 
     name: str
     payload_kg: float
     start_s: float
     duration_s: float
     estimate: Estimate
+    digest: str = ""
+    file: str = ""
+    start_position_m: float = 0.0
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -281,6 +286,7 @@ class Judge:
     def __init__(self, rules: Rules) -> None:
         self.rules = rules
         self.cycles: list[Cycle] = []
+        self.results: list[Judged] = []  # of each cycle
         self.counted: list[int] = []
         self.baseline: Baseline | None = None
         self.alarms: list[Alarm] = []
@@ -299,6 +305,7 @@ class Judge:
         before = self.cycles[-1] if self.cycles else None
         self.cycles.append(cycle)
         judged = Judged()
+        self.results.append(judged)
         if not self._cold(k, cycle, before, judged):
             judged.counted = True
             self.counted.append(k)

@@ -2,8 +2,9 @@
 
 A cycle is known by the digest of its log, so that neither another name nor a restart counts it twice. A cycle and what
 it brought (events, an alarm) are one transaction: after kill -9 it is there with all of it, or its log is read again.
-One process at a time writes; the lock is the system's and ends with the process, however it ends. `cycles.parquet` and
-`alarms.parquet` are replaced as wholes and hold all that a new watch.sqlite is made of, see `read_copies`.
+One process at a time writes; the lock is the system's and ends with the process, however it ends. What follows from
+the cycles, a judge makes anew from them; `cycles.parquet` and `alarms.parquet` are replaced as wholes and hold all that
+a new watch.sqlite is made of, see `read_copies`.
 """
 
 from __future__ import annotations
@@ -18,20 +19,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from workbench.core.errors import InputError
 from workbench.core.input_file import open_input
 from workbench.machines import Axis, Hoist
 from workbench.watch.estimate import Estimate, watched_keys
-from workbench.watch.judge import Cycle, Event, Judged, Rules
+from workbench.watch.judge import Cycle, Judge, Judged, Rules
 
 FILE, LOCK, DAMAGED = "watch.sqlite", "watch.lock", "watch.sqlite.damaged"
-FORMAT = 2
+FORMAT, BEFORE = 2, "1"  # a state of the format before is taken over
 LOCK_EVERY_S = 0.1
-MOST = 1e100  # of any estimate's absolute value
 _TABLES = """
 CREATE TABLE settings (name TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE cycles (
@@ -44,11 +45,6 @@ CREATE TABLE alarms (
     cycle INTEGER PRIMARY KEY, onset INTEGER NOT NULL, statistic REAL NOT NULL, causes TEXT NOT NULL,
     again INTEGER NOT NULL, diagnosis TEXT, told INTEGER NOT NULL DEFAULT 0, reported INTEGER NOT NULL DEFAULT 0);
 """
-COLUMNS = (
-    "number", "digest", "name", "file", "payload_kg", "start_position_m", "start_s", "duration_s", "counted",
-    "statistic", "estimate", "notes",
-)  # fmt: skip
-_CYCLES = f"SELECT {', '.join(COLUMNS)} FROM cycles ORDER BY number"
 # What SQLite's result codes mean for a user; every other one is a damaged file.
 _NOT_WRITTEN = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN}
 _IN_USE = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}
@@ -62,37 +58,64 @@ class DamagedError(InputError):
     """watch.sqlite holds what no watch has written."""
 
 
-class OldFormatError(InputError):
-    """watch.sqlite is of an earlier version, and is made anew from its cycles."""
+Number = Annotated[float, Field(ge=-1e100, le=1e100, strict=True, allow_inf_nan=False)]
 
 
-@dataclass(frozen=True)
-class Kept:
-    """A cycle as it stands in the store, with where its log was."""
+class _Estimate(BaseModel):
+    keys: list[str]
+    values: list[Number]
+    errors: list[Number]
+    resolution: list[list[Number]]
+    residual_rms: Number
+    noise_rms: Number
+
+
+class _Row(BaseModel):
+    """A row of the table of cycles, as a watch writes it."""
+
+    model_config = ConfigDict(strict=True)
 
     number: int
     digest: str
-    cycle: Cycle
+    name: str
     file: str
-    start_position_m: float
-    counted: bool
-    statistic: float
-    notes: tuple[str, ...] = ()
+    payload_kg: Number
+    start_position_m: Number
+    start_s: Number
+    duration_s: Number
+    counted: int
+    statistic: Number
+    estimate: _Estimate
+    notes: list[str]
+
+
+_COLUMNS = ", ".join(_Row.model_fields)
+_CYCLES = f"SELECT {_COLUMNS} FROM cycles ORDER BY number"
+
+
+class Said(BaseModel):
+    """What is known of an alarm beside what its cycles tell. diagnosis: the answer of `diagnose`, None where it has not
+    been asked yet; told: the webhook has it; reported: an exit status has told of it."""
+
+    diagnosis: Annotated[dict[str, Any], Field(strict=True)] | None = None
+    told: bool = False
+    reported: bool = False
 
 
 @dataclass(frozen=True)
-class KeptAlarm:
-    """diagnosis: the answer of `diagnose`, None where it has not been asked yet; told: the webhook has it; reported:
-    an exit status has told of it."""
+class Copies:
+    """What a new watch.sqlite is made of: the cycles, and of the alarms, by cycle, what was said and told of them."""
 
-    cycle: int
-    onset: int
-    statistic: float
-    causes: tuple[dict[str, Any], ...]
-    again: bool
-    diagnosis: dict[str, Any] | None
-    told: bool
-    reported: bool
+    cycles: Sequence[Cycle]
+    said: Mapping[int, Said] = field(default_factory=dict)
+
+
+class OldFormatError(InputError):
+    """watch.sqlite is of an earlier version, and is made anew from its cycles, which are those of today."""
+
+    def __init__(self, copies: Copies, folder: Path) -> None:
+        super().__init__(f"{FILE} is of an earlier version", file=folder)
+        self.copies = copies
 
 
 class Store:
@@ -122,10 +145,29 @@ class Store:
             if anew:
                 self._now.unlink(missing_ok=True)
             self._open()
-            self._check()
         except BaseException:
             self.close()
             raise
+
+    def _open(self) -> None:
+        with self._sound():
+            self._db = sqlite3.connect(self._now, isolation_level=None, timeout=5.0, check_same_thread=False)
+            self._db.execute("PRAGMA journal_mode=WAL")
+            # What a power cut takes away is read again from the logs.
+            self._db.execute("PRAGMA synchronous=NORMAL")
+            with self._whole():
+                if not self._db.execute("SELECT 1 FROM sqlite_master").fetchone():
+                    for statement in filter(str.strip, _TABLES.split(";")):
+                        self._db.execute(statement)
+                    self._db.executemany("INSERT INTO settings VALUES (?, ?)", self._settings.items())
+            kept = dict(self._db.execute("SELECT name, value FROM settings"))
+            found = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
+        if found != "ok":
+            self._damaged(found)
+        old = kept.get("format") == BEFORE
+        _check_settings(kept | ({"format": str(FORMAT)} if old else {}), self._settings, self.folder)
+        if old:
+            raise OldFormatError(Copies(self.cycles(), self.said("1")), self.folder)
 
     def close(self) -> None:
         with contextlib.suppress(sqlite3.Error, AttributeError):
@@ -146,32 +188,8 @@ class Store:
         finally:
             self._lock.close()
 
-    def _open(self) -> None:
-        with self._said():
-            self._db = sqlite3.connect(self._now, isolation_level=None, timeout=5.0, check_same_thread=False)
-            self._db.execute("PRAGMA journal_mode=WAL")
-            # What a power cut takes away is read again from the logs.
-            self._db.execute("PRAGMA synchronous=NORMAL")
-            with self._whole():
-                if not self._db.execute("SELECT 1 FROM sqlite_master").fetchone():
-                    for statement in filter(str.strip, _TABLES.split(";")):
-                        self._db.execute(statement)
-                    self._db.executemany("INSERT INTO settings VALUES (?, ?)", self._settings.items())
-
-    def _check(self) -> None:
-        with self._said():
-            kept = dict(self._db.execute("SELECT name, value FROM settings"))
-            found = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
-        if found != "ok":
-            self._damaged(found)
-        if kept.get("format") == "1":
-            raise OldFormatError(f"{FILE} is of an earlier version", file=self.folder)
-        _same_settings(kept, self._settings, self.folder)
-
-    # Errors.
-
     @contextmanager
-    def _said(self) -> Iterator[None]:
+    def _sound(self) -> Iterator[None]:
         """SQLite's errors, and rows that no watch has written, as one line each."""
         try:
             yield
@@ -182,8 +200,8 @@ class Store:
             if code in _IN_USE:
                 raise InputError("is in use by another program; try again when it has ended", file=self._now) from error
             self._damaged(str(error), error)
-        except (ValueError, TypeError, KeyError, IndexError, OverflowError, AttributeError, RecursionError) as error:
-            self._damaged(f"a row is none that a watch writes: {error}", error)
+        except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
+            self._damaged(f"a row is none that a watch writes: {_reason(error)}", error)
 
     def _damaged(self, what: str, error: Exception | None = None) -> NoReturn:
         remedy = "'rebuild' makes it anew from cycles.parquet and the logs"
@@ -204,55 +222,42 @@ class Store:
                     self._db.execute("ROLLBACK")
             raise
 
-    def _do(self, statement: str, *values: object) -> None:
-        with self._said():
-            self._db.execute(statement, values)
-
-    def _rows(self, question: str, *values: object) -> list[tuple[Any, ...]]:
-        with self._said():
-            return self._db.execute(question, values).fetchall()
+    def _do(self, statement: str, *values: object) -> list[tuple[Any, ...]]:
+        with self._sound():
+            return self._db.execute(statement, values).fetchall()
 
     # What is written.
 
-    def add(self, kept: Kept, judged: Judged) -> None:
+    def add(self, number: int, cycle: Cycle, judged: Judged) -> None:
         """A cycle and all that it brought, at once."""
-        made, cycle, alarm = kept.cycle.estimate, kept.cycle, judged.alarm
-        estimate = {
-            "keys": list(made.keys), "values": made.values.tolist(), "errors": made.errors.tolist(),
-            "resolution": made.resolution.tolist(), "residual_rms": made.residual_rms, "noise_rms": made.noise_rms,
-        }  # fmt: skip
+        e, alarm = cycle.estimate, judged.alarm
+        arrays = {name: np.asarray(getattr(e, name)).tolist() for name in ("values", "errors", "resolution")}
+        estimate = {"keys": list(e.keys), **arrays, "residual_rms": e.residual_rms, "noise_rms": e.noise_rms}
         row = (
-            kept.number, kept.digest, cycle.name, kept.file, cycle.payload_kg, kept.start_position_m, cycle.start_s,
-            cycle.duration_s, int(kept.counted), kept.statistic, json.dumps(estimate), json.dumps(list(kept.notes)),
+            number, cycle.digest, cycle.name, cycle.file, cycle.payload_kg, cycle.start_position_m, cycle.start_s,
+            cycle.duration_s, int(judged.counted), judged.statistic, json.dumps(estimate), json.dumps(cycle.notes),
         )  # fmt: skip
-        with self._said(), self._whole():
+        with self._sound(), self._whole():
             self._db.execute(f"INSERT INTO cycles VALUES ({', '.join('?' * len(row))})", row)
-            for event in judged.events:
-                self._db.execute("INSERT INTO events VALUES (?, ?, ?)", (kept.number, event.kind, event.text))
+            events = [(number, event.kind, event.text) for event in judged.events]
+            self._db.executemany("INSERT INTO events VALUES (?, ?, ?)", events)
             if alarm is not None:
                 causes = json.dumps([asdict(cause) for cause in alarm.causes])
-                self._db.execute(
-                    "INSERT INTO alarms VALUES (?, ?, ?, ?, ?, NULL, 0, 0)",
-                    (kept.number, alarm.onset, alarm.statistic, causes, int(judged.again)),
-                )
+                told = (number, alarm.onset, alarm.statistic, causes, int(alarm.again))
+                self._db.execute("INSERT INTO alarms VALUES (?, ?, ?, ?, ?, NULL, 0, 0)", told)
 
     def refuse(self, digest: str, name: str, reason: str) -> None:
         self._do("INSERT OR IGNORE INTO refused VALUES (?, ?, ?)", digest, name, reason)
 
-    def diagnosed(self, cycle: int, diagnosis: Mapping[str, Any]) -> None:
-        self._do("UPDATE alarms SET diagnosis = ? WHERE cycle = ?", json.dumps(diagnosis), cycle)
-
-    def told(self, cycle: int) -> None:
-        self._do("UPDATE alarms SET told = 1 WHERE cycle = ?", cycle)
-
-    def say_again(self, cycle: int, diagnosis: str | None, told: bool, reported: bool) -> None:
-        """What an earlier store knew of the alarm at a cycle, if there is one."""
-        values = diagnosis, int(told), int(reported), cycle
+    def say(self, cycle: int, said: Said) -> None:
+        """What is known of the alarm at a cycle, if there is one."""
+        diagnosis = None if said.diagnosis is None else json.dumps(said.diagnosis)
+        values = diagnosis, int(said.told), int(said.reported), cycle
         self._do("UPDATE alarms SET diagnosis = ?, told = ?, reported = ? WHERE cycle = ?", *values)
 
     def report(self) -> int:
         """How many alarms no exit status has told of; from now on they are told of."""
-        (count,) = self._rows("SELECT COUNT(*) FROM alarms WHERE NOT again AND NOT reported")[0]
+        (count,) = self._do("SELECT COUNT(*) FROM alarms WHERE NOT again AND NOT reported")[0]
         if count:
             self._do("UPDATE alarms SET reported = 1")
         return int(count)
@@ -262,93 +267,88 @@ class Store:
     def known(self, *digests: str) -> bool:
         """Whether a log of such a content was counted or refused."""
         marks = ", ".join("?" * len(digests))
-        question = (
-            f"SELECT 1 FROM cycles WHERE digest IN ({marks}) UNION SELECT 1 FROM refused WHERE digest IN ({marks})"
-        )
-        return bool(self._rows(question, *digests, *digests))
+        tables = (f"SELECT 1 FROM {table} WHERE digest IN ({marks})" for table in ("cycles", "refused"))
+        return bool(self._do(" UNION ".join(tables), *digests, *digests))
 
-    def cycles(self) -> list[Kept]:
+    def cycles(self) -> list[Cycle]:
         """All cycles in the order in which they were counted."""
-        rows = self._rows(_CYCLES)
-        with self._said():
-            return [_kept(k, self._keys, row) for k, row in enumerate(rows)]
+        rows = self._do(_CYCLES)
+        with self._sound():
+            return [_cycle(k, self._keys, _parsed(row)) for k, row in enumerate(rows)]
 
-    def alarms(self) -> list[KeptAlarm]:
-        rows = self._rows(
-            "SELECT cycle, onset, statistic, causes, again, diagnosis, told, reported FROM alarms ORDER BY cycle"
-        )
-        with self._said():
-            return [_alarm(*row) for row in rows]
+    def said(self, reported: str = "reported") -> dict[int, Said]:
+        """By the cycle of each alarm. reported: its column."""
+        rows = self._do(f"SELECT cycle, diagnosis, told, {reported} FROM alarms ORDER BY cycle")
+        with self._sound():
+            return {int(cycle): _said(*values) for cycle, *values in rows}
 
-    def events(self) -> list[Event]:
-        with self._said():
-            rows = self._rows("SELECT cycle, kind, text FROM events ORDER BY cycle, rowid")
-            return [Event(int(cycle), str(kind), str(text)) for cycle, kind, text in rows]
+    def refused(self) -> list[str]:
+        """Why logs do not count."""
+        return [str(reason) for (reason,) in self._do("SELECT reason FROM refused ORDER BY name")]
 
-    def refused(self) -> list[tuple[str, str]]:
-        return [
-            (str(name), str(reason)) for name, reason in self._rows("SELECT name, reason FROM refused ORDER BY name")
-        ]
-
-    # Copies.
-
-    def write_parquet(self) -> None:
+    def write_copies(self, judge: Judge) -> None:
         """cycles.parquet and alarms.parquet as they are now, each replaced as a whole. UnwritableError: a full disk."""
         import pyarrow as pa
         import pyarrow.parquet
 
-        kept, alarms = self.cycles(), self.alarms()
-        made = [k.cycle.estimate for k in kept]
-        columns: dict[str, list[Any]] = {
-            "cycle": [k.number for k in kept],
-            "name": [k.cycle.name for k in kept],
-            "payload_kg": [k.cycle.payload_kg for k in kept],
-            "start_s": [k.cycle.start_s for k in kept],
-            "duration_s": [k.cycle.duration_s for k in kept],
-            "counted": [k.counted for k in kept],
-            "statistic": [k.statistic for k in kept],
-            "residual_rms": [e.residual_rms for e in made],
-            "noise_rms": [e.noise_rms for e in made],
-            "start_position_m": [k.start_position_m for k in kept],
-            "digest": [k.digest for k in kept],
-            "file": [k.file for k in kept],
-            "notes": [list(k.notes) for k in kept],
-            "resolution": [e.resolution.ravel().tolist() for e in made],
-        }
-        for i, key in enumerate(self._keys):
-            columns[key] = [float(e.values[i]) for e in made]
-            columns[f"{key}.std_error"] = [float(e.errors[i]) for e in made]
-        rows = {
-            "cycle": [a.cycle for a in alarms],
-            "onset": [a.onset for a in alarms],
-            "statistic": [a.statistic for a in alarms],
-            "likeliest": [a.causes[0]["name"] if a.causes else "" for a in alarms],
-            "share": [float(a.causes[0]["share"]) if a.causes else 0.0 for a in alarms],
-            "again": [a.again for a in alarms],
-            "diagnosis": ["" if a.diagnosis is None else str(a.diagnosis.get("sentence", "")) for a in alarms],
-            "diagnosis_json": ["" if a.diagnosis is None else json.dumps(a.diagnosis) for a in alarms],
-            "told": [a.told for a in alarms],
-            "reported": [a.reported for a in alarms],
-        }
-        for name, table in (("cycles", columns), ("alarms", rows)):
-            hidden = self.folder / f".{name}.parquet.part"
+        said = self.said()
+        settings = {"settings": json.dumps(self._settings)}
+        tables = {
+            "cycles": [_copy(k, *pair) for k, pair in enumerate(zip(judge.cycles, judge.results, strict=True))],
+            "alarms": [
+                {
+                    "cycle": a.cycle, "onset": a.onset, "statistic": a.statistic, "likeliest": a.causes[0].name,
+                    "share": float(a.causes[0].share), "again": a.again,
+                    "diagnosis": str((said[a.cycle].diagnosis or {}).get("sentence", "")),
+                    "diagnosis_json": "" if said[a.cycle].diagnosis is None else json.dumps(said[a.cycle].diagnosis),
+                    "told": said[a.cycle].told, "reported": said[a.cycle].reported,
+                }
+                for a in judge.alarms
+            ],
+        }  # fmt: skip
+        for name, rows in tables.items():
+            hidden, file = self.folder / f".{name}.parquet.part", self.folder / f"{name}.parquet"
+            schema = pa.schema(_ALARMS) if name == "alarms" else None
             try:
-                made_of = pa.table(table).replace_schema_metadata({"settings": json.dumps(self._settings)})
-                pyarrow.parquet.write_table(made_of, hidden)
-                os.replace(hidden, self.folder / f"{name}.parquet")
+                table = pa.Table.from_pylist(rows, schema=schema).replace_schema_metadata(settings)
+                pyarrow.parquet.write_table(table, hidden)
+                os.replace(hidden, file)
             except OSError as error:
                 with contextlib.suppress(OSError):
                     hidden.unlink(missing_ok=True)
-                reason = error.strerror or str(error)
-                raise UnwritableError(f"cannot be written: {reason}", file=self.folder / f"{name}.parquet") from error
+                raise UnwritableError(f"cannot be written: {error.strerror or error}", file=file) from error
 
 
-@dataclass(frozen=True)
-class Copies:
-    """What a new watch.sqlite is made of: the cycles, and of the alarms, by cycle, what was said and told of them."""
+_ALARMS = [
+    ("cycle", "int64"), ("onset", "int64"), ("statistic", "float64"), ("likeliest", "string"), ("share", "float64"),
+    ("again", "bool"), ("diagnosis", "string"), ("diagnosis_json", "string"), ("told", "bool"), ("reported", "bool"),
+]  # fmt: skip
 
-    cycles: Sequence[Kept]
-    alarms: Mapping[int, tuple[str | None, bool, bool]] = field(default_factory=dict)
+
+def _copy(k: int, cycle: Cycle, judged: Judged) -> dict[str, Any]:
+    """A row of cycles.parquet."""
+    e = cycle.estimate
+    row = {
+        "cycle": k, "name": cycle.name, "payload_kg": cycle.payload_kg, "start_s": cycle.start_s,
+        "duration_s": cycle.duration_s, "counted": judged.counted, "statistic": judged.statistic,
+        "residual_rms": e.residual_rms, "noise_rms": e.noise_rms, "start_position_m": cycle.start_position_m,
+        "digest": cycle.digest, "file": cycle.file, "notes": list(cycle.notes),
+        "resolution": e.resolution.ravel().tolist(),
+    }  # fmt: skip
+    for key, value, error in zip(e.keys, e.values.tolist(), e.errors.tolist(), strict=True):
+        row |= {key: value, f"{key}.std_error": error}
+    return row
+
+
+def _of_copy(keys: tuple[str, ...], row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of cycles.parquet as one of the table of cycles."""
+    m = len(keys)
+    estimate = {
+        "keys": list(keys), "values": [row[key] for key in keys], "errors": [row[f"{key}.std_error"] for key in keys],
+        "resolution": np.reshape(row["resolution"], (m, m)).tolist(), "residual_rms": row["residual_rms"],
+        "noise_rms": row["noise_rms"],
+    }  # fmt: skip
+    return {**row, "number": row["cycle"], "counted": int(row["counted"]), "estimate": estimate}
 
 
 def read_copies(folder: Path, machine: Hoist | Axis, rules: Rules) -> Copies:
@@ -356,47 +356,65 @@ def read_copies(folder: Path, machine: Hoist | Axis, rules: Rules) -> Copies:
     import pyarrow as pa
     import pyarrow.parquet
 
-    file, keys = folder / "cycles.parquet", watched_keys(machine)
+    file, keys, again = (
+        folder / "cycles.parquet",
+        watched_keys(machine),
+        "move watch.sqlite away, and the logs are read",
+    )
     try:
         table = pyarrow.parquet.read_table(file, memory_map=False)
         kept = json.loads((table.schema.metadata or {}).get(b"settings", b"{}"))
-        rows = [_of_copy(k, keys, row) for k, row in enumerate(table.to_pylist())]
+        cycles = [_cycle(k, keys, _of_copy(keys, row)) for k, row in enumerate(table.to_pylist())]
     except FileNotFoundError as error:
-        raise InputError("is not there; move watch.sqlite away, and the logs are read again", file=file) from error
+        raise InputError(f"is not there; {again} again", file=file) from error
     except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-        raise InputError(
-            f"is damaged too ({error}); move watch.sqlite away, and the logs are read again", file=file
-        ) from error
-    _same_settings(kept, _settings(machine, rules), folder)
-    said: dict[int, tuple[str | None, bool, bool]] = {}
+        raise InputError(f"is damaged too ({_reason(error)}); {again} again", file=file) from error
+    _check_settings(kept, _settings(machine, rules), folder)
+    said: dict[int, Said] = {}
     with contextlib.suppress(pa.ArrowException, OSError, ValueError, TypeError, KeyError):  # asked and told again
         for row in pyarrow.parquet.read_table(folder / "alarms.parquet", memory_map=False).to_pylist():
-            if row["diagnosis_json"]:
-                json.loads(row["diagnosis_json"])["sentence"]
-            said[row["cycle"]] = (row["diagnosis_json"] or None, bool(row["told"]), bool(row["reported"]))
-    return Copies(rows, said)
+            said[row["cycle"]] = _said(row["diagnosis_json"] or None, row["told"], row["reported"])
+    return Copies(cycles, said)
 
 
-def read_old(folder: Path, machine: Hoist | Axis, rules: Rules) -> Copies:
-    """From a watch.sqlite of format 1, whose cycles are those of today."""
-    keys, file = watched_keys(machine), folder / FILE
-    try:
-        with contextlib.closing(sqlite3.connect(file)) as db:
-            kept = dict(db.execute("SELECT name, value FROM settings"))
-            _same_settings({**kept, "format": str(FORMAT)}, _settings(machine, rules), folder)
-            rows = db.execute(_CYCLES).fetchall()
-            said = {
-                cycle: (d, bool(told), True)
-                for cycle, d, told in db.execute("SELECT cycle, diagnosis, told FROM alarms")
-            }
-        return Copies([_kept(k, keys, row) for k, row in enumerate(rows)], said)
-    except (sqlite3.Error, ValueError, TypeError, KeyError) as error:
-        raise InputError(f"is damaged ({error}); move it away, and the logs are read again", file=file) from error
+def _parsed(row: Sequence[Any]) -> dict[str, Any]:
+    """A row of SQLite with its JSON read."""
+    made = dict(zip(_Row.model_fields, row, strict=True))
+    return {**made, "estimate": json.loads(made["estimate"]), "notes": json.loads(made["notes"])}
+
+
+def _cycle(k: int, keys: tuple[str, ...], data: Mapping[str, Any]) -> Cycle:
+    """ValueError, TypeError or KeyError where no watch has written it."""
+    row, m = _Row.model_validate({name: data[name] for name in _Row.model_fields}), len(keys)
+    e = row.estimate
+    values, errors, resolution = (np.asarray(x, dtype=float) for x in (e.values, e.errors, e.resolution))
+    if row.number != k:
+        raise ValueError(f"cycle {k} is missing")
+    if tuple(e.keys) != keys or (values.shape, errors.shape, resolution.shape) != ((m,), (m,), (m, m)):
+        raise ValueError("estimates of other parameters")
+    made = Estimate(keys, values, errors, resolution, e.residual_rms, e.noise_rms)
+    of_log = row.digest, row.file, row.start_position_m, tuple(row.notes)
+    return Cycle(row.name, row.payload_kg, row.start_s, row.duration_s, made, *of_log)
+
+
+def _said(diagnosis: Any, told: Any, reported: Any) -> Said:
+    said = Said(diagnosis=None if diagnosis is None else json.loads(diagnosis), told=told, reported=reported)
+    if said.diagnosis is not None and not isinstance(said.diagnosis["sentence"], str):
+        raise TypeError("a diagnosis without a sentence")
+    return said
+
+
+def _reason(error: Exception) -> str:
+    """One line of what was wrong with a row."""
+    if isinstance(error, ValidationError):
+        first = error.errors(include_url=False)[0]
+        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    return str(error)
 
 
 def _locked(folder: Path, wait_s: float, say: Callable[[str], None]) -> sqlite3.Connection:
     """Holds the folder for this process until it is closed; SQLite's own lock of an empty file, on every system."""
-    ends, said = time.monotonic() + wait_s, False
+    ends, said, busy = time.monotonic() + wait_s, False, "another watch works on this state"
     while True:
         lock = sqlite3.connect(folder / LOCK, isolation_level=None, timeout=0.0, check_same_thread=False)
         try:
@@ -411,88 +429,25 @@ def _locked(folder: Path, wait_s: float, say: Callable[[str], None]) -> sqlite3.
                 raise InputError(f"is damaged ({error}); delete it", file=folder / LOCK) from error
             if time.monotonic() >= ends:
                 waited = f" after {wait_s:g} s" if wait_s else ""
-                raise InputError(f"another watch works on this state{waited}; try again when it has ended",
-                                 file=folder) from error  # fmt: skip
+                raise InputError(f"{busy}{waited}; try again when it has ended", file=folder) from error
         if not said:
             said = True
-            say(f"{folder}: another watch works on this state; waiting for it, at most {wait_s:g} s")
+            say(f"{folder}: {busy}; waiting for it, at most {wait_s:g} s")
         time.sleep(LOCK_EVERY_S)
 
 
 def _settings(machine: Hoist | Axis, rules: Rules) -> dict[str, str]:
     """What all cycles of one state share. Limits may change: they only tell how long until."""
     text = json.dumps(machine.model_dump(mode="json"), sort_keys=True)
-    chosen = {key: value for key, value in asdict(rules).items() if key != "limits"}
-    return {
-        "format": str(FORMAT),
-        "machine": hashlib.sha256(text.encode()).hexdigest(),
-        **{name: repr(value) for name, value in chosen.items()},
-    }
+    chosen = {name: repr(value) for name, value in asdict(rules).items() if name != "limits"}
+    return {"format": str(FORMAT), "machine": hashlib.sha256(text.encode()).hexdigest(), **chosen}
 
 
-def _same_settings(kept: Mapping[str, Any], wanted: Mapping[str, str], folder: Path) -> None:
+def _check_settings(kept: Mapping[str, Any], wanted: Mapping[str, str], folder: Path) -> None:
     for name, value in wanted.items():
         if kept.get(name) != value:
-            raise InputError(
-                f"was begun with another {name.replace('_', ' ')}; choose another folder for the state", file=folder
-            )
-
-
-def _kept(k: int, keys: tuple[str, ...], row: Sequence[Any]) -> Kept:
-    """A row of the table of cycles. ValueError, TypeError or KeyError where no watch has written it."""
-    number, digest, name, file, payload, at, start, duration, counted, statistic, estimate, notes = row
-    data = json.loads(estimate) if isinstance(estimate, str) else estimate
-    m, arrays = len(keys), [np.asarray(data[what], dtype=float) for what in ("values", "errors", "resolution")]
-    if number != k:
-        raise ValueError(f"cycle {k} is missing")
-    if tuple(data["keys"]) != keys or [array.shape for array in arrays] != [(m,), (m,), (m, m)]:
-        raise ValueError("estimates of other parameters")
-    if not all(np.all(np.abs(array) < MOST) for array in arrays):
-        raise ValueError("an estimate is no number of this world")
-    made = Estimate(keys, arrays[0], arrays[1], arrays[2], _number(data["residual_rms"]), _number(data["noise_rms"]))
-    cycle = Cycle(_text(name), _number(payload), _number(start), _number(duration), made)
-    said = tuple(map(_text, json.loads(notes) if isinstance(notes, str) else notes))
-    return Kept(k, _text(digest), cycle, _text(file), _number(at), bool(counted), _number(statistic), said)
-
-
-def _of_copy(k: int, keys: tuple[str, ...], row: Mapping[str, Any]) -> Kept:
-    """A row of cycles.parquet."""
-    estimate = {
-        "keys": keys, "values": [row[key] for key in keys], "errors": [row[f"{key}.std_error"] for key in keys],
-        "resolution": np.reshape(row["resolution"], (len(keys), len(keys))), "residual_rms": row["residual_rms"],
-        "noise_rms": row["noise_rms"],
-    }  # fmt: skip
-    given = {**row, "number": row["cycle"], "estimate": estimate}
-    return _kept(k, keys, [given[column] for column in COLUMNS])
-
-
-def _alarm(
-    cycle: Any, onset: Any, statistic: Any, causes: Any, again: Any, diagnosis: Any, told: Any, reported: Any
-) -> KeptAlarm:
-    said = None if diagnosis is None else json.loads(diagnosis)
-    if said is not None:
-        _text(said["sentence"])
-    named = tuple(dict(cause) for cause in json.loads(causes))
-    for cause in named:
-        _text(cause["name"]), _number(cause["amount"]), _number(cause["share"]), _text(cause["keys"][0])
-    if not 0 <= onset <= cycle or not named:
-        raise ValueError(f"the alarm of cycle {cycle} is none")
-    return KeptAlarm(
-        int(cycle), int(onset), _number(statistic), named, bool(again), said, bool(told), bool(reported)
-    )  # fmt: skip
-
-
-def _number(value: Any) -> float:
-    """ValueError for what is no finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise ValueError(f"{value!r:.40}, expected a number")
-    return float(value)
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"{value!r:.40}, expected a word")
-    return value
+            word = name.replace("_", " ")
+            raise InputError(f"was begun with another {word}; choose another folder for the state", file=folder)
 
 
 def digest_of(file: Path) -> str:

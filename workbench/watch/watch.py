@@ -6,32 +6,29 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.names import unit_of
 from workbench.core.run import Run
-from workbench.logs import Campaign
+from workbench.logs.campaign import Campaign
 from workbench.machines import Axis, Hoist, get_value
 from workbench.watch.arrivals import Arrivals, Arrived, entry_of
 from workbench.watch.change import WINDOW, Baseline
 from workbench.watch.estimate import estimate, watched_keys
-from workbench.watch.judge import Cycle, Judge, Judged, Rules
+from workbench.watch.judge import SAME_PAYLOAD_KG, Alarm, Cause, Cycle, Judge, Judged, Rules, Trend
 from workbench.watch.opcua import Line
 from workbench.watch.store import (
     FILE,
     Copies,
     DamagedError,
-    Kept,
-    KeptAlarm,
     OldFormatError,
     Store,
     UnwritableError,
     digest_of,
     read_copies,
-    read_old,
 )
 
 Say = Callable[[str], None]
@@ -50,7 +47,7 @@ class Told:
     name: str
     onset: int
     sentence: str
-    causes: tuple[dict[str, Any], ...]
+    causes: tuple[Cause, ...]
     diagnosis: dict[str, Any] | None
     cycles_left: float | None
     cycles_left_ci95: tuple[float, float] | None
@@ -83,28 +80,32 @@ class Watch:
             self.store = Store(state, machine, rules, wait_s=wait_s, say=say)
         except OldFormatError as old:
             say(f"{old}; its cycles are judged anew")
-            _renew(state, machine, rules, read_old(state, machine, rules))
+            _renew(state, machine, rules, old.copies)
             self.store = Store(state, machine, rules, wait_s=wait_s, say=say)
         self._diagnose, self._hook, self._say, self._line, self._page = diagnose, hook, say, line, page
-        self._said: set[str] = set()
+        self._said_once: set[str] = set()
         self.judge = Judge(self.rules)
-        self._pending: tuple[Kept, Judged] | None = None  # judged, and not yet written
+        self._pending: tuple[Cycle, Judged] | None = None  # judged, and not yet written
         self.trouble: UnwritableError | None = None
-        self.stale = True  # whether there is more in the store than in its copies
+        self._stale = True  # whether there is more in the store than in its copies
         try:
-            for kept in self.store.cycles():
-                self.judge.add(kept.cycle)
-            if [alarm.cycle for alarm in self.store.alarms()] != [alarm.cycle for alarm in self.judge.alarms]:
-                raise DamagedError(
-                    "is damaged (its alarms are not those of its cycles); "
-                    "'rebuild' makes it anew from cycles.parquet and the logs", file=state / FILE
-                )  # fmt: skip
+            for cycle in self.store.cycles():
+                self.judge.add(cycle)
+            if list(self.store.said()) != [alarm.cycle for alarm in self.judge.alarms]:
+                what = "its alarms are not those of its cycles"
+                remedy = "'rebuild' makes it anew from cycles.parquet and the logs"
+                raise DamagedError(f"is damaged ({what}); {remedy}", file=state / FILE)
         except BaseException:
             self.store.close()
             raise
 
     def close(self) -> None:
         self.store.close()
+
+    @property
+    def alarms(self) -> list[Alarm]:
+        """The first alarm of each change."""
+        return [alarm for alarm in self.judge.alarms if not alarm.again]
 
     def look(self, now: float) -> tuple[int, int]:
         """Takes what is complete; how many cycles were new, and how many logs are still waited for.
@@ -113,12 +114,12 @@ class Watch:
         """
         before = len(self.judge.cycles)
         try:
-            _, waiting = self._look(now)
+            waiting = self._take_all(now)
             self._finish()
-            if self.stale:
-                self.store.write_parquet()
+            if self._stale:
+                self.store.write_copies(self.judge)
                 self._write_page()
-                self.stale = False
+                self._stale = False
         except UnwritableError as error:
             if self.trouble is None:
                 self._say(f"{error}; it is tried again at each look")
@@ -136,160 +137,151 @@ class Watch:
             reason = f"the page cannot be written: {error.strerror or error}"
             raise UnwritableError(reason, file=self.store.folder) from error
 
-    def _look(self, now: float) -> tuple[int, int]:
+    def _take_all(self, now: float) -> int:
+        """Takes what is complete; how many logs are still waited for."""
         self._keep()
-        if self._line is not None:
-            self._hear(self._line)
+        while self._line is not None and not self._line.notes.empty():
+            note = self._line.notes.get()
+            if note.key:  # a cycle that was spoilt is kept as one that does not count
+                self.store.refuse(note.key, note.name, f"{note.name}: {note.text}")
+            self._say(f"not counted: {note.name}: {note.text}" if note.key else note.text)
         try:
             complete, waiting = self._arrivals.look(now)
         except InputError as error:
             self._once(str(error))
-            return 0, 1
-        new = 0
+            return 1
         for arrived in complete:
             if arrived.entry is None and not arrived.problem:
                 self._once(f"{arrived.file.name}: waits for its entry in runs.yaml or for {arrived.file.name}.yaml")
                 waiting += 1
             else:
-                new += self._take(arrived)
-        return new, waiting
+                self._take(arrived)
+        return waiting
 
-    def _hear(self, line: Line) -> None:
-        """What there is to say of a stream; a cycle that was spoilt is kept as one that does not count."""
-        while not line.notes.empty():
-            note = line.notes.get()
-            if note.key:
-                self.store.refuse(note.key, note.name, f"{note.name}: {note.text}")
-                self._say(f"not counted: {note.name}: {note.text}")
-            else:
-                self._say(note.text)
-
-    def _take(self, arrived: Arrived) -> int:
-        """1 where the log is a new cycle."""
+    def _take(self, arrived: Arrived) -> None:
+        file = arrived.file
         try:
-            digest = digest_of(arrived.file)
-        except OSError as error:
-            self._once(f"{arrived.file}: cannot be read: {error.strerror}")
-            return 0
-        except InputError as error:
-            self._once(str(error))
-            return 0
+            digest = digest_of(file)
+        except (OSError, InputError) as error:
+            self._once(f"{file}: cannot be read: {error.strerror}" if isinstance(error, OSError) else str(error))
+            return
         aside = hashlib.sha256(f"{digest} {arrived.described}".encode()).hexdigest()
-        if self.store.known(digest, aside):
-            self._arrivals.done(arrived.file)
-            return 0
-        try:
-            if arrived.entry is None:
-                raise InputError(arrived.problem)
-            run = self._arrivals.read(arrived)
-            made = estimate(self.machine, run)
-        except InputError as error:
-            self.store.refuse(aside, arrived.file.name, str(error))
-            self._arrivals.done(arrived.file)
-            self._say(f"not counted: {error}")
-            return 0
-        number = len(self.judge.cycles)
-        cycle = Cycle(run.name, run.payload_kg, run.start_time_s, run.duration_s, made)
-        judged = self.judge.add(cycle)
-        file, at = str(arrived.file.resolve()), run.start_position_m
-        kept = Kept(number, digest, cycle, file, at, judged.counted, judged.statistic, run.notes)
-        self._pending = kept, judged
-        self._arrivals.done(arrived.file)
+        if not self.store.known(digest, aside):
+            try:
+                if arrived.entry is None:
+                    raise InputError(arrived.problem)
+                run = self._arrivals.read(arrived)
+                made = estimate(self.machine, run)
+            except InputError as error:
+                self.store.refuse(aside, file.name, str(error))
+                self._say(f"not counted: {error}")
+            else:
+                of_log = digest, str(file.resolve()), run.start_position_m, run.notes
+                cycle = Cycle(run.name, run.payload_kg, run.start_time_s, run.duration_s, made, *of_log)
+                self._pending = cycle, self.judge.add(cycle)
+        self._arrivals.done(file)
         self._keep()
-        return 1
 
     def _keep(self) -> None:
         """Writes the cycle that was judged last, and tells of it. UnwritableError: it is still to be written."""
         if self._pending is None:
             return
-        kept, judged = self._pending
-        self.stale = True
-        self.store.add(kept, judged)
+        cycle, judged = self._pending
+        self._stale = True
+        self.store.add(len(self.judge.cycles) - 1, cycle, judged)
         self._pending = None
         for event in judged.events:
-            self._say(f"{kept.cycle.name}: {event.text}")
+            self._say(f"{cycle.name}: {event.text}")
         if judged.alarm is not None and not judged.again:
-            self._say(f"ALARM {self.told(self.store.alarms()[-1]).sentence}")
+            self._say(f"ALARM {self.told(judged.alarm).sentence}")
 
     def _finish(self) -> None:
-        """Alarms that nobody has diagnosed or told yet: of now, or of before a restart."""
-        if self._diagnose is not None:
-            for alarm, repeats in _with_repeats(self.store.alarms()):
-                if _is_due(alarm, len(repeats)):
-                    said = {**self._diagnosed(alarm, repeats), "repeats": len(repeats)}
-                    self.store.diagnosed(alarm.cycle, said)
-                    self.stale = True
-                    name = self.judge.cycles[alarm.cycle].name
-                    self._say(f"diagnosis of the alarm at {name}: {said['sentence']}")
-        if self._hook is not None:
-            for alarm in self.store.alarms():
-                if not alarm.told and not alarm.again and self._post(self.told(alarm)):
-                    self.store.told(alarm.cycle)
-                    self.stale = True
+        """Alarms that nobody has diagnosed or told yet: of now, or of before a restart. A change is diagnosed when it
+        alarms; where no cause was named, again after 1, 2, 4, ... repeats, when it may have grown."""
+        for alarm in self.alarms if self._diagnose is not None else ():
+            said, repeats = self.store.said()[alarm.cycle], self._repeats(alarm)
+            asked = (said.diagnosis or {}).get("repeats", 0)
+            named = (said.diagnosis or {}).get("verdict") == "named"
+            if said.diagnosis is None or (not named and len(repeats) >= max(1, 2 * asked)):
+                answer = {**self._diagnosed(alarm, repeats), "repeats": len(repeats)}
+                self.store.say(alarm.cycle, said.model_copy(update={"diagnosis": answer}))
+                self._stale = True
+                name = self.judge.cycles[alarm.cycle].name
+                self._say(f"diagnosis of the alarm at {name}: {answer['sentence']}")
+        for alarm in self.alarms if self._hook is not None else ():
+            said = self.store.said()[alarm.cycle]
+            if not said.told and self._post(self.told(alarm)):
+                self.store.say(alarm.cycle, said.model_copy(update={"told": True}))
+                self._stale = True
 
-    def _diagnosed(self, alarm: KeptAlarm, repeats: Sequence[KeptAlarm]) -> dict[str, Any]:
+    def _repeats(self, alarm: Alarm) -> list[Alarm]:
+        """The alarms that followed for the same change."""
+        later = [other for other in self.judge.alarms if other.cycle > alarm.cycle]
+        end = next((i for i, other in enumerate(later) if not other.again), len(later))
+        return later[:end]
+
+    def _diagnosed(self, alarm: Alarm, repeats: Sequence[Alarm]) -> dict[str, Any]:
         """The diagnosis of the cycles since the onset, beside what earlier alarms found; a sentence where it cannot be
         asked."""
-        last = max([alarm.cycle, *(repeat.cycle for repeat in repeats)])
         try:
-            return dict(self._asked(alarm.onset, last, self._explained(alarm)))
+            return dict(self._asked(alarm.onset, [alarm, *repeats][-1].cycle, self._explained(alarm)))
         except InputError as error:
             return {"verdict": None, "effects": [], "sentence": f"not diagnosed: {error}"}
 
-    def _explained(self, alarm: KeptAlarm) -> Effects:
+    def _explained(self, alarm: Alarm) -> Effects:
         """The effects of the alarms before this one, fitted anew to the cycles just before its onset: they may have
         gone on."""
         effects: Effects = {}
-        earlier = [a for a, _ in _with_repeats(self.store.alarms()) if a.cycle < alarm.cycle]
-        for one in earlier:
-            if one.diagnosis is not None and one.diagnosis.get("verdict") == "named" and one.onset < alarm.onset:
-                effects = {**effects, **one.diagnosis.get("fitted", {})}
-                anew = self._asked(one.onset, alarm.onset - 1, {k: v for k, v in effects.items() if k not in
-                                                               one.diagnosis["effects"]})  # fmt: skip
-                effects = {**effects, **(anew.get("fitted", {}) if anew["effects"] == one.diagnosis["effects"] else {})}
+        for earlier in self.alarms:
+            found = self.store.said()[earlier.cycle].diagnosis
+            if earlier.cycle >= alarm.cycle or earlier.onset >= alarm.onset or (found or {}).get("verdict") != "named":
+                continue
+            assert found is not None
+            effects = {**effects, **found.get("fitted", {})}
+            others = {name: values for name, values in effects.items() if name not in found["effects"]}
+            anew = self._asked(earlier.onset, alarm.onset - 1, others)
+            effects = {**effects, **(anew.get("fitted", {}) if anew["effects"] == found["effects"] else {})}
         return effects
 
     def _asked(self, first: int, last: int, explained: Effects) -> Mapping[str, Any]:
         """The diagnosis of the cycles from `first` to `last`."""
         assert self._diagnose is not None and self.judge.baseline is not None
-        since = [kept for kept in self.store.cycles() if kept.counted and first <= kept.number <= last]
-        runs = tuple(self._again(kept) for kept in _spread(since))
-        campaign = Campaign(f"since {since[0].cycle.name}", self.store.folder, self.machine, runs)
-        return self._diagnose(campaign, self.judge.baseline, [kept.cycle for kept in since[-WINDOW:]], explained)
+        since = [self.judge.cycles[k] for k in self.judge.counted if first <= k <= last]
+        runs = tuple(self._read_again(cycle) for cycle in _spread(since))
+        campaign = Campaign(f"since {since[0].name}", self.store.folder, self.machine, runs)
+        return self._diagnose(campaign, self.judge.baseline, since[-WINDOW:], explained)
 
-    def _again(self, kept: Kept) -> Run:
-        file, cycle = Path(kept.file), kept.cycle
+    def _read_again(self, cycle: Cycle) -> Run:
         said = {
-            "payload_kg": cycle.payload_kg,
-            "start_position_m": kept.start_position_m,
-            "start_time_s": cycle.start_s,
-        }
+            "payload_kg": cycle.payload_kg, "start_position_m": cycle.start_position_m, "start_time_s": cycle.start_s,
+        }  # fmt: skip
+        file = Path(cycle.file)
         return self._arrivals.read(Arrived(file, entry_of(file, cycle.name, **said)))
 
-    def told(self, alarm: KeptAlarm) -> Told:
+    def trend(self, alarm: Alarm) -> Trend | None:
+        """How an alarm's likeliest cause has gone on since."""
+        nominal = {key: get_value(self.machine, key) for key in watched_keys(self.machine)}
+        return self.judge.trend_of(alarm, nominal)
+
+    def told(self, alarm: Alarm) -> Told:
         """An alarm in words, with what is known of its trend by now."""
         name, onset = self.judge.cycles[alarm.cycle].name, self.judge.cycles[alarm.onset].name
-        nominal = {key: get_value(self.machine, key) for key in watched_keys(self.machine)}
-        raised = next(raised_alarm for raised_alarm in self.judge.alarms if raised_alarm.cycle == alarm.cycle)
-        goes = self.judge.trend_of(raised, nominal)
-        cause = alarm.causes[0]
-        unit = unit_of(cause["keys"][0])
-        amount = f"{cause['amount']:+.3g} {unit} ({cause['name']}, {100.0 * cause['share']:.0f} % of the change)"
+        goes, cause, diagnosis = self.trend(alarm), alarm.causes[0], self.store.said()[alarm.cycle].diagnosis
+        unit = unit_of(cause.keys[0])
+        amount = f"{cause.amount:+.3g} {unit} ({cause.name}, {100.0 * cause.share:.0f} % of the change)"
         amount += "" if goes is None else f", by now {goes.now:+.3g} {unit}"
         left = None if goes is None else goes.left
         until = f"; at this rate its limit is {left:.0f} cycles away" if left is not None else ""
         sentence = f"at {name}: the machine has left its identified self since {onset}: {amount}{until}."
-        if alarm.diagnosis is not None:
-            sentence += f" Diagnosis: {alarm.diagnosis['sentence']}"
-        return Told(
-            alarm.cycle, name, alarm.onset, sentence, alarm.causes, alarm.diagnosis, left,
-            None if goes is None else goes.left_ci95,
-        )  # fmt: skip
+        if diagnosis is not None:
+            sentence += f" Diagnosis: {diagnosis['sentence']}"
+        interval = None if goes is None else goes.left_ci95
+        return Told(alarm.cycle, name, alarm.onset, sentence, alarm.causes, diagnosis, left, interval)
 
     def _post(self, told: Told) -> bool:
         import urllib.request
 
-        data = json.dumps({"machine": self.machine.name, **vars(told)}).encode()
+        data = json.dumps({"machine": self.machine.name, **asdict(told)}).encode()
         request = urllib.request.Request(str(self._hook), data, {"Content-Type": "application/json"})
         try:
             with urllib.request.urlopen(request, timeout=HOOK_S) as answer:
@@ -299,39 +291,20 @@ class Watch:
             return False
 
     def _once(self, line: str) -> None:
-        if line not in self._said:
-            self._said.add(line)
+        if line not in self._said_once:
+            self._said_once.add(line)
             self._say(line)
 
 
-def _with_repeats(alarms: Sequence[KeptAlarm]) -> list[tuple[KeptAlarm, list[KeptAlarm]]]:
-    """Each alarm with those that followed for the same change."""
-    grouped: list[tuple[KeptAlarm, list[KeptAlarm]]] = []
-    for alarm in alarms:
-        if alarm.again and grouped:
-            grouped[-1][1].append(alarm)
-        else:
-            grouped.append((alarm, []))
-    return grouped
-
-
-def _is_due(alarm: KeptAlarm, repeats: int) -> bool:
-    """A change is diagnosed when it alarms; where no cause was named, again after 1, 2, 4, ... repeats, when it may
-    have grown."""
-    if alarm.diagnosis is None:
-        return True
-    asked = int(alarm.diagnosis.get("repeats", 0))
-    return alarm.diagnosis.get("verdict") != "named" and repeats >= max(1, 2 * asked) and repeats > asked
-
-
-def _spread(kept: Sequence[Kept]) -> list[Kept]:
+def _spread(cycles: Sequence[Cycle]) -> list[Cycle]:
     """At most MOST_DIAGNOSED of them, the newest of each payload first: variety separates causes."""
-    chosen: list[Kept] = []
-    for stored in reversed(kept):
-        if all(abs(stored.cycle.payload_kg - other.cycle.payload_kg) > 10.0 for other in chosen):
-            chosen.append(stored)
-    chosen += [stored for stored in reversed(kept) if stored not in chosen]
-    return sorted(chosen[:MOST_DIAGNOSED], key=lambda stored: stored.number)
+    chosen: list[int] = []
+    newest = range(len(cycles) - 1, -1, -1)
+    for k in newest:
+        if all(abs(cycles[k].payload_kg - cycles[other].payload_kg) > SAME_PAYLOAD_KG for other in chosen):
+            chosen.append(k)
+    chosen += [k for k in newest if k not in chosen]
+    return [cycles[k] for k in sorted(chosen[:MOST_DIAGNOSED])]
 
 
 def with_usual_limits(machine: Hoist | Axis, rules: Rules) -> Rules:
@@ -355,30 +328,41 @@ def _renew(state: Path, machine: Hoist | Axis, rules: Rules, copies: Copies) -> 
     """All cycles are judged again, in their order; what was said and told of an alarm is kept."""
     store, judge = Store(state, machine, rules, anew=True), Judge(rules)
     try:
-        for kept in copies.cycles:
-            judged = judge.add(kept.cycle)
-            store.add(replace(kept, counted=judged.counted, statistic=judged.statistic), judged)
-        for cycle, said in copies.alarms.items():
-            store.say_again(cycle, *said)
+        for k, cycle in enumerate(copies.cycles):
+            store.add(k, cycle, judge.add(cycle))
+        for at, said in copies.said.items():
+            store.say(at, said)
         store.replace()
     finally:
         store.close()
 
 
-def run(watch: Watch, every_s: float, stop: Callable[[], bool], *, once: bool, settle_s: float) -> None:
-    """Looks again and again until `stop`; once: until nothing is left to wait for, or nothing comes to rest.
-    UnwritableError where at the end something is still to be written."""
+def patient(
+    look: Callable[[], tuple[int, int]], every_s: float, stop: Callable[[], bool], *, once: bool, settle_s: float
+) -> None:
+    """Looks again and again until `stop`; once: until nothing is waited for, or nothing new has come for a while.
+    look: how many cycles were new, and how many logs are waited for; less than 0: there is no use in waiting."""
     quiet_until = None
     while not stop():
         now = time.monotonic()
-        new, waiting = watch.look(now)
+        new, waiting = look()
         if once:
-            if not waiting or watch.trouble is not None:
+            if waiting <= 0:
                 break
             if new or quiet_until is None:
                 quiet_until = now + 2.0 * settle_s + every_s
             if now >= quiet_until:
                 break
         time.sleep(min(every_s, max(0.05, settle_s)) if once else every_s)
+
+
+def run(watch: Watch, every_s: float, stop: Callable[[], bool], *, once: bool, settle_s: float) -> None:
+    """As `patient`. UnwritableError where at the end something is still to be written."""
+
+    def look() -> tuple[int, int]:
+        new, waiting = watch.look(time.monotonic())
+        return new, -1 if watch.trouble is not None else waiting
+
+    patient(look, every_s, stop, once=once, settle_s=settle_s)
     if watch.trouble is not None:
         raise watch.trouble

@@ -25,7 +25,7 @@ from workbench.diagnose.hypotheses.model_error import ErrorModel, Sizes, error_m
 from workbench.effects import Effect, find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
-from workbench.simulate.impacts import beside, impacts_of
+from workbench.simulate.impacts import GUARD_S, beside, impacts_of
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
 
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the model error, which hangs together
@@ -33,7 +33,6 @@ SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
 STEP = 1e-3  # of z, for derivatives
 LATE_STEP = 0.5  # of a sample, for derivatives by a delay: friction jumps between two samples, not on the way
-IMPACT_GUARD_S = 0.04  # around an impact of a play, not looked at: how well its time can be foretold
 LATE_OF_BAND = 0.05  # of its period, at least: over less, the jumps of friction outweigh what the band shows
 
 TENSION = "tension_dead_line_n"
@@ -73,7 +72,7 @@ class Problem:
         self.rows: list[np.ndarray] = []
         spacing = []
         for run, at_speed, impacts_s in zip(self.bench.runs, self.bench.moving, self.bench.impacts, strict=True):
-            moving = at_speed & ~beside(run.time_s, impacts_s, IMPACT_GUARD_S)
+            moving = at_speed & ~beside(run.time_s, impacts_s, GUARD_S)
             stride = max(1, int(1.0 / (SAMPLES_PER_PERIOD * self.band_hz * run.sample_time_s)))
             stride = max(stride, int(np.count_nonzero(moving)) // MOST_ROWS)
             self.rows.append(np.flatnonzero(moving)[::stride])

@@ -264,9 +264,9 @@ class Search:
             within = self._within_tolerances(base)
             self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
             near = replace(within, free=base.free)
-            signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
-            self.scanned = self.scanned or signatures
-            self._begun = within, signatures
+            found = self._signatures([*self.effects.values(), *self.rivals.values()], near)
+            self.scanned = self.scanned or found
+            self._begun = within, found
         within, signatures = self._begun
         near = replace(within, free=base.free)  # hypotheses start there, and may go further
         self._singles(base, near, signatures, refitted)

@@ -74,7 +74,16 @@ def _with(errors: ErrorModel, size: float) -> ErrorModel:
 
 
 class Weigher:
-    """Marginal likelihoods on one survey."""
+    """Marginal likelihoods on one survey, for a force of unknown shape at one port.
+
+        y = B z + s Φ w + e,   z, w ~ N(0, 1),   e ~ N(0, C(g))
+
+    y is the residual at the nominal machine, B what base parameters and nuisances add (each by its tolerance), Φ the
+    port's columns, scaled so that s is the rms of what they add. C(g) is noise and model error as every fit weighs
+    them, g the campaign's own size of the model error with its log-normal prior. z and w are integrated out; g and s,
+    evenly on a logarithmic scale, are averaged over. C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for
+    Machine Learning, 2006, sections 2.1 and 5.2.
+    """
 
     def __init__(self, survey: Survey) -> None:
         self.survey = survey

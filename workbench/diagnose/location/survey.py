@@ -33,7 +33,17 @@ class Loop:
 
 
 def loop_of(problem: Problem) -> Loop | None:
-    """None if a run lacks the reference or the signal that follows it."""
+    """Whether the drive's control loop asked for the logged input: a test for errors of the input's sensor.
+
+    A force on the machine disturbs the motion, and the loop answers it: the input follows the control error. An error
+    of the input's sensor disturbs nothing. With the reference logged, the input of a linear loop is
+
+        u + k₀ u̇ = k₁ e + k₂ ∫e dt + k₃ ∫∫e dt² + k₄ ė + k₅ r + k₆ ṙ + k₇ r̈ + c + d t,   e = r − y
+
+    for any gains and any delay; c and d belong to each run (weight, drift). The residual of this fit is the sensor's
+    error, unless the loop is not linear: then it is large everywhere and carries little weight. None if a run lacks
+    the reference or the signal that follows it.
+    """
     reference, follows = kind_of(problem.machine).reference
     if not all(reference in run and follows in run for run in problem.bench.runs):
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -17,6 +17,20 @@ from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.impacts import impacts_of
 from workbench.simulate.lowpass import LEAST_PERIODS, lowpass, noise_rms
 
+FEWEST = 20.0  # independent values while moving: about as many as a diagnosis turns numbers
+ABOVE_NOISE = 5.0  # in the band: less is no motion
+WRONG_UNIT = 5.0  # inertia over the nominal one, or the inverse: no such machine, but such units
+ODD_INERTIA, ODD_LOAD = 2.0, 1.4  # over the nominal ones: worth a warning
+LOADS_APART = 1.25  # of the loads that runs hold over the nominal ones: offsets and payload errors stay below
+INERTIAS_APART = 2.0  # a lag of a tenth of a second takes a third off the inertia of a brisk run
+SPEED_SLIPS = (("rpm", 60.0 / (2.0 * math.pi)), ("degrees per second", 180.0 / math.pi))
+FAR = 2.0  # a ratio beyond this or its inverse is a unit, not a machine
+NEAR = 0.1  # what geometry, layers and a yielding wire may make of it
+ALIKE = 0.8  # correlation: below, the two do not show the same motion
+ONE_WAY = 0.03  # of the moving time the other way: too little to tell friction from load
+ONE_SPEED = 0.7  # of the larger cruising speeds over the smaller: slower and faster are then one speed
+EVEN = 0.1  # of the largest acceleration: below it counts as cruising
+PAYLOADS_ALIKE = 0.02  # of the moved mass: less is no other payload
 BAND_SHARE = 0.5  # of the band: farther below the wire's resonance the machine is nearly rigid
 TURNS_OVER = 0.005  # of the speed scale: where friction takes on its full value
 SURE = 5.0  # standard errors
@@ -27,9 +41,137 @@ WORKS = 0.2  # of the power's size: what the input gives on average, at least
 AS_WELL = 0.4  # of what the inertia takes in the run that shows it best: an axis' slower runs show friction's lag
 
 
+def check_runs(campaign: Campaign) -> tuple[str, ...]:
+    """Warnings: effects that these runs cannot show or tell apart.
+
+    InputError, naming the runs, for runs that are too short, that all stand still, that are of different machines, and
+    for signals of the wrong sign or unit.
+    """
+    bench = InverseSimulation(campaign.machine, campaign.runs, impacts=impacts_of(campaign.machine, campaign.runs))
+    going = [j for j in range(len(bench.runs)) if moves(bench, j)]
+    warnings: list[str] = []
+    for problem, run in _faults(bench, going, warnings):
+        raise InputError(problem, file=campaign.path / "runs.yaml", place=run)
+    return (*warnings, *variety(bench, going))
+
+
+def moves(bench: InverseSimulation, j: int) -> bool:
+    """Whether run j moves: faster than at rest, and beyond the noise of its motion."""
+    run, motion = bench.runs[j], bench.motions[j]
+    speed = lowpass(run.time_s, motion.speed, bench.band_hz)[bench.inside[j]]
+    noise = noise_rms(run.time_s, motion.speed, bench.band_hz)
+    return bool(bench.moving[j].any()) and float(np.max(np.abs(speed))) > ABOVE_NOISE * noise
+
+
+Faults = Iterator[tuple[str, str | None]]  # what is wrong, and the run that it is in
+
+
+def _faults(bench: InverseSimulation, going: Sequence[int], warnings: list[str]) -> Faults:
+    """The faults, in the order in which they matter; warnings are added to the list."""
+    runs, band = bench.runs, bench.band_hz
+    needed = LEAST_PERIODS / band
+    if short := [run for run in runs if run.duration_s < needed]:
+        spans = ", ".join(f"{run.name} lasts {run.duration_s:.3g} s" for run in short[:6])
+        yield (
+            f"{spans}; a diagnosis in the band of {band:.3g} Hz needs at least {needed:.3g} s of a run "
+            f"({LEAST_PERIODS:g} periods); leave {'it' if len(short) == 1 else 'them'} out of runs.yaml",
+            None,
+        )
+    if not going:
+        yield (
+            f"{'the run stands' if len(runs) == 1 else 'all runs stand'} still; a diagnosis needs motion: "
+            "without it there is no friction and no inertia to see",
+            None,
+        )
+    for j in going:
+        values = bench.inputs[j]
+        if values.min() == values.max():
+            frozen = f"{bench.plant.input} is {values[0]:g} throughout while the machine moves; is the channel frozen?"
+            yield frozen, runs[j].name
+    moving = sum(float(np.count_nonzero(bench.moving[j])) * runs[j].sample_time_s for j in going)
+    if moving < (enough := FEWEST / (2.0 * band)):
+        yield (
+            f"{'the run moves' if len(runs) == 1 else 'the runs together move'} for {moving:.2g} s, rests and "
+            f"both ends left out; a diagnosis in the band of {band:.3g} Hz needs at least {enough:.2g} s",
+            None,
+        )
+    rigid = [rigid_of(bench, j) for j in going]
+    odd: list[str] = []
+    if kind_of(bench.machine).holds_load:  # the load says which signal is upside down; else the signals have to say it
+        yield from _machine_faults(bench, rigid, odd)
+        yield from _signal_faults(bench, going, warnings)
+    else:
+        yield from _signal_faults(bench, going, warnings)
+        yield from _machine_faults(bench, as_well_shown(rigid), odd)
+    if still := [run.name for j, run in enumerate(runs) if j not in going]:
+        verbs = ("stands", "adds") if len(still) == 1 else ("stand", "add")
+        who = listed(still).replace("run", "Run", 1)
+        warnings.append(f"{who} {verbs[0]} still throughout and {verbs[1]} nothing to the diagnosis.")
+    warnings += odd
+
+
+# Redundant signals compared with each other: an error of sign or unit shows in their ratio.
+
+
+def _signal_faults(bench: InverseSimulation, going: Sequence[int], warnings: list[str]) -> Faults:
+    """Two signals of one run that contradict each other."""
+    checks, odd = kind_of(bench.machine).cross_checks, dict[str, list[str]]()
+    for j in going:
+        run = bench.runs[j]
+
+        def smooth(values: Array, run: Run = run) -> Array:
+            return lowpass(run.time_s, values, bench.band_hz)
+
+        for check in checks(bench.machine, run, bench.motions[j].position, smooth, slope_of) if checks else ():
+            if not 1.0 / FAR < check.ratio < FAR:
+                yield check.wrong, run.name
+            if check.odd and abs(check.ratio - 1.0) > NEAR:
+                odd.setdefault(check.odd, []).append(run.name)
+        slope = reference_slope(bench, j)
+        if slope is not None and not 1.0 / FAR < slope < FAR:
+            text = "the motion is not that of its reference; is the reference in another unit? No delay is read off it"
+            odd.setdefault(text, []).append(run.name)
+    warnings += [f"{text} ({', '.join(names)})." for text, names in odd.items()]
+
+
+def reference_slope(bench: InverseSimulation, j: int) -> float | None:
+    """The slope of the motion over its logged reference; None without a reference, 0 if they are not related."""
+    both = reference_of(bench.machine, bench.runs[j])
+    return None if both is None else slope_of(*both)
+
+
+def reference_of(machine: Hoist | Axis, run: Run) -> tuple[Array, Array] | None:
+    """(reference, motion) of one run, where the reference is logged."""
+    names = kind_of(machine).reference
+    if any(name not in run for name in names) or np.ptp(run[names[0]]) == 0.0:
+        return None
+    return run[names[0]], run[names[1]]
+
+
+def slope_of(x: Array, y: Array) -> float:
+    """The slope of y over x, by least squares in the noisier of the two; 0 if they are not related."""
+    a, b = x - x.mean(), y - y.mean()
+    xx, yy, xy = float(a @ a), float(b @ b), float(a @ b)
+    if xx == 0.0 or yy == 0.0 or abs(xy) < ALIKE * np.sqrt(xx * yy):
+        return 0.0
+    return xy / xx
+
+
+# The runs compared with their machine and with each other.
+
+
 @dataclass(frozen=True)
 class Rigid:
-    """Ratios of a run's fitted values to those of the nominal machine, with standard errors.
+    """A run's torque compared with that of a rigid machine: ratios to the nominal values, with standard errors.
+
+        input = inertia · acceleration + friction · sign(speed) + load
+
+    fitted by least squares to each run for itself, low-passed to half the band; an axis' friction has a viscous part
+    too, and the load of one that turns against gravity a wave over its angle. Coarse, but every error of sign, unit or
+    machine shows: every effect of the library leaves inertia and load within a third of the nominal ones. Friction
+    that builds up over a distance is a spring after each reversal, as an inertia below zero would be; a wrong sign
+    shows one too, but then the input takes power from the motion. So an axis' run with an inertia below zero whose
+    input gives power says nothing of its inertia.
 
     inertia: None where the run does not accelerate enough to tell, or is not like a rigid machine at all: of an axis,
     where more is left than the inertia takes. hold: mean
@@ -107,31 +249,93 @@ def _least_squares(x: Array, y: Array, independent: float) -> tuple[Array, Array
     return solution / size, np.sqrt(variance * per_row) / size
 
 
-WRONG_UNIT = 5.0  # inertia over the nominal one, or the inverse: no such machine, but such units
-ODD_INERTIA, ODD_LOAD = 2.0, 1.4  # over the nominal ones: worth a warning
-LOADS_APART = 1.25  # of the loads that runs hold over the nominal ones: offsets and payload errors stay below
-INERTIAS_APART = 2.0  # a lag of a tenth of a second takes a third off the inertia of a brisk run
-SPEED_SLIPS = (("rpm", 60.0 / (2.0 * math.pi)), ("degrees per second", 180.0 / math.pi))
+def _machine_faults(bench: InverseSimulation, rigid: Sequence[Rigid], warnings: list[str]) -> Faults:
+    """Signals upside down or in another unit, and runs of different machines."""
+    yield from _wrong_signs(bench, rigid)
+    yield from _wrong_units(bench, rigid)
+    holds_load, struck = kind_of(bench.machine).holds_load, any(len(impacts) for impacts in bench.impacts)
+    # A hoist's inertia is a warning only: a slow run hardly shows it, and a load that swings hides some of it; the load
+    # that is held says more. So is all where impacts of a play come again: the inertia behind it goes with the motor
+    # part of the time only.
+    for attribute, apart, what, remedy, one_machine in (
+        ("hold", LOADS_APART, "load", ", or is payload_kg wrong", not struck),
+        ("inertia", INERTIAS_APART, "inertia", ", or is their speed in another unit" if holds_load else "",
+         not struck and not holds_load),
+    ):  # fmt: skip
+        ratios = [(r.run, float(value)) for r in rigid if (value := getattr(r, attribute)) is not None]
+        if (split := _two_groups(ratios, apart)) is None:
+            continue
+        others, odd = split
+        its, is_it, s = ("its", "is it", "s") if len(odd) == 1 else ("their", "are they", "")
+        said = (
+            f"{listed([n for n, _ in odd])} disagree{s} with the machine and with the others: {its} {what} is "
+            f"{_range(odd)} times the nominal one, that of {listed([n for n, _ in others])} {_range(others)} times; "
+            f"{is_it} of another machine{remedy}?"
+        )
+        if one_machine:
+            yield said, None
+        warnings.append(f"{said[0].upper()}{said[1:]}")
+    for attribute, what, odd_ratio in (("inertia", "inertia", ODD_INERTIA), ("hold", "load", ODD_LOAD)):
+        known = [value for r in rigid if (value := getattr(r, attribute)) is not None]
+        typical = float(np.median(known)) if known else 1.0
+        if not 1.0 / odd_ratio <= typical <= odd_ratio:
+            warnings.append(
+                f"The {what} is about {typical:.2f} times what machine.yaml says in all runs; is it this machine's "
+                "file?"
+            )
 
-Ratios = list[tuple[str, float]]
+
+def _wrong_signs(bench: InverseSimulation, rigid: Sequence[Rigid]) -> Faults:
+    """On a hoist the load shows whether torque or speed has the wrong sign; on an axis it can be either."""
+    signal, kind = bench.plant.input, kind_of(bench.machine)
+    positive = f"{kind.directions.positive} is positive"
+    sinking = [r for r in rigid if r.hold is not None and r.hold < 0.0]
+    both = [r for r in sinking if r.inertia is not None and r.inertia > 0.0]
+    torque = [r for r in sinking if r not in both]
+    braked = [r for r in rigid if r.inertia is not None and r.inertia < 0.0 and r not in sinking]
+    against_torque = (
+        f"speed rises against the torque {{}}: is its sign flipped? {positive}; give its column a scale of -1"
+        if kind.holds_load
+        else f"speed rises against {signal} {{}}: is the sign of {signal} or of the motion flipped? {positive} for "
+        "both; give the column a scale of -1"
+    )
+    for which, said in (
+        (torque, "torque pulls the load down and falls where the load is lifted faster {}: is the sign of "
+         f"{signal} flipped? {positive}; give its columns a scale of -1"),
+        (both, "torque pulls the load down {}: are torque and speed both counted downwards? Up is positive; give both "
+         "columns a scale of -1"),
+        (braked, against_torque),
+    ):  # fmt: skip
+        if which:
+            yield said.format(_in_runs(which, bench.runs)), None
 
 
-def check_machine(bench: InverseSimulation, rigid: Sequence[Rigid], file: object) -> list[str]:
-    """Warnings. InputError for signals upside down or in another unit, and for runs of different machines."""
-    _check_signs(bench, rigid, file)
-    _check_units(bench, rigid, file)
-    struck = any(len(blows) for blows in bench.impacts)
-    return [*_check_one_machine(rigid, file, kind_of(bench.machine).holds_load, struck), *_odd(rigid)]
+def _wrong_units(bench: InverseSimulation, rigid: Sequence[Rigid]) -> Faults:
+    """A speed k times too large gives 1/k of the inertia, and so does an axis' force k times too small."""
+    off = [r for r in rigid if r.inertia is not None and not 1.0 / WRONG_UNIT < r.inertia < WRONG_UNIT]
+    if not off:
+        return
+    typical = float(np.median([r.inertia for r in off if r.inertia is not None]))
+    load = kind_of(bench.machine).holds_load
+    signals = bench.plant.speeds[0] if load else f"{bench.plant.input} or the motion"
+    guess = f"is {signals} in another unit, or machine.yaml another machine's?"
+    for unit, k in SPEED_SLIPS:
+        if 0.7 < typical * k < 1.4:
+            guess = f"is {signals} in {unit}? Then give the column a scale of {1.0 / k:.6g}"
+            break
+    yield (
+        f"the torque that an acceleration takes is {typical:.3g} times what the nominal inertia needs "
+        f"{_in_runs(off, bench.runs)}; {guess}",
+        None,
+    )
 
 
 def listed(names: Sequence[str], most: int = 6) -> str:
     """run a; runs a, b and c"""
     if len(names) == 1:
         return f"run {names[0]}"
-    shown = list(names[:most])
-    if len(names) > most:
-        return f"runs {', '.join(shown)} and {len(names) - most} more"
-    return f"runs {', '.join(shown[:-1])} and {shown[-1]}"
+    shown, last = (names[:-1], names[-1]) if len(names) <= most else (names[:most], f"{len(names) - most} more")
+    return f"runs {', '.join(shown)} and {last}"
 
 
 def _in_runs(which: Sequence[Rigid], all_runs: Sequence[Run]) -> str:
@@ -143,102 +347,7 @@ def _in_runs(which: Sequence[Rigid], all_runs: Sequence[Run]) -> str:
     return f"in {many} runs ({names})"
 
 
-def _check_signs(bench: InverseSimulation, rigid: Sequence[Rigid], file: object) -> None:
-    """On a hoist the load shows whether torque or speed has the wrong sign; on an axis it can be either."""
-    signal, runs, kind = bench.plant.input, bench.runs, kind_of(bench.machine)
-    positive = f"{kind.directions.positive} is positive"
-    sinking = [r for r in rigid if r.hold is not None and r.hold < 0.0]
-    both = [r for r in sinking if r.inertia is not None and r.inertia > 0.0]
-    torque = [r for r in sinking if r not in both]
-    braked = [r for r in rigid if r.inertia is not None and r.inertia < 0.0 and r not in sinking]
-    if torque:
-        raise InputError(
-            f"torque pulls the load down and falls where the load is lifted faster {_in_runs(torque, runs)}: is the "
-            f"sign of {signal} flipped? {positive}; give its columns a scale of -1",
-            file=file,
-        )
-    if both:
-        raise InputError(
-            f"torque pulls the load down {_in_runs(both, runs)}: are torque and speed both counted downwards? "
-            "Up is positive; give both columns a scale of -1",
-            file=file,
-        )
-    if braked and kind.holds_load:
-        raise InputError(
-            f"speed rises against the torque {_in_runs(braked, runs)}: is its sign flipped? "
-            f"{positive}; give its column a scale of -1",
-            file=file,
-        )
-    if braked:
-        raise InputError(
-            f"speed rises against {signal} {_in_runs(braked, runs)}: is the sign of {signal} or of the motion flipped? "
-            f"{positive} for both; give the column a scale of -1",
-            file=file,
-        )
-
-
-def _check_units(bench: InverseSimulation, rigid: Sequence[Rigid], file: object) -> None:
-    """A speed k times too large gives 1/k of the inertia, and so does an axis' force k times too small."""
-    off = [r for r in rigid if r.inertia is not None and not 1.0 / WRONG_UNIT < r.inertia < WRONG_UNIT]
-    if not off:
-        return
-    typical = float(np.median([r.inertia for r in off if r.inertia is not None]))
-    load = kind_of(bench.machine).holds_load
-    signals = bench.plant.speeds[0] if load else f"{bench.plant.input} or the motion"
-    unit = next((unit for unit, k in SPEED_SLIPS if 0.7 < typical * k < 1.4), None)
-    guess = f"is {signals} in {unit}?" if unit else f"is {signals} in another unit, or machine.yaml another machine's?"
-    if unit:
-        scale = next(1.0 / k for name, k in SPEED_SLIPS if name == unit)
-        guess += f" Then give the column a scale of {scale:.6g}"
-    raise InputError(
-        f"the torque that an acceleration takes is {typical:.3g} times what the nominal inertia needs "
-        f"{_in_runs(off, bench.runs)}; {guess}",
-        file=file,
-    )
-
-
-def _check_one_machine(rigid: Sequence[Rigid], file: object, holds_load: bool, struck: bool) -> list[str]:
-    """InputError where runs hold loads, or axes show inertias, of two machines. A warning for a hoist's inertia:
-    a slow run hardly shows it, and a load that swings hides some of it; the load that is held says more. A warning
-    as well where blows of a play come again: the inertia behind it goes with the motor part of the time only."""
-    loads = [(r.run, r.hold) for r in rigid if r.hold is not None]
-    inertias = [(r.run, r.inertia) for r in rigid if r.inertia is not None]
-    warnings = []
-    for ratios, apart, what, remedy in (
-        (loads, LOADS_APART, "load", ", or is payload_kg wrong"),
-        (inertias, INERTIAS_APART, "inertia", ", or is their speed in another unit" if holds_load else ""),
-    ):
-        split = _two_groups([(name, value) for name, value in ratios if value is not None], apart)
-        if split is None:
-            continue
-        others, odd = split
-        one = len(odd) == 1
-        said = (
-            f"{listed([n for n, _ in odd])} disagree{'s' if one else ''} with the machine and with the others: "
-            f"{'its' if one else 'their'} {what} is {_range(odd)} times the nominal one, that of "
-            f"{listed([n for n, _ in others])} {_range(others)} times; "
-            f"{'is it' if one else 'are they'} of another machine{remedy}?"
-        )
-        if not struck and (what == "load" or not holds_load):
-            raise InputError(said, file=file)
-        warnings.append(f"{said[0].upper()}{said[1:]}")
-    return warnings
-
-
-def _odd(rigid: Sequence[Rigid]) -> list[str]:
-    """Warnings if all runs agree with each other but not with machine.yaml."""
-    sentences = []
-    for what, ratios, odd in (
-        ("inertia", [r.inertia for r in rigid if r.inertia is not None], ODD_INERTIA),
-        ("load", [r.hold for r in rigid if r.hold is not None], ODD_LOAD),
-    ):
-        typical = float(np.median(ratios)) if ratios else 1.0
-        if not 1.0 / odd <= typical <= odd:
-            sentences.append(
-                f"The {what} is about {typical:.2f} times what machine.yaml says in all runs; "
-                "is it this machine's file?"
-            )
-    return sentences
+Ratios = list[tuple[str, float]]
 
 
 def _two_groups(ratios: Ratios, apart: float) -> tuple[Ratios, Ratios] | None:
@@ -261,70 +370,7 @@ def _range(ratios: Ratios) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-FAR = 2.0  # a ratio beyond this or its inverse is a unit, not a machine
-NEAR = 0.1  # what geometry, layers and a yielding wire may make of it
-ALIKE = 0.8  # correlation: below, the two do not show the same motion
-
-
-def check_other_signals(bench: InverseSimulation, going: Sequence[int], file: object) -> list[str]:
-    """Warnings. InputError where two signals of one run contradict each other."""
-    warnings: dict[str, list[str]] = {}
-    for j in going:
-        run = bench.runs[j]
-        for text in _of_kind(bench, j, file):
-            warnings.setdefault(text, []).append(run.name)
-        slope = reference_slope(bench, j)
-        if slope is not None and not 1.0 / FAR < slope < FAR:
-            text = "the motion is not that of its reference; is the reference in another unit? No delay is read off it"
-            warnings.setdefault(text, []).append(run.name)
-    return [f"{text} ({', '.join(names)})." for text, names in warnings.items()]
-
-
-def reference_slope(bench: InverseSimulation, j: int) -> float | None:
-    """The slope of the motion over its logged reference; None without a reference, 0 if they are not related."""
-    both = reference_of(bench.machine, bench.runs[j])
-    return None if both is None else slope_of(*both)
-
-
-def reference_of(machine: Hoist | Axis, run: Run) -> tuple[Array, Array] | None:
-    """(reference, motion) of one run, where the reference is logged."""
-    names = kind_of(machine).reference
-    if any(name not in run for name in names) or np.ptp(run[names[0]]) == 0.0:
-        return None
-    return run[names[0]], run[names[1]]
-
-
-def _of_kind(bench: InverseSimulation, j: int, file: object) -> list[str]:
-    """Warnings about run j. InputError if two of its signals contradict each other."""
-    run, kind = bench.runs[j], kind_of(bench.machine)
-    if kind.cross_checks is None:
-        return []
-
-    def smooth(values: Array) -> Array:
-        return lowpass(run.time_s, values, bench.band_hz)
-
-    odd = []
-    for check in kind.cross_checks(bench.machine, run, bench.motions[j].position, smooth, slope_of):
-        if not 1.0 / FAR < check.ratio < FAR:
-            raise InputError(check.wrong, file=file, place=run.name)
-        if check.odd and abs(check.ratio - 1.0) > NEAR:
-            odd.append(check.odd)
-    return odd
-
-
-def slope_of(x: Array, y: Array) -> float:
-    """The slope of y over x, by least squares in the noisier of the two; 0 if they are not related."""
-    a, b = x - x.mean(), y - y.mean()
-    xx, yy, xy = float(a @ a), float(b @ b), float(a @ b)
-    if xx == 0.0 or yy == 0.0 or abs(xy) < ALIKE * np.sqrt(xx * yy):
-        return 0.0
-    return xy / xx
-
-
-ONE_WAY = 0.03  # of the moving time the other way: too little to tell friction from load
-ONE_SPEED = 0.7  # of the larger cruising speeds over the smaller: slower and faster are then one speed
-EVEN = 0.1  # of the largest acceleration: below it counts as cruising
-PAYLOADS_ALIKE = 0.02  # of the moved mass: less is no other payload
+# Effects that a campaign cannot tell apart because a run, a payload, a speed or a direction is missing.
 
 
 def variety(bench: InverseSimulation, going: Sequence[int]) -> tuple[str, ...]:
@@ -332,24 +378,28 @@ def variety(bench: InverseSimulation, going: Sequence[int]) -> tuple[str, ...]:
     sentences = []
     kind = kind_of(bench.machine)
     if len(going) == 1:
-        sentences.append(
-            "One run only: it can show neither what the payload changes nor what the campaign's time does, "
-            "and nothing is left to test on; held-out figures are of parts of the same run."
+        of_runs = (
+            "neither what the payload changes nor what the campaign's time does, and nothing is left to test on; "
             if kind.payload
-            else "One run only: it cannot show what changes from run to run, and nothing is left to test on; "
-            "held-out figures are of parts of the same run."
+            else "not what changes from run to run, and nothing is left to test on; "
         )
-    elif kind.payload and _one_payload(bench, going):
+        can = "can show" if kind.payload else "cannot show"
         sentences.append(
-            f"All runs carry about {bench.runs[going[0]].payload_kg:g} kg: what grows with the load (gearbox "
-            "efficiency, load-dependent friction, payload and torque scale) cannot be told from what does not."
+            f"One run only: it {can} {of_runs.removeprefix('not ')}held-out figures are of parts of the same run."
         )
-    speeds = [_speeds(bench, j) for j in going]
-    ahead = float(np.mean(np.concatenate(speeds) > 0.0))
+    elif kind.payload and kind.weight is not None:
+        weights = [kind.weight(bench.machine, bench.runs[j].payload_kg) for j in going]
+        if max(weights) - min(weights) < PAYLOADS_ALIKE * max(weights):
+            sentences.append(
+                f"All runs carry about {bench.runs[going[0]].payload_kg:g} kg: what grows with the load (gearbox "
+                "efficiency, load-dependent friction, payload and torque scale) cannot be told from what does not."
+            )
+    speeds = [lowpass(bench.runs[j].time_s, bench.motions[j].speed, bench.band_hz) for j in going]
+    ahead = float(np.mean(np.concatenate([s[bench.moving[j]] for j, s in zip(going, speeds, strict=True)]) > 0.0))
     if not ONE_WAY < ahead < 1.0 - ONE_WAY:
         way, other = kind.directions.one_way[ahead <= 0.5]
         sentences.append(f"All runs only {way}: without {other}, friction cannot be told from the load or an offset.")
-    if _one_speed(bench, going):
+    if _one_speed(bench, going, speeds):
         sentences.append(
             "All runs move at one speed: friction that grows or falls with the speed cannot be told from a "
             "constant level; a slow run beside a fast one would show it."
@@ -357,28 +407,11 @@ def variety(bench: InverseSimulation, going: Sequence[int]) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _one_payload(bench: InverseSimulation, going: Sequence[int]) -> bool:
-    """Whether all runs carry about the same payload, judged by the weight."""
-    weight = kind_of(bench.machine).weight
-    if weight is None:
-        return False
-    weights = [weight(bench.machine, bench.runs[j].payload_kg) for j in going]
-    return max(weights) - min(weights) < PAYLOADS_ALIKE * max(weights)
-
-
-def _speeds(bench: InverseSimulation, j: int) -> Array:
-    """(k,) low-passed speeds of run j in motion."""
-    run = bench.runs[j]
-    return lowpass(run.time_s, bench.motions[j].speed, bench.band_hz)[bench.moving[j]]
-
-
-def _one_speed(bench: InverseSimulation, going: Sequence[int]) -> bool:
+def _one_speed(bench: InverseSimulation, going: Sequence[int], speeds: Sequence[Array]) -> bool:
     """Whether all phases of constant speed have the same speed; without such phases the speeds vary."""
     cruising, moving = [], 0
-    for j in going:
-        run = bench.runs[j]
-        speed = lowpass(run.time_s, bench.motions[j].speed, bench.band_hz)
-        acceleration = np.abs(np.gradient(speed, run.time_s))
+    for j, speed in zip(going, speeds, strict=True):
+        acceleration = np.abs(np.gradient(speed, bench.runs[j].time_s))
         largest = float(np.max(acceleration[bench.moving[j]]))
         even = bench.moving[j] & (acceleration < EVEN * largest) & (np.abs(speed) > 0.02 * bench.scale)
         cruising.append(np.abs(speed[even]))
@@ -388,84 +421,3 @@ def _one_speed(bench: InverseSimulation, going: Sequence[int]) -> bool:
         return False
     slow, fast = np.percentile(every, [5.0, 95.0])
     return bool(slow > ONE_SPEED * fast)
-
-
-FEWEST = 20.0  # independent values while moving: about as many as a diagnosis turns numbers
-ABOVE_NOISE = 5.0  # in the band: less is no motion
-
-
-def check_runs(campaign: Campaign) -> tuple[str, ...]:
-    """Warnings: effects that these runs cannot show or tell apart.
-
-    InputError, naming the runs, for runs that are too short, that all stand still, that are of
-    different machines, and for signals of the wrong sign or unit.
-    """
-    bench = InverseSimulation(campaign.machine, campaign.runs, impacts=impacts_of(campaign.machine, campaign.runs))
-    file = campaign.path / "runs.yaml"
-    _check_lengths(bench, file)
-    going = [j for j in range(len(bench.runs)) if moves(bench, j)]
-    if not going:
-        raise InputError(
-            f"{'the run stands' if len(bench.runs) == 1 else 'all runs stand'} still; a diagnosis needs motion: "
-            "without it there is no friction and no inertia to see",
-            file=file,
-        )
-    _check_frozen(bench, going, file)
-    _check_enough(bench, going, file)
-    rigid = [rigid_of(bench, j) for j in going]
-    if kind_of(bench.machine).holds_load:  # the load says which signal is upside down; else the signals have to say it
-        odd, warnings = check_machine(bench, rigid, file), check_other_signals(bench, going, file)
-    else:
-        warnings, odd = check_other_signals(bench, going, file), check_machine(bench, as_well_shown(rigid), file)
-    still = [run.name for j, run in enumerate(bench.runs) if j not in going]
-    if still:
-        one = len(still) == 1
-        who = listed(still).replace("run", "Run", 1)
-        warnings.append(
-            f"{who} {'stands' if one else 'stand'} still throughout and {'adds' if one else 'add'} "
-            "nothing to the diagnosis."
-        )
-    return (*warnings, *odd, *variety(bench, going))
-
-
-def moves(bench: InverseSimulation, j: int) -> bool:
-    """Whether run j moves: faster than at rest, and beyond the noise of its motion."""
-    run, motion = bench.runs[j], bench.motions[j]
-    speed = lowpass(run.time_s, motion.speed, bench.band_hz)[bench.inside[j]]
-    noise = noise_rms(run.time_s, motion.speed, bench.band_hz)
-    return bool(bench.moving[j].any()) and float(np.max(np.abs(speed))) > ABOVE_NOISE * noise
-
-
-def _check_lengths(bench: InverseSimulation, file: object) -> None:
-    needed = LEAST_PERIODS / bench.band_hz
-    short = [run for run in bench.runs if run.duration_s < needed]
-    if short:
-        spans = ", ".join(f"{run.name} lasts {run.duration_s:.3g} s" for run in short[:6])
-        raise InputError(
-            f"{spans}; a diagnosis in the band of {bench.band_hz:.3g} Hz needs at least {needed:.3g} s of a run "
-            f"({LEAST_PERIODS:g} periods); leave {'it' if len(short) == 1 else 'them'} out of runs.yaml",
-            file=file,
-        )
-
-
-def _check_enough(bench: InverseSimulation, going: Sequence[int], file: object) -> None:
-    moving = sum(float(np.count_nonzero(bench.moving[j])) * bench.runs[j].sample_time_s for j in going)
-    needed = FEWEST / (2.0 * bench.band_hz)
-    if moving < needed:
-        raise InputError(
-            f"{'the run moves' if len(bench.runs) == 1 else 'the runs together move'} for {moving:.2g} s, rests and "
-            f"both ends left out; a diagnosis in the band of {bench.band_hz:.3g} Hz needs at least {needed:.2g} s",
-            file=file,
-        )
-
-
-def _check_frozen(bench: InverseSimulation, going: Sequence[int], file: object) -> None:
-    name = bench.plant.input
-    for j in going:
-        values = bench.inputs[j]
-        if values.min() == values.max():
-            raise InputError(
-                f"{name} is {values[0]:g} throughout while the machine moves; is the channel frozen?",
-                file=file,
-                place=bench.runs[j].name,
-            )

@@ -106,7 +106,8 @@ SPEED_BINS = 8
 
 
 def motion_noise(problem: Problem, seed: int) -> Array:
-    """(inputs,) rms of each moving row in the band, in the input's unit, at the base values, by Monte Carlo.
+    """(inputs,) noise of the prediction that comes from the measured motion: encoder noise, differentiated, times
+    inertia. Rms of each moving row in the band, in the input's unit, at the base values, by Monte Carlo.
 
     Noise as large as the logged motion's is added to it once more; what that changes in the
     prediction is what the noise already there has changed. The same for all rows, unless time stamps jitter: then it
@@ -168,7 +169,18 @@ ANSWERED_FROM_HZ = 25.0
 
 
 def informative_band(bench: InverseSimulation, seed: int) -> float:
-    """In Hz; at most the band of the bench."""
+    """In Hz, at most the band of the bench: up to where the motion outweighs its noise, and is the input's.
+
+    The torque that a motion takes is its inertia times the derivative of a logged speed. The spectrum of the motion
+    falls with frequency, that of differentiated noise rises with its square (for a position with its fourth power).
+    Beyond the frequency at which the two are equal a fit is drawn to whatever makes the prediction smaller, such as a
+    low-pass filter or less inertia (errors in variables; W. Fuller, Measurement Error Models, 1987).
+
+    Motion that the input did not make is no information either: cogging moves an axis faster than its loop answers
+    (disturbances in a closed loop correlate with the motion; L. Ljung, System Identification, 1999, 13.4). The
+    coherence of predicted and measured input shows it: a wrong inertia, gain, delay or filter leaves it at 1. It is
+    looked at from ANSWERED_FROM_HZ on: below, friction that the model has wrong takes coherence off as well.
+    """
     random = np.random.default_rng(seed)
     noisy = [noisier(run, noises_of(run, logged_motion(bench, run)), random) for run in bench.runs]
     before = [raw for raw, _ in bench.predict([bench.base])[0]]

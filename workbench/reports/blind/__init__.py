@@ -1,1 +1,0 @@
-"""The score of a blind test: tables, sentences, JSON and a page."""

@@ -1,0 +1,644 @@
+"""The score of a blind test: sentences, tables, figures, JSON and page."""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from workbench.blind import criteria, measures
+from workbench.blind.criteria import Row, Share, right, right_word
+from workbench.blind.make import validation
+from workbench.blind.measures import MEASURES, OF_A_METHOD, median, numbers
+from workbench.blind.power import EffectPower, Power
+from workbench.blind.score import Score, Sheet, WithNextRun
+from workbench.core.errors import InputError
+from workbench.core.json_records import plain
+from workbench.core.names import unit_of, words_of
+from workbench.core.table import Column, Table, words
+from workbench.core.whole_folder import check_free, whole_folder, write_json
+from workbench.diagnose.hypotheses.settings import calibration
+from workbench.view.page import Section, save_page
+from workbench.view.style import BLUE, FAINT, GREY, ORANGE, SKY, TEMPLATE, VERMILLION, heading
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+WILSON = "In brackets: 95 % Wilson interval, in per cent."
+DIAGNOSIS = "workbench diagnose"
+AMOUNTS = ("parameter error %", "inside their 90 % interval", "shrink over oracle's", "calibration error", "CPU s")
+MOST_OF_A_LINE = 140  # characters of an error
+RIGHT_ANSWER = {"unlisted cause": "unknown"}  # where it has another name than what is in the machine
+ROW = 36  # pixels of the power chart for each effect
+BUYS = 0.9  # of an amount: less with one more run is written beside it
+APART = 0.07  # of the distance of two sizes: measures stand side by side
+
+
+# Sentences
+
+
+def headline(sheet: Sheet) -> str:
+    """The score in one line: what is named, what is accused without a gap, what is said to be unknown."""
+    said = {
+        "named": "single effects are named", "pair_both": "pairs are named in full",
+        "false_alarm": "machines without a gap are given a cause", "unknown_caught": "unlisted causes are caught",
+    }  # fmt: skip
+    shares = [(measures.measure(key).share(sheet.rows), text) for key, text in said.items()]
+    return "; ".join(f"{share.count} of {share.of} {text}" for share, text in shares if share.of) + "."
+
+
+def sentences(sheet: Sheet) -> list[str]:
+    """When the test was made and opened, how many campaigns have an answer, and what was not blind."""
+    several = len(sheet.scores) > 1
+    said = [f"{score.folder.name}: " * several + text for score in sheet.scores for text in _of_folder(score)]
+    broken = [row["folder"] for row in sheet.rows if row["word"] in ("refused", "failed")]
+    if broken:
+        said.append(f"No diagnosis came of {', '.join(broken)}; counted as wrong.")
+    if all(criteria.source_of(row) == "plant" for row in sheet.rows):
+        said.append("All campaigns come from the plant's own equations: this is what the diagnosis can do at best.")
+    return said
+
+
+def _of_folder(score: Score) -> Iterator[str]:
+    yield (
+        f"{len(score.rows)} of {score.cases} campaigns are answered; made {score.manifest.made} by version "
+        f"{score.manifest.version}, answered by version {', '.join(score.versions)}, seal first opened {score.opened}."
+    )
+    yield (
+        f"Seal (SHA-256) {score.manifest.seal_sha256}: labels, manifest, campaigns and answers are as they "
+        f"were. Seed {score.truth.seed}."
+    )
+    if score.compared:
+        yield score.compared
+    if score.again:
+        yield f"Answered more than once, the last answer counts: {', '.join(score.again)}."
+    if score.partial:
+        yield "This is a part of the test: `workbench blind run` goes on with the rest."
+    if score.after_opening:
+        yield (
+            f"{len(score.after_opening)} campaigns were answered after the seal had been opened; they are "
+            "counted, and blind only as far as nothing was changed in between."
+        )
+
+
+# Tables
+
+
+def by_kind(head: str, table: Callable[[Sequence[Row]], Table], rows: Sequence[Row]) -> list[tuple[str, Table]]:
+    """Heading and table of each kind of machine; one kind needs no name in its heading."""
+    kinds = measures.by_kind(rows)
+    return [(head if len(kinds) < 2 else f"{head}: {kind}", table(of_kind)) for kind, of_kind in kinds.items()]
+
+
+def sheet_table(rows: Sequence[Row]) -> Table:
+    """One row for each measure, one column for each kind and source."""
+    columns, cells, last = [words("measured")], [[measure.line] for measure in MEASURES], ""
+    for name, which in measures.groups(rows).items():
+        kind = name.partition(",")[0]
+        if kind != last:
+            columns.append(Column(f"{kind},\nasked", "%"))
+        columns.append(Column(name.replace(", ", ",\n")))
+        for line, measure in zip(cells, MEASURES, strict=True):
+            line += [*([measure.asked_text(kind)] if kind != last else []), measure.share(which).text()]
+        last = kind
+    return Table(columns, [line for line in cells if any("/" in cell for cell in line[1:])], WILSON)
+
+
+def sizes(rows: Sequence[Row]) -> Table:
+    """One row for each measure of cases with a cause, one column for each class of gap over noise."""
+    groups = measures.by_size(rows)
+    lines = [[measure.line, *(measure.share(which).text() for which in groups.values())] for measure in MEASURES]
+    counted = [_amounts(which) for which in groups.values()]
+    lines += [[name, *(amounts[name].partition(" of ")[0] for amounts in counted)] for name in AMOUNTS[:-1]]
+    note = (
+        "Columns: gap over noise. The gap is what the cause changes in the input, rms while moving; the noise is that "
+        f"of the diagnosis' band. {WILSON}"
+    )
+    shown = [line for line in lines if any(cell != "–" for cell in line[1:])]
+    return Table([words("measured"), *(Column(name.replace(", ", ",\n")) for name in groups)], shown, note)
+
+
+def methods_of(rows: Sequence[Row]) -> dict[str, Sequence[Row]]:
+    """The diagnosis' rows, and in a checkout those of simpler methods."""
+    try:
+        return {DIAGNOSIS: rows, **validation("baselines").baselines(rows)}
+    except InputError:
+        return {DIAGNOSIS: rows}
+
+
+def methods(rows: Sequence[Row]) -> Table:
+    """The diagnosis compared with simpler methods: one row for each measure, one column for each method."""
+    answers, lines = methods_of(rows), []
+    for measure in (measures.measure(key) for key in OF_A_METHOD):
+        shares = [measure.share(which) for which in answers.values()]
+        if shares[0].of:
+            lines.append([measure.line, str(shares[0].of), *(share.percent() for share in shares)])
+    heads = [Column(name.replace(" ", "\n", 1) if len(name) < 20 else textwrap.fill(name, 14), "%") for name in answers]
+    note = "The commonest answer is taken from the labels. " + WILSON
+    return Table([words("measured"), Column("cases"), *heads], lines, note)
+
+
+def _amounts(rows: Sequence[Row]) -> dict[str, str]:
+    """name of AMOUNTS -> text."""
+    n = numbers(rows)
+    calibration = "–"
+    if n.calibration_error is not None:
+        calibration = f"{n.calibration_error:.3f} ({n.calibration_by_chance:.3f})"
+    texts = (
+        _median([100.0 * error for error in n.parameter_errors], 1),
+        n.covered.text(),
+        f"{_median(n.of_oracle, 2)} of {len(n.of_oracle)}" if n.of_oracle else "–",
+        calibration,
+        f"{median(n.cpu_s):.0f}, {n.cpu_s[-1]:.0f}" if n.cpu_s else "–",
+    )
+    return dict(zip(AMOUNTS, texts, strict=True))
+
+
+def _median(values: Sequence[float], digits: int) -> str:
+    """As 3.9 (2.7–5.1)."""
+    if not values:
+        return "–"
+    interval = measures.median_interval(values)
+    shown = "" if interval is None else f" ({interval[0]:.{digits}f}–{interval[1]:.{digits}f})"
+    return f"{median(values):.{digits}f}{shown}"
+
+
+def amounts(rows: Sequence[Row]) -> Table:
+    """Parameters, shrink, calibration and time, of each group."""
+    lines = [[name, *_amounts(which).values()] for name, which in measures.groups(rows).items()]
+    columns = [
+        words("kind, source"), Column("parameter\nerror", "%"), Column("inside their\n90 % interval"),
+        Column("shrink over\noracle's"), Column("calibration\nerror"), Column("CPU,\nlargest", "s"),
+    ]  # fmt: skip
+    note = (
+        "Medians with their 95 % interval between two of the values; CPU time beside the largest. Asked: 85 to 95 % "
+        "inside the interval, shrink at least 0.9 of the oracle's, the true effect fitted to the same runs, "
+        "calibration error at most 0.05; in brackets that which answers would have that are right exactly as often as "
+        "they say."
+    )
+    if missing := numbers(rows).without_oracle:
+        note += f" In {missing} cases the true effect was not among the best fits."
+    return Table(columns, lines, note)
+
+
+def reliability_table(rows: Sequence[Row]) -> Table:
+    """How often answers of each probability were right."""
+    lines = [[f"{b.low:.2f}–{b.high:.2f}", f"{b.said:.3f}", b.right.text()] for b in measures.reliability(rows)]
+    return Table([words("probability said"), Column("mean"), Column("right")], lines, WILSON)
+
+
+def _told(row: Row) -> str:
+    effects = row["label"]["effects"]
+    told = "two effects" if len(effects) == 2 else "+".join(effects) or "none"
+    return f"{told} (taken out of the library)" if row.get("withheld") else told
+
+
+def _said(row: Row) -> str:
+    if len(row["label"]["effects"]) == 2:
+        return "both" if right(row) else f"{len(set(row['names']) & set(row['label']['effects']))} of them"
+    said = "+".join(sorted(row["names"])) if row["word"] == "named" else row["word"].replace("_", " ")
+    if criteria.unlisted(row) and criteria.likeliest_place(row):
+        said += f" at {criteria.likeliest_place(row)}"
+    return said
+
+
+def confusion_table(rows: Sequence[Row]) -> Table:
+    """One line for each label: how often each answer was given."""
+    counts: dict[str, Counter[str]] = {}
+    for row in rows:
+        counts.setdefault(_told(row), Counter())[_said(row)] += 1
+    lines = [
+        [told, str(sum(said.values())), ", ".join(f"{answer} {n}" for answer, n in said.most_common())]
+        for told, said in sorted(counts.items())
+    ]
+    return Table([words("in the machine"), Column("cases"), words("answers")], lines)
+
+
+def _answer(row: Row) -> str:
+    return " + ".join(row["names"]) or row["word"].replace("_", " ")
+
+
+def _probable(row: Row) -> str:
+    """As friction_viscous (0.93)."""
+    return f"{_answer(row)} ({row['ranking'][0][2]:.2f})" if row["ranking"] else _answer(row)
+
+
+def misses(rows: Sequence[Row], most: int | None = None) -> Table:
+    """The wrong answers, the largest gap over noise first, each with its reason."""
+    sized = [(criteria.size_over_noise(row), row) for row in rows if not right(row)]
+    sized.sort(key=lambda one: (math.isnan(one[0]), -one[0]))
+    lines = [
+        [
+            row["folder"], f"{criteria.family_of(row)}, {criteria.source_of(row)}",
+            " + ".join(row["label"]["effects"]) or "none", "–" if math.isnan(size) else f"{size:.1f}",
+            _answer(row), f"{row['ranking'][0][2]:.2f}" if row["ranking"] else "–", why(row),
+        ]
+        for size, row in sized[:most]
+    ]  # fmt: skip
+    columns = [
+        words("campaign"), words("family, source"), words("in the machine"), Column("gap over\nnoise"),
+        words("answer"), Column("proba-\nbility"), words("how it came"),
+    ]  # fmt: skip
+    more = f" The first {most} of {len(sized)}." if most is not None and len(sized) > most else ""
+    return Table(columns, lines, f"Largest gaps first.{more}" if lines else "")
+
+
+def miss_lines(rows: Sequence[Row], most: int) -> list[str]:
+    """The wrong answers as sentences, for a terminal."""
+    shown = misses(rows, most)
+    lines = [
+        f"{name} ({which}): {told}, {size} times the noise, answered {said} ({probability}): {how}."
+        for name, which, told, size, said, probability, how in shown.rows
+    ]
+    return [*lines, shown.note] if lines else []
+
+
+def why(row: Row) -> str:
+    """The reason of a wrong answer in one line, from the hypotheses that were weighed."""
+    small = "smaller than the noise"
+    if row["word"] in ("refused", "failed"):
+        if not row["warnings"]:
+            return str(row["word"])
+        line = str(row["warnings"][0]).strip().splitlines()[-1]  # without the folder, which is gone
+        return textwrap.shorten(re.sub(r"\S*workbench-blind-[^/\\]*[/\\]", "", line), MOST_OF_A_LINE, placeholder=" …")
+    word, told = right_word(row), set(row["label"]["effects"])
+    if criteria.right_or_alike(row):
+        return "the right one is said to be alike"
+    if word == "no_gap":
+        least = row["before"] / row["noise"] if row["noise"] else math.nan
+        return f"residual {least:.1f} times the noise before any effect{_against(row)}"
+    if word == "unknown" and row["word"] == "no_gap":
+        return "no hypothesis explains enough of it, and too little is left" if criteria.visible(row) else small
+    if word == "unknown":
+        return f"a listed effect takes {100.0 * (row.get('explained') or 0.0):.0f} % of the gap's energy"
+    if not criteria.visible(row):
+        return small
+    if criteria.among_first_three(row):
+        place, probability = next(
+            (place, p)
+            for place, (verdict, names, p) in enumerate(row["ranking"])
+            if verdict == "named" and told in (set(names), *criteria.twins_of(row, names))
+        )
+        return f"the right one comes {('first', 'second', 'third')[place]}, with {probability:.2f}{_against(row)}"
+    if told & set(row["names"]):
+        added = sorted(set(row["names"]) - told)
+        return f"with {added[0]} beside it" if added else "the other one is missed"
+    merit = next((fit["merit"] for fit in row["weighed"] if set(fit["names"]) == told), None)
+    if merit is None:
+        return f"not among the fits that the search followed{_against(row)}"
+    if row["word"] == "no_gap":
+        return f"weighed, with a merit of {merit:.0f}; a cause needs {calibration()['threshold']:.0f}"
+    best = max(fit["merit"] for fit in row["weighed"])
+    return f"weighed, and worth less than the answer: merit {merit:.0f}, the best {best:.0f}{_against(row)}"
+
+
+_EVIDENCE = {
+    "left": "what is left",
+    "prior": "stretched tolerances",
+    "bound": "a value at its bound",
+    "against": "two effects that undo each other",
+}
+
+
+def _against(row: Row) -> str:
+    """What spoke most for an unknown cause, where that is the answer."""
+    speaks = {name: value for name, value in row["evidence"].items() if value > 0.0 and name in _EVIDENCE}
+    if row["word"] != "unknown" or not speaks:
+        return ""
+    weights = calibration()
+    most = max(speaks, key=lambda name: weights.get(f"unknown_{name}", 0.0) * speaks[name])
+    return f"; for an unknown one speaks most: {_EVIDENCE[most]}"
+
+
+def power_table(chart: Power) -> Table:
+    """The smallest size of each effect that these runs would have named in nine of ten."""
+    lines = []
+    for effect in chart.effects:
+        more = "–" if effect.one_more is None else _three(effect.one_more)
+        if effect.amount is None and effect.ratio is not None:
+            more = f"{100.0 * effect.ratio:.0f} % of it"
+        amount = ", ".join(filter(None, (words_of(effect.parameter), unit_of(effect.parameter))))
+        least = f"> {_three(effect.largest_tried)}" if effect.amount is None else _three(effect.amount)
+        interval = "–" if effect.interval is None else "–".join(map(_three, effect.interval))
+        lines.append([effect.effect, effect.share.text(), amount, least, interval, more])
+    columns = [
+        words("effect"), Column("named or\nalike"), words("amount"), Column("named in\n9 of 10 from"),
+        Column("95 % interval"), Column("with one\nmore run"),
+    ]  # fmt: skip
+    return Table(columns, lines, chart.note)
+
+
+def _three(value: float) -> str:
+    """Three digits, as 1400 and 0.0452."""
+    return f"{float(f'{value:.3g}'):.10g}"
+
+
+def settled(cases: Sequence[WithNextRun]) -> Share:
+    """Of open cases whose recommended run was simulated, those that it settled."""
+    return Share(sum(case.settled for case in cases), len(cases))
+
+
+def settled_text(cases: Sequence[WithNextRun], rows: Sequence[Row]) -> str:
+    """rows: of the whole sheet."""
+    left_open = [row for row in rows if row.get("next_run") and row["label"]["effects"]]
+    decided = sum(map(criteria.next_run_decides, left_open))
+    return (
+        f"{len(left_open)} cases with a cause are left open. Of {len(left_open) - decided} the diagnosis says that no "
+        f"run on its menu decides. Of those whose recommended run was simulated, {settled(cases).text()} were settled "
+        "by it (asked: 80 %)."
+    )
+
+
+def next_runs_table(cases: Sequence[WithNextRun]) -> Table:
+    """One row for each open case that was diagnosed again with its recommended run."""
+    lines = []
+    for case in cases:
+        asked = case.row["next_run"]
+        load = f", {asked['payload_kg']:g} kg" if asked["payload_kg"] else ""
+        more = f", logging {', '.join(asked['signals'])}" if asked["signals"] else ""
+        is_settled = "yes" if case.settled else "open still" if right(case.then) else "no"
+        told, run = " + ".join(case.row["label"]["effects"]), f"{asked['profile']}{load}{more}"
+        lines.append([case.row["folder"], told, _probable(case.row), run, _probable(case.then), is_settled])
+    columns = ("campaign", "in the machine", "answer", "recommended run", "answer with it", "settled")
+    return Table([words(name) for name in columns], lines, "Settled: the answer is right, and leaves nothing open.")
+
+
+# Figures
+
+
+def _figure(title: str, height: int, data: list[dict[str, Any]], **layout: Any) -> Figure:
+    """The legend stands below the title."""
+    import plotly.graph_objects as go
+
+    legend = {"y": 1.0 - 68.0 / height, "traceorder": "normal"}
+    shared = {"template": TEMPLATE, "legend": legend, "hovermode": "closest", "height": height}
+    return go.Figure({"data": data, "layout": {"title": heading(title, height), **shared, **layout}})
+
+
+def _points(shares: Sequence[Share], **look: Any) -> dict[str, Any]:
+    """Per cent, with 95 % intervals."""
+    at = [100.0 * share.count / share.of for share in shares]
+    ends = [share.interval() for share in shares]
+    error = {
+        "type": "data", "symmetric": False, "thickness": 1.2,
+        "array": [100.0 * high - y for (_, high), y in zip(ends, at, strict=True)],
+        "arrayminus": [y - 100.0 * low for (low, _), y in zip(ends, at, strict=True)],
+    }  # fmt: skip
+    text = [f"{share.count} of {share.of}" for share in shares]
+    shown = {"type": "scatter", "mode": "lines+markers", "hovertemplate": "%{y:.0f} %, %{text}"}
+    return {**shown, "y": at, "error_y": error, "text": text, **look}
+
+
+def right_by_size(rows: Sequence[Row], height: int = 400) -> Figure:
+    """Shares right over the size of the gap; a line a measure, with 95 % intervals, side by side."""
+    known = [name for name, *_ in measures.SIZES]
+    groups = {name: which for name, which in measures.by_size(rows).items() if name in known}
+    data = []
+    for k, measure in enumerate(measures.measure(key) for key in ("named", "first_three", "place")):
+        shares = {at: share for at, which in enumerate(groups.values()) if (share := measure.share(which)).of}
+        look = {"line": {"color": (BLUE, ORANGE, VERMILLION)[k]}, "marker": {"size": 9, "symbol": k}}
+        x = [at + APART * (k - 1) for at in shares]
+        data.append(_points([*shares.values()], name=measure.line, x=x, **look))
+    ticks = {"tickvals": list(range(len(groups))), "ticktext": list(groups), "zeroline": False}
+    return _figure(
+        "Answers that are right, by the size of the gap", height, data,
+        xaxis={"title": {"text": "gap over noise"}, **ticks},
+        yaxis={"title": {"text": "share (%)"}, "range": [0, 104]},
+    )  # fmt: skip
+
+
+def confusion(rows: Sequence[Row]) -> Figure | None:
+    """A row a label, a column an answer, of single effects, unlisted causes and machines without a gap; right is on
+    the diagonal. A wrong pair is one answer. None where there are only pairs."""
+    counts: dict[str, Counter[str]] = {}
+    for row in rows:
+        if len(row["label"]["effects"]) < 2:
+            told = "unlisted cause" if criteria.unlisted(row) else _told(row).replace("none", "no gap")
+            word = row["word"].replace("_", " ")
+            said = (row["names"][0] if len(row["names"]) == 1 else "two effects") if word == "named" else word
+            counts.setdefault(told, Counter())[said] += 1
+    if not counts:
+        return None
+    told_all = sorted(counts, key=lambda name: (name in ("unlisted cause", "no gap"), name))
+    diagonal = [RIGHT_ANSWER.get(name, name) for name in told_all]
+    columns = [*diagonal, *sorted({name for said in counts.values() for name in said if name not in diagonal})]
+    shares = [[counts[told][name] / counts[told].total() for name in columns] for told in told_all]
+    heatmap = {
+        "type": "heatmap", "x": columns, "y": told_all, "z": shares, "zmin": 0, "zmax": 1, "showscale": False,
+        "colorscale": [[0.0, "#F6F6F6"], [1.0, SKY]], "xgap": 1, "ygap": 1, "texttemplate": "%{text}",
+        "text": [[counts[told][name] or "" for name in columns] for told in told_all],
+        "hovertemplate": "%{y}: answered %{x} %{text} times<extra></extra>",
+    }  # fmt: skip
+    axis = {"type": "category", "showgrid": False}
+    return _figure(
+        "What was answered; right is on the diagonal", 240 + 24 * len(counts), [heatmap],
+        margin={"l": 210, "r": 28, "t": 84, "b": 170},
+        xaxis={**axis, "title": {"text": "answer"}, "tickangle": -60},
+        yaxis={**axis, "title": {"text": "in the machine"}, "autorange": "reversed"},
+    )  # fmt: skip
+
+
+def reliability(bins: Sequence[measures.Bin], height: int = 420) -> Figure:
+    """Share right over the probability that answers had; on the diagonal they say what they are worth."""
+    diagonal = {
+        "type": "scatter", "mode": "lines", "x": [0, 100], "y": [0, 100], "name": "as said",
+        "line": {"color": GREY, "dash": "5px,4px", "width": 1.4}, "hoverinfo": "skip",
+    }  # fmt: skip
+    look = {"line": {"color": BLUE}, "marker": {"size": 9}}
+    measured = _points([b.right for b in bins], name="measured", x=[100.0 * b.said for b in bins], **look)
+    return _figure(
+        "Reliability of the probabilities", height, [diagonal, measured],
+        xaxis={"title": {"text": "probability of the answer (%)"}, "range": [0, 104]},
+        yaxis={"title": {"text": "right (%)"}, "range": [0, 104]},
+    )  # fmt: skip
+
+
+def power(effects: Sequence[EffectPower], unit: str) -> Figure:
+    """The power chart: for each effect the smallest change of the input that is named in 9 of 10 cases, its interval,
+    and the same with one more run, each with the effect's own amount above it. An arrow: not within the sizes tried."""
+    shown = sorted(effects, key=lambda e: (e.change is None, e.change or e.largest_change_tried), reverse=True)
+    named = [effect for effect in shown if effect.change is not None]
+    beyond = [effect for effect in shown if effect.change is None]
+    more = [effect for effect in named if effect.change_one_more is not None]
+
+    def points(name: str, which: Sequence[EffectPower], x: list[Any], amounts: list[Any], **marker: Any) -> Any:
+        own = [
+            "" if value is None else f"{_three(value)} {unit_of(effect.parameter)}".strip()
+            for effect, value in zip(which, amounts, strict=True)
+        ]
+        return {
+            "type": "scatter", "mode": "markers+text", "name": name, "marker": {"size": 10, **marker}, "text": own,
+            "textposition": "top center", "textfont": {"size": 10, "color": marker["color"]}, "x": x,
+            "y": [effect.effect for effect in which], "hovertemplate": f"%{{text}}, %{{x:.3~g}} {unit}",
+            "cliponaxis": False,
+        }  # fmt: skip
+
+    data = [points("these runs", named, [e.change for e in named], [e.amount for e in named], color=BLUE)]
+    reach = [(e.change or 0.0, *(e.change_interval or (e.change or 0.0, e.change or 0.0))) for e in named]
+    data[0]["error_x"] = {
+        "type": "data", "symmetric": False, "thickness": 1.2,
+        "array": [high - change for change, _, high in reach],
+        "arrayminus": [change - low for change, low, _ in reach],
+    }  # fmt: skip
+    if more:
+        buys = [e.one_more if e.one_more and e.amount and e.one_more < BUYS * e.amount else None for e in more]
+        changes = [e.change_one_more for e in more]
+        extra = points("with one more run", more, changes, buys, color=ORANGE, symbol="diamond-open")
+        data.append({**extra, "textposition": "bottom center"})
+    if beyond:
+        changes, largest = [e.largest_change_tried for e in beyond], [e.largest_tried for e in beyond]
+        look = {"color": VERMILLION, "symbol": "triangle-right"}
+        tried = points("not within the sizes tried", beyond, [*changes], largest, **look)
+        data.append({**tried, "text": [f"> {amount}" for amount in tried["text"]]})
+    return _figure(
+        "The smallest effect that these runs would have named in 9 of 10", 150 + ROW * len(shown), data,
+        margin={"l": 210, "r": 28, "t": 84, "b": 60},
+        xaxis={"title": {"text": f"change of the input, rms while moving ({unit})"}, "type": "log"},
+        yaxis={"categoryorder": "array", "categoryarray": [effect.effect for effect in shown], "gridcolor": FAINT},
+    )  # fmt: skip
+
+
+# Files
+
+
+def write_score(sheet: Sheet, folder: Path, power: Power | None = None, next_runs: Sequence[WithNextRun] = ()) -> None:
+    """Write score.json, score.md and score.html into an empty folder, or none."""
+    check_free(folder)
+    parts = sections(sheet, power, next_runs)
+    with whole_folder(folder) as hidden:
+        write_json(hidden / "score.json", to_json(sheet, power, next_runs))
+        (hidden / "score.md").write_text("\n\n".join(b for p in parts for b in _blocks(p)) + "\n", encoding="utf-8")
+        save_page(parts, hidden / "score.html", f"Blind test: {sheet.title}", headline(sheet))
+
+
+def sections(sheet: Sheet, chart: Power | None = None, next_runs: Sequence[WithNextRun] = ()) -> list[Section]:
+    """The sections of the page; those without rows are omitted."""
+    rows = sheet.rows
+    parts = [
+        Section(tables=[*map(sheet_table, measures.by_kind(rows).values()), amounts(rows)]),
+        Section("The seal", points=sentences(sheet)),
+    ]
+    if chart is not None:
+        drawn = [(power(chart.effects, chart.unit), "")]
+        said = chart.sentences
+        parts.append(Section("The power of these runs", sentences=said, tables=[power_table(chart)], figures=drawn))
+    if next_runs:
+        text, table = settled_text(next_runs, rows), next_runs_table(next_runs)
+        parts.append(Section("Open cases with the recommended next run", sentences=[text], tables=[table]))
+    parts += [Section(head, tables=[table]) for head, table in by_kind("By the size of the gap", sizes, rows)]
+    parts[-1] = replace(parts[-1], figures=[(right_by_size(rows), "")])
+    curve = reliability(measures.reliability(rows))
+    parts.append(Section("Probabilities", tables=[reliability_table(rows)], figures=[(curve, "")]))
+    parts += [Section(head, tables=[table]) for head, table in by_kind("Beside other methods", methods, rows)]
+    matrix = confusion(rows)
+    drawn = [] if matrix is None else [(matrix, "")]
+    parts.append(Section("Answers", tables=[confusion_table(rows)], figures=drawn))
+    if wrong := misses(rows):
+        parts.append(Section("Misses", tables=[wrong]))
+    return parts
+
+
+def _blocks(part: Section) -> Iterator[str]:
+    """Of a section without its figures, as Markdown."""
+    if part.heading:
+        yield f"## {part.heading}"
+    yield from part.sentences
+    if part.points:
+        yield "\n".join(f"- {point}" for point in part.points)
+    for table in filter(None, part.tables):
+        yield from filter(None, (table.markdown(), table.note))
+
+
+def to_json(sheet: Sheet, power: Power | None = None, next_runs: Sequence[WithNextRun] = ()) -> dict[str, Any]:
+    """Everything that the page shows. folders: what was scored; cases: each campaign's label and answer."""
+    rows, kinds = sheet.rows, measures.by_kind(sheet.rows)
+    said: dict[str, Any] = {
+        "format": 3,
+        "folders": [_folder(score) for score in sheet.scores],
+        "campaigns": sheet.cases,
+        "answered": len(rows),
+        "groups": {name: _group(which) for name, which in measures.groups(rows).items()},
+        "by_size": {
+            kind: {name: _group(which) for name, which in measures.by_size(of_kind).items()}
+            for kind, of_kind in kinds.items()
+        },
+        "methods": {
+            kind: {name: _shares(which, OF_A_METHOD) for name, which in methods_of(of_kind).items()}
+            for kind, of_kind in kinds.items()
+        },
+        "reliability": [
+            {"from": b.low, "below": b.high, "said": b.said, "right": _share(b.right)}
+            for b in measures.reliability(rows)
+        ],
+        "next_run_settles": _share(settled(next_runs)) if next_runs else None,
+        "next_runs": [
+            {
+                "campaign": case.row["folder"], "effects": case.row["label"]["effects"],
+                "ranking": case.row["ranking"], "run": case.row["next_run"],
+                "ranking_with_it": case.then["ranking"], "settled": case.settled,
+            }
+            for case in next_runs
+        ],
+        "power": None if power is None else plain(power),
+        "cases": [_case(row) for row in rows],
+    }  # fmt: skip
+    shown: dict[str, Any] = plain(said)
+    return shown
+
+
+def _folder(score: Score) -> dict[str, Any]:
+    known = score.manifest
+    return {
+        "folder": score.folder.name, "made": known.made, "version": known.version, "answered_by": score.versions,
+        "asked": dict(known.asked), "seed": score.truth.seed, "seal_sha256": known.seal_sha256,
+        "opened": score.opened, "campaigns": score.cases, "answered": len(score.rows),
+        "after_opening": score.after_opening,
+    }  # fmt: skip
+
+
+def _group(rows: Sequence[Row]) -> dict[str, Any]:
+    n = numbers(rows)
+    return {
+        **_shares(rows),
+        "parameter_error_median": median(n.parameter_errors),
+        "parameter_error_median_95": measures.median_interval(n.parameter_errors),
+        "inside_90": _share(n.covered),
+        "shrink_over_oracle_median": median(n.of_oracle),
+        "shrink_over_oracle_median_95": measures.median_interval(n.of_oracle),
+        "calibration_error": n.calibration_error,
+        "calibration_error_by_chance": n.calibration_by_chance,
+        "cpu_s_median": median(n.cpu_s),
+        "cpu_s_largest": n.cpu_s[-1] if n.cpu_s else None,
+    }
+
+
+def _shares(rows: Sequence[Row], keys: Sequence[str] = ()) -> dict[str, Any]:
+    return {measure.key: _share(measure.share(rows)) for measure in MEASURES if not keys or measure.key in keys}
+
+
+def _share(share: Share) -> dict[str, Any]:
+    low, high = share.interval()
+    return {"count": share.count, "of": share.of, "low_95": low, "high_95": high}
+
+
+def _case(row: Row) -> dict[str, Any]:
+    asked: Mapping[str, Any] = row["label"]
+    kept = ("names", "alike", "ranking", "places", "before", "after", "noise", "cpu_s")
+    return {
+        "campaign": row["folder"],
+        "source": criteria.source_of(row),
+        "family": criteria.family_of(row),
+        "kind": criteria.kind_of(row),
+        **{key: asked[key] for key in ("effects", "where")},
+        "parameters": asked.get("parameters", {}),
+        "gap_over_noise": criteria.size_over_noise(row),
+        "verdict": row["word"],
+        **{key: row[key] for key in kept},
+        "right": right(row),
+        "why": "" if right(row) else why(row),
+    }
