@@ -3,7 +3,7 @@
 Fitted on campaigns of the simulators of a seed that is kept for it (SEED), and on blind tests that are open, so of no
 further use as such (`--with TEST...`); nothing recorded takes part. With `--make N` the campaigns are made and
 diagnosed first, in FOLDER, as `workbench blind` does it; what is there stays, and everything else needs no more than
-the kept answers. What is stated of an answer (`surer`, `missed_*`, see `verdict/probability.py`) is fitted by the
+the kept answers. What is stated of an answer (`surer`, `missed_*`, see `verdict/answer.py`) is fitted by the
 likelihood of the answers being right or wrong; it changes no answer.
 
 With `--decide` the numbers that decide are fitted too: every campaign of a single effect is diagnosed once more with
@@ -78,7 +78,7 @@ def main() -> None:
         "--judge", type=Path, nargs="+", default=[], metavar="TEST", help="judge opened blind tests by it"
     )
     parser.add_argument("--sensitivity", action="store_true", help="say what 30 %% of each number changes")
-    parser.add_argument("--write", action="store_true", help="write workbench/diagnose/verdict/calibration.json")
+    parser.add_argument("--write", action="store_true", help="write workbench/diagnose/hypotheses/calibration.json")
     given = parser.parse_args()
     if given.make:
         made(given.folder, given.make, given.processes, first=given.first, withhold=given.decide)

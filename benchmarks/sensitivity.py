@@ -12,7 +12,6 @@ import argparse
 import ast
 import importlib
 import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -131,7 +130,7 @@ def _comment(lines: Sequence[str], at: int) -> str:
 
 @contextmanager
 def changed(number: Number, factor: float) -> Iterator[None]:
-    """The number at `factor` of itself, in every module of the diagnosis that has imported it."""
+    """The number at `factor` of itself."""
     if number.place == CALIBRATION:
         from workbench.diagnose.hypotheses.settings import calibration
 
@@ -142,19 +141,9 @@ def changed(number: Number, factor: float) -> Iterator[None]:
         finally:
             kept[number.name] = number.value
         return
-    own = getattr(importlib.import_module(number.place), number.name)
-    users = [
-        module
-        for name, module in sorted(sys.modules.items())
-        if name.startswith("workbench.diagnose") and getattr(module, number.name, None) is own
-    ]
-    for module in users:
-        setattr(module, number.name, number.times(factor))
-    try:
+    module = importlib.import_module(number.place)  # no other module has imported the number by name
+    with patch.object(module, number.name, number.times(factor)):
         yield
-    finally:
-        for module in users:
-            setattr(module, number.name, own)
 
 
 def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import sensitivity
 from benchmarks.sensitivity import Number, changed, numbers
-from workbench.diagnose.hypotheses import evidence
+from workbench.diagnose.hypotheses import evidence, settings
 from workbench.diagnose.verdict import judge
 
 PAGE = sensitivity.ROOT / "docs" / "verdict_numbers.md"
@@ -30,14 +30,14 @@ def test_every_number_of_the_verdict_has_a_reason_and_a_line_on_the_page():
 
 
 def test_a_changed_number_is_another_one_wherever_the_diagnosis_reads_it_and_comes_back():
-    kept = evidence.SECOND
-    with changed(the("SECOND"), 0.5):
-        assert evidence.SECOND == judge.SECOND == pytest.approx(0.5 * kept)  # both have imported it by name
-    assert evidence.SECOND == judge.SECOND == kept
-    threshold = judge.calibration()["threshold"]
+    kept = settings.LAW
+    with changed(the("LAW"), 0.5):
+        assert evidence.settings.LAW == judge.settings.LAW == pytest.approx(0.5 * kept)
+    assert evidence.settings.LAW == judge.settings.LAW == kept
+    threshold = settings.calibration()["threshold"]
     with changed(the("threshold", "json"), 2.0):
-        assert judge.calibration()["threshold"] == 2.0 * threshold
-    assert judge.calibration()["threshold"] == threshold
+        assert settings.calibration()["threshold"] == 2.0 * threshold
+    assert settings.calibration()["threshold"] == threshold
 
 
 def test_whole_numbers_stay_whole():

@@ -29,7 +29,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     effect_parameters,
     setting_of,
 )
-from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_payload, folds_by_run, held_out
+from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import calibration
@@ -105,14 +105,6 @@ def test_what_was_not_seen_is_met_no_better_than_what_was(tight: tuple[Problem, 
     problem, fit = tight
     unseen = held_out(problem, fit, folds_by_run(problem))
     assert fit.rms(problem.inputs) <= unseen.rms(problem.inputs) < 1.3 * problem.noise
-
-
-def test_runs_of_one_payload_are_left_out_together(tight: tuple[Problem, Fitted]):
-    problem = tight[0]
-    folds = folds_by_payload(problem)
-    assert folds is not None
-    assert folds[problem.run_of_row == 1][0] == folds[problem.run_of_row == 2][0] != folds[0]
-    assert folds_by_payload(Problem(problem.machine, problem.runs[1:])) is None
 
 
 def test_one_run_is_cut_into_blocks(tight: tuple[Problem, Fitted]):

@@ -22,21 +22,11 @@ from itertools import combinations
 import numpy as np
 
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names, nuisance_std
 from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel, Sizes
 from workbench.diagnose.hypotheses.problem import Problem, rms
-from workbench.diagnose.hypotheses.settings import (
-    BESIDE_PLAY,
-    FREER,
-    IMPACTS,
-    LAGS,
-    LAW,
-    NOISE_KNOWN,
-    NUISANCE,
-    SECOND,
-    calibration,
-)
 from workbench.effects import find
 from workbench.machines import kind_of
 
@@ -110,7 +100,7 @@ def of_impacts(problem: Problem, effects: Collection[str], evidence: float) -> f
     them."""
     if not problem.struck:
         return evidence
-    return max(evidence, 0.0) + IMPACTS if PLAY in effects else min(evidence, 0.0)
+    return max(evidence, 0.0) + settings.IMPACTS if PLAY in effects else min(evidence, 0.0)
 
 
 def only_mends(problem: Problem, effect: str) -> bool:
@@ -123,11 +113,12 @@ def only_mends(problem: Problem, effect: str) -> bool:
     return problem.struck and _is_lag(problem, effect)
 
 
-def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score, second: float = SECOND) -> float:
-    """The gain that a further effect could have by correcting the inexact law of this fit: `second` of what the fit
-    explains, as rms; BESIDE_PLAY where that is a play with its impacts."""
-    second = BESIDE_PLAY if problem.struck and PLAY in fit.effects else second
-    return second**2 * explained(problem, near, fit, score)
+def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score, law: float | None = None) -> float:
+    """The gain that a further effect could have by correcting the inexact law of this fit: `law` of what the fit
+    explains, as rms, SECOND by default; BESIDE_PLAY where that is a play with its impacts."""
+    off = settings.SECOND if law is None else law
+    off = settings.BESIDE_PLAY if problem.struck and PLAY in fit.effects else off
+    return off**2 * explained(problem, near, fit, score)
 
 
 def beyond(data: float, least: float) -> float:
@@ -144,7 +135,7 @@ def lag_explains(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -
         return near.rms(problem.inputs) ** 2 - left**2
 
     lag = taken([names for names in fits if len(names) == 1 and _is_lag(problem, names[0])])
-    return lag > 0.0 and lag > (1.0 - LAGS) * taken([names for names in fits if PLAY in names])
+    return lag > 0.0 and lag > (1.0 - settings.LAGS) * taken([names for names in fits if PLAY in names])
 
 
 def _is_lag(problem: Problem, name: str) -> bool:
@@ -188,7 +179,7 @@ def discounted(
     default = float(np.mean(share * errors.sized((1.0, 1.0)).model_error[rows] ** 2))
     shown = float(np.mean(share * errors.model_error[rows] ** 2)) if max(errors.sizes) > 1.0 else 0.0
     if kind_of(problem.machine).floor == "own":
-        default += ((1.0 + NOISE_KNOWN) ** 2 - 1.0) * float(np.mean(share * problem.row_noise**2))
+        default += ((1.0 + settings.NOISE_KNOWN) ** 2 - 1.0) * float(np.mean(share * problem.row_noise**2))
     taken = float(np.mean(share * (before[rows] ** 2 - after[rows] ** 2)))
     return data * max(1.0 - max(default, shown) / max(taken, 1e-300), 0.0)
 
@@ -260,7 +251,7 @@ def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: S
         data = beyond(gain - prior, least)
         added = prior + (min(data, 0.0) if only_mends(problem, last) else data)
     evidence = added - cost(problem, len(fit.z) - len(first.fit.z))
-    return beyond_nuisance(problem, fit, last, evidence) - calibration()["pair"]
+    return beyond_nuisance(problem, fit, last, evidence) - settings.calibration()["pair"]
 
 
 def _not_freer(problem: Problem, near: Fitted, mine: Weighed, beside: Mapping[Names, Weighed]) -> Weighed:
@@ -274,14 +265,14 @@ def _not_freer(problem: Problem, near: Fitted, mine: Weighed, beside: Mapping[Na
             continue
         rows = slice(0, problem.inputs)
         bent, law = mine.fit.residual[rows] - other.fit.residual[rows], near.residual[rows] - other.fit.residual[rows]
-        raw, real = mine.evidence - other.evidence, advantage(problem, near, mine, other, LAW)
-        if rms(bent) < LAW * rms(law):
+        raw, real = mine.evidence - other.evidence, advantage(problem, near, mine, other, settings.LAW)
+        if rms(bent) < settings.LAW * rms(law):
             real = min(real, 0.0)
-        lost = max(lost, raw - real + min(max(FREER - real, 0.0), FREER))
+        lost = max(lost, raw - real + min(max(settings.FREER - real, 0.0), settings.FREER))
     return replace(mine, evidence=mine.evidence - lost)
 
 
-def advantage(problem: Problem, near: Fitted, mine: Weighed, other: Weighed, law: float = SECOND) -> float:
+def advantage(problem: Problem, near: Fitted, mine: Weighed, other: Weighed, law: float) -> float:
     """How much better a hypothesis is than another one whose inexact law it may only correct: the difference of the
     tolerances in full, that of the data above the other one's inexactness, `law` of what it explains, rms."""
     prior = other.fit.prior - mine.fit.prior
@@ -295,7 +286,7 @@ def beyond_nuisance(problem: Problem, fit: Fitted, name: str, evidence: float) -
     sizes = [float(np.mean(fit.setting[symbol])) / std for symbol, std in known.items()]
     if evidence <= 0.0 or not sizes:
         return evidence
-    return evidence * max(1.0 - (NUISANCE / max(*sizes, NUISANCE)) ** 2, 0.0)
+    return evidence * max(1.0 - (settings.NUISANCE / max(*sizes, settings.NUISANCE)) ** 2, 0.0)
 
 
 def same_but_freer(freer: str, simpler: str, kind: str) -> bool:

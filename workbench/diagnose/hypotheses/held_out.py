@@ -43,15 +43,6 @@ def folds_by_run(problem: Problem) -> np.ndarray:
     return np.tile(blocks, problem.samples // max(problem.inputs, 1))
 
 
-def folds_by_payload(problem: Problem) -> np.ndarray | None:
-    """Runs of one payload are a fold; None where all runs have the same."""
-    payloads = sorted({run.payload_kg for run in problem.runs})
-    if len(payloads) < 2:
-        return None
-    of_run = np.array([payloads.index(run.payload_kg) for run in problem.runs])
-    return np.asarray(of_run[problem.run_of_row])
-
-
 def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
     """A refit to the other rows for each fold, started at the joint fit and followed to convergence.
 

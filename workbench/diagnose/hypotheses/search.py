@@ -15,6 +15,7 @@ from itertools import combinations, takewhile
 import numpy as np
 
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
     PLAY,
     STEP,
@@ -41,7 +42,6 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.model_error import Sizes
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.settings import MOST_EFFECTS, calibration
 from workbench.diagnose.hypotheses.signatures import (
     Projection,
     Signature,
@@ -122,7 +122,7 @@ class Promise:
 def searched(
     problem: Problem,
     effects: Sequence[Effect],
-    most_effects: int = MOST_EFFECTS,
+    most_effects: int = settings.MOST_EFFECTS,
     tell: Tell | None = None,
     rivals: Sequence[Effect] = (),
     base: Mapping[str, Scalar] | None = None,
@@ -338,8 +338,7 @@ class Search:
                     self._try((name,), lambda found=found: self._again(found))  # type: ignore[misc]
         if np.any(near.z != base.z):
             self._from_base(base, order[:FEW])
-            self._with_delay(base)
-        self._with_nuisances(base)
+        self._in_place(base)
         self._step_play()
         self._finish(base, [(name,) for name in order])
 
@@ -379,42 +378,29 @@ class Search:
             if fit is None or base.objective - fit.objective < 0.8 * promise.gain:
                 self._try((name,), lambda e=promise: self._fit_with(base, e))  # type: ignore[misc]
 
-    def _with_delay(self, at: Fitted) -> None:
-        """A delay in place of the log's timing, where a fit has taken the timing far beyond its tolerance. The step is
-        too large for a linear estimate."""
-        late = next((e for e in self.effects.values() for r in self._ranges(e) if r.symbol == self.problem.late), None)
-        if late is None or late.id in at.effects or LOG_TIMING not in self.base:
-            return
-        timing = self.base[LOG_TIMING]
-        own = self._place_of(timing)
-        taken = float(at.z[own][0])
-        if taken <= TOLERANCES:
-            return
-        more, amount = effect_parameters(late, self._ranges(late), {self.problem.late: taken * timing.scale})
-        z = np.concatenate([at.z, amount])
-        z[own] = 0.0
-        names = (*at.effects, late.id)
-        self._try(
-            tuple(sorted(names)),
-            lambda: fit_hypothesis(self.problem, names, [*at.free, *more], z, LAST_ROUND, self.count),
-        )
-
-    def _with_nuisances(self, at: Fitted) -> None:
-        """An effect in place of its nuisance, where a fit has taken that far beyond its tolerance. That fit has the
-        effect's values already, and nothing is left for a linear estimate to explain."""
-        for name in self._strained(at) & set(self.effects) - set(at.effects):
-            ranges, setting = self._ranges(self.effects[name]), at.setting
-            if any(r.symbol not in setting for r in ranges):
+    def _in_place(self, at: Fitted) -> None:
+        """An effect in place of its nuisance, where a fit has taken that far beyond its tolerance; a delay in place of
+        the log's timing. That fit has the effect's values already, and nothing is left for a linear estimate."""
+        strained = self._strained(at) & set(self.effects) - set(at.effects)
+        if LOG_TIMING in self.base and float(at.z[self._place_of(self.base[LOG_TIMING])][0]) > TOLERANCES:
+            strained |= {e.id for e in self.effects.values() for r in self._ranges(e) if r.symbol == self.problem.late}
+        for name in strained - set(at.effects):
+            ranges, values = self._ranges(self.effects[name]), dict(at.setting)
+            own = [one for key, one in self.nuisances.items() if key.partition(".")[0] == name]
+            if not own:
+                own = [self.base[LOG_TIMING]]
+                values[self.problem.late] = values[LOG_TIMING]
+            if any(r.symbol not in values for r in ranges):
                 continue
-            more, amount = effect_parameters(self.effects[name], ranges, {r.symbol: setting[r.symbol] for r in ranges})
+            more, amount = effect_parameters(self.effects[name], ranges, {r.symbol: values[r.symbol] for r in ranges})
             z = np.concatenate([at.z, amount])
-            for key, parameter in self.nuisances.items():
-                if key.partition(".")[0] == name:
-                    z[self._place_of(parameter)] = 0.0
-            names = (*at.effects, name)
+            for parameter in own:
+                z[self._place_of(parameter)] = 0.0
             self._try(
-                tuple(sorted(names)),
-                lambda n=names, m=more, z=z: fit_hypothesis(self.problem, n, [*at.free, *m], z, LAST_ROUND, self.count),  # type: ignore[misc]
+                tuple(sorted((*at.effects, name))),
+                lambda n=(*at.effects, name), free=[*at.free, *more], z=z: fit_hypothesis(  # type: ignore[misc]
+                    self.problem, n, free, z, LAST_ROUND, self.count
+                ),
             )
 
     def _ranges(self, effect: Effect) -> tuple[Ranged, ...]:
@@ -467,7 +453,7 @@ class Search:
                 if promise.evidence > 0.0 and promise.gain > least * leader.chi2
             ]
             for worth, promise in sorted(added, key=lambda one: -one[0])[:PARTNERS]:
-                if worth > calibration()["pair"] - SLACK:
+                if worth > settings.calibration()["pair"] - SLACK:
                     way = _Way(w.evidence + worth, result.gain(w.names) + promise.gain, leader, promise)
                     ways.setdefault(tuple(sorted((*w.names, promise.signature.effect.id))), []).append(way)
         for names in sorted(ways, key=lambda names: -max(way.worth for way in ways[names]))[:EXTENDED_REFITTED]:
@@ -478,8 +464,7 @@ class Search:
                 if fit is None or fit.objective > way.leader.objective:
                     self._try(names, lambda w=way: self._fit_with(w.leader, w.promise))  # type: ignore[misc]
         for w in leaders[:LEADERS]:
-            self._with_delay(w.fit)
-            self._with_nuisances(w.fit)
+            self._in_place(w.fit)
 
     def weighed(self, result: SearchResult) -> tuple[Weighed, ...]:
         """All fits so far, as the verdict weighs them."""
@@ -517,7 +502,7 @@ class Search:
         near = replace(result.within_tolerances, free=result.base.free)
         alone = [fit.objective for names, fit in self.fits.items() if len(names) == 1 and names[0] in self.effects]
         best = near.objective - min(alone, default=near.objective)  # taken off by the best alone, from the same point
-        enough = best + max(calibration()["pair"], least * (near.objective - best))
+        enough = best + max(settings.calibration()["pair"], least * (near.objective - best))
         projection = Projection.of(self.problem, near)
         kept: dict[str, list[tuple[float, Signature, Array]]] = {}
         for one in result.signatures:

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import PLAY
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.settings import CHANCE, FORETOLD, RESTS, VARIES
 from workbench.diagnose.location.profiles import OnTop, basis, hats, spacing, variables
 from workbench.diagnose.location.where import free_of
 
@@ -43,7 +43,7 @@ class Constancy:
 
     @property
     def broken(self) -> bool:
-        return self.share > VARIES or self.rest > RESTS
+        return self.share > settings.VARIES or self.rest > settings.RESTS
 
 
 def constancies(problem: Problem, near: Fitted, fit: Fitted) -> tuple[Constancy, ...]:
@@ -70,8 +70,8 @@ def constancies(problem: Problem, near: Fitted, fit: Fitted) -> tuple[Constancy,
                 shape, bend = hats(variable)
                 changing = energy - float(weight @ on_top.after(rows[:, None] * shape, bend) ** 2)
                 beside = energy - float(weight @ on_top.after(*basis(problem, variable)) ** 2)
-                share, rest = (changing - CHANCE * energy) / own, (beside - FORETOLD * energy) / taken
+                share, rest = (changing - settings.CHANCE * energy) / own, (beside - settings.FORETOLD * energy) / taken
                 tested.append(Constancy(name, variable.name, share, rest))
         if tested:
-            found.append(max(tested, key=lambda one: max(one.share / VARIES, one.rest / RESTS)))
+            found.append(max(tested, key=lambda one: max(one.share / settings.VARIES, one.rest / settings.RESTS)))
     return tuple(found)

@@ -14,6 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
     PLAY,
     Weighed,
@@ -28,17 +29,6 @@ from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.hypotheses.settings import (
-    DECISIVE,
-    HALF,
-    LAW,
-    NEARLY,
-    RELEVANT_PERCENT,
-    SIMPLER,
-    STRETCHED,
-    UNDONE,
-    calibration,
-)
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
 from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of
@@ -93,7 +83,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     weighed, score = weigh(problem, search.base, near, search.fits, search.rivals)
     weighed = tuple(w for w in weighed if w.names not in barred)
     best, mimics = established(problem, weighed, near)
-    held, stands = near, best is not None and best.evidence > calibration()["threshold"]
+    held, stands = near, best is not None and best.evidence > settings.calibration()["threshold"]
     if best is not None and stands:
         held, score = best.fit, best.score
     floor = math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
@@ -101,7 +91,11 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     signs = signs_of(problem, search.base, held, score, left, share)
     if stands:
         signs["left"] = 0.0  # what an established cause leaves is a remainder
-    vetoes = [w for w in weighed if w.rival and (best is None or advantage(problem, near, w, best, LAW) > DECISIVE)]
+    vetoes = [
+        w
+        for w in weighed
+        if w.rival and (best is None or advantage(problem, near, w, best, settings.LAW) > settings.DECISIVE)
+    ]
     # An unlisted effect that is about as good as the best listed one is left out; a mimic has no evidence.
     counted = tuple(
         (() if w.rival else w.names, min(w.evidence, 0.0) if w.names in mimics else w.evidence)
@@ -109,7 +103,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         if not w.rival or w in vetoes
     )
     groups = groups_of(problem, [w for w in weighed if not w.rival and w.names not in mimics])
-    rows = rank(counted, signs, calibration(), groups)
+    rows = rank(counted, signs, settings.calibration(), groups)
     return Judged(
         word=rows[0].verdict,
         names=rows[0].effects,
@@ -162,11 +156,13 @@ def established(
     """
     mimics: dict[Names, Constancy] = {}
     listed = [w for w in weighed if not w.rival]
-    able = [w for w in listed if w.evidence > calibration()["threshold"]]
+    able = [w for w in listed if w.evidence > settings.calibration()["threshold"]]
     imitated = False
     for w in able:
-        part = any(set(w.names) < set(names) for names in mimics) and w.evidence > HALF * able[0].evidence
-        as_good = not imitated and w.evidence > able[0].evidence - max(DECISIVE, NEARLY * able[0].evidence)
+        part = any(set(w.names) < set(names) for names in mimics) and w.evidence > settings.HALF * able[0].evidence
+        as_good = not imitated and w.evidence > able[0].evidence - max(
+            settings.DECISIVE, settings.NEARLY * able[0].evidence
+        )
         if not (part or as_good):
             continue
         why = _against(problem, w, near)
@@ -186,7 +182,7 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     last, more = w.names[-1], w.fit.rms(problem.inputs) / max(near.rms(problem.inputs), 1e-300) - 1.0
     if more > 0.0 and not (problem.struck and PLAY in w.names):  # what a play leaves are the rebounds
         return Constancy(last, "residual", more)
-    if (undone := cancellation(problem, w.fit, len(near.z))) > UNDONE:
+    if (undone := cancellation(problem, w.fit, len(near.z))) > settings.UNDONE:
         return Constancy(last, OTHER, undone)
     return Constancy(last, BOUND, 1.0) if _on_bound(w.fit, len(near.z)) else None
 
@@ -224,7 +220,7 @@ def left_of(problem: Problem, near: Fitted, held: Fitted, floor: float) -> tuple
     percent = 100.0 * rms / max(input_rms(problem), 1e-300)
     gap = near.rms(problem.inputs) ** 2 - floor**2
     share = 1.0 - rms**2 / gap if gap > 0.0 and held.effects else 0.0
-    return Left(rms, percent, percent > RELEVANT_PERCENT), min(max(share, 0.0), 1.0)
+    return Left(rms, percent, percent > settings.RELEVANT_PERCENT), min(max(share, 0.0), 1.0)
 
 
 def _reasons(
@@ -272,8 +268,8 @@ def alternatives(judged: Judged, kind: str, within: float = 12.0) -> tuple[Names
         freer, simpler = same_but_freer(other, mine, kind), same_but_freer(mine, other, kind)
         single = len(best.names) == 1
         as_good = best.evidence - w.evidence < within and not freer and (single or not simpler)
-        little_more = single and simpler and w.evidence > (1.0 - SIMPLER) * best.evidence
-        if w.fit.prior - best.fit.prior < STRETCHED and (as_good or little_more):
+        little_more = single and simpler and w.evidence > (1.0 - settings.SIMPLER) * best.evidence
+        if w.fit.prior - best.fit.prior < settings.STRETCHED and (as_good or little_more):
             others.append(w.names)
     return tuple(others)
 

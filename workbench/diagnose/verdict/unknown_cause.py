@@ -14,21 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import PLAY, Score, explained
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of, logarithmic_of
 from workbench.diagnose.hypotheses.held_out import folds_by_run
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.settings import (
-    BENDS,
-    BY_CHANCE,
-    OWN,
-    OWN_AGAIN,
-    OWN_LOAD,
-    OWN_SUDDEN,
-    RELEVANT_PERCENT,
-    SECOND,
-)
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.verdict.answer import Left
 from workbench.machines import kind_of
@@ -60,10 +51,13 @@ def signs_of(problem: Problem, near: Fitted, held: Fitted, score: Score, left: L
     if held.effects:  # an inexact law bends the base parameters, and so does a remainder
         open_share = min((1.0 - share) / MUCH, 1.0)
         noise = problem.noise / max(held.rms(problem.inputs), 1e-300)
-        bent = SECOND**2 * explained(problem, near, held, score) + BENDS * max(1.0 - noise**2, 0.0) * held.chi2
+        bent = (
+            settings.SECOND**2 * explained(problem, near, held, score)
+            + settings.BENDS * max(1.0 - noise**2, 0.0) * held.chi2
+        )
     return {
         "left": open_share * _unexplained(problem, held, left, score.excess),
-        "prior": max(tolerance_excess(problem, held, bent) - BY_CHANCE[bool(held.effects)], 0.0),
+        "prior": max(tolerance_excess(problem, held, bent) - settings.BY_CHANCE[bool(held.effects)], 0.0),
     }
 
 
@@ -77,16 +71,16 @@ def _unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> f
     """
     many = max(math.log(excess), 0.0)
     if kind_of(problem.machine).floor == "sensors":
-        return many * min((left.percent_of_input / RELEVANT_PERCENT) ** 2, 1.0)
+        return many * min((left.percent_of_input / settings.RELEVANT_PERCENT) ** 2, 1.0)
     largest = max(float(np.max(np.abs(u))) for u in problem.bench.measured)
     energy, inputs = held.residual[: problem.inputs] ** 2, slice(0, problem.inputs)
     at_speed = float(problem.errors.at_speed[inputs] @ energy) / max(float(np.sum(energy)), 1e-300)
-    beyond_own = min(max(left.rms * math.sqrt(at_speed) / (OWN * largest) - 1.0, 0.0), 1.0)
+    beyond_own = min(max(left.rms * math.sqrt(at_speed) / (settings.OWN * largest) - 1.0, 0.0), 1.0)
     structured = (
-        (repeated_share(problem, held.residual), OWN_AGAIN),
-        (loaded_share(problem, held.residual), OWN_LOAD),
-        (lasting_share(problem, held.residual), OWN_AGAIN),
-        (sudden_share(problem, held.residual), OWN_SUDDEN),
+        (repeated_share(problem, held.residual), settings.OWN_AGAIN),
+        (loaded_share(problem, held.residual), settings.OWN_LOAD),
+        (lasting_share(problem, held.residual), settings.OWN_AGAIN),
+        (sudden_share(problem, held.residual), settings.OWN_SUDDEN),
     )
     again = max(left.rms * math.sqrt(share) / (own * largest) for share, own in structured)
     return max(many * beyond_own, AGAIN * min(max(again - 1.0, 0.0), 1.0))
