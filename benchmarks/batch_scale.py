@@ -68,7 +68,7 @@ def cpu_s() -> float:
 
 def cost_of_a_run(study: Study) -> tuple[float, float]:
     """CPU time of a run on one core (ms), and of that what the kernel takes; the best of three chunks."""
-    from workbench.engine.kernels import Kernel
+    from workbench.engine.source import Kernel
 
     run, taken = Kernel.__call__, [0.0]
 

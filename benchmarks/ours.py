@@ -33,7 +33,7 @@ def read(case: Replay) -> InverseSimulation:
 
 def replay(bench: InverseSimulation) -> Floats:
     """Motor speed at the log's samples, rad/s."""
-    states = simulate_replays(bench.machine, bench)[0]
+    states = simulate_replays(bench)[0]
     return np.asarray(states[:, len(bench.plant.positions)])
 
 

@@ -2,8 +2,8 @@
 
 Figures: from the address to verdict, table and first figure, and to the whole first page (all figures drawn, the script
 ended), on a server that nobody has visited, and at a second start; from a slider's
-release to new figures; frames a second of the page Machine; and the server's memory after each of many sessions that
-move sliders and are closed. One line of JSON.
+release to new figures; frames a second of the page Machine; the server's memory with five sessions at once, after 100
+moves of a slider, and after each of many sessions that move sliders and are closed. One line of JSON.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,10 +101,25 @@ def over_sessions(started: Browser, address: str, home: Path, sessions: int) -> 
     return held
 
 
+def five_at_once(started: Browser, address: str, home: Path, moves: int) -> tuple[float, float]:
+    """The server's memory (MB) with five sessions open at once, and after so many moves of a slider in one of them."""
+    process = server_process(home)
+    with ExitStack() as open_:
+        visits = [open_.enter_context(browser.visit(started, address, home / "shots")) for _ in range(5)]
+        for visit in visits:
+            visit.go()
+        before = memory_mb(process)
+        for number in range(moves):
+            moved_s(visits[0], 0.03 if number % 2 == 0 else -0.02)
+        return round(before, 1), round(memory_mb(process), 1)
+
+
 def main(say: Callable[[str], None] = print) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sessions", type=int, default=20)
-    sessions = parser.parse_args().sessions
+    parser.add_argument("--moves", type=int, default=100)
+    asked = parser.parse_args()
+    sessions = asked.sessions
     if missing := browser.what_is_missing():
         raise SystemExit(missing)
     measured: dict[str, Any] = {"cores": os.cpu_count(), "load_average": round(os.getloadavg()[0], 2)}
@@ -119,6 +135,7 @@ def main(say: Callable[[str], None] = print) -> None:
                 moves = [moved_s(visit, 0.06 if number % 2 == 0 else -0.04) for number in range(MOVES)]
                 measured["slider_to_figures_s"] = round(statistics.median(moves), 2)
                 measured["frames_per_s"] = round(frames_per_s(visit), 1)
+            measured["five_sessions_mb"], measured["after_moves_mb"] = five_at_once(started, address, home, asked.moves)
             measured["memory_mb"] = over_sessions(started, address, home, sessions)
     say(json.dumps(measured))
 

@@ -330,11 +330,10 @@ def test_a_docstring_reaches_the_site_as_it_stands():
 
 
 def test_the_drawing_of_the_arm_is_made_from_the_models_geometry():
-    from workbench.figures.arm_drawing import arm_svg
     from workbench.machines import default_hoist
 
-    said = "run: python -m workbench.figures.arm_drawing > docs/img/arm.svg"
-    drawn = arm_svg(default_hoist())
+    said = "run: python docs/site/arm_drawing.py > docs/img/arm.svg"
+    drawn = of_the_site("arm_drawing").arm_svg(default_hoist())
     assert (DOCS / "img" / "arm.svg").read_text(encoding="utf-8") == drawn, said
     fields = [name for name in type(default_hoist().arm).model_fields if name.endswith("_m") and "_per_" not in name]
     assert len(fields) > 9 and [name for name in fields if f">{name}" not in drawn] == []

@@ -260,17 +260,18 @@ def tune(
     payloads_kg: Sequence[float] | None = None,
     heights_m: Sequence[float] | None = None,
     weights: Weights = USUAL_WEIGHTS,
+    also: Sequence[str] = (),
     scenario: PathLike | None = None,
     tell: Callable[[TuneProgress], object] = lambda progress: None,
 ) -> Tuning:
     """Find kp, ki and the set-point weight: loop shaping first, then runs of the nonlinear closed loop.
 
     bandwidth_hz: of the slowest payload; without it the best rejection of load steps is sought. ms_limit: of the worst
-    payload. controller: settings that stay as they are (filters, feed-forward). tell: receives the progress, and may
-    raise to stop. InputError, with the reason, for a goal out of reach.
+    payload. controller: settings that stay as they are (filters, feed-forward). also: of notch, shaper,
+    schedule. tell: receives the progress, and may raise to stop. InputError, with the reason, for a goal out of reach.
     """
     goal = Goal(bandwidth_hz, ms_limit)
     case = loop_case(machine, controller, payloads_kg, heights_m, scenario)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m)
-    tuned = search_gains(case.machine, case.settings, points, case.trial(), goal, weights, tell=tell)
+    tuned = search_gains(case.machine, case.settings, points, case.trial(), goal, weights, also=also, tell=tell)
     return Tuning(case, weights, tuned)

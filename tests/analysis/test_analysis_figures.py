@@ -13,8 +13,7 @@ import pytest
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import Member, family, operating_points, weakest
 from workbench.analysis.linearise import OperatingPoint
-from workbench.analysis.loop import linear_loop
-from workbench.analysis.step import step_response
+from workbench.analysis.loop import linear_loop, step_response
 from workbench.control import PiSettings
 from workbench.machines import with_values
 from workbench.study.loop_design import DesignCase

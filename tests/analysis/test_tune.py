@@ -11,10 +11,9 @@ from click.testing import CliRunner
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import family, operating_points
 from workbench.analysis.linearise import OperatingPoint
-from workbench.analysis.loop import linear_loop
+from workbench.analysis.loop import linear_loop, load_step, step_response
 from workbench.analysis.margins import margins
 from workbench.analysis.search import Search, best_rejection, for_bandwidth, make_search
-from workbench.analysis.step import load_step, step_response
 from workbench.analysis.tune import Goal, Score, Trial, Tuned, Weights, try_out, tune, usual_trial
 from workbench.cli import cli
 from workbench.control import Notch, PiSettings

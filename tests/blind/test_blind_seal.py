@@ -108,7 +108,7 @@ def test_with_the_key_the_labels_come_out_as_they_went_in(made: Made):
         (lambda f: (f / "campaigns/002/runs/first.csv").unlink(), "campaign 002: the file is gone"),
         (lambda f: (f / "campaigns/003/notes.txt").write_text("hint"), "campaign 003: the file was added"),
         (lambda f: (f / seal.SEALED).write_bytes(b"x" + (f / seal.SEALED).read_bytes()), "sealed labels were changed"),
-        (lambda f: (f / seal.SEALED).unlink(), "sealed labels cannot be read"),
+        (lambda f: (f / seal.SEALED).unlink(), "labels.sealed: no such file"),
         (lambda f: altered(f / "answers/001.json", "friction_viscous", "heave"), "campaign 001 was changed since"),
         (lambda f: shutil.copy(f / "answers/001.json", f / "answers/009.json"), "which the manifest does not have"),
         (lambda f: (f / "answers/002.json").unlink(), "answer to campaign 002, given .*, is gone"),
@@ -125,6 +125,17 @@ def test_a_change_after_sealing_is_found_out_and_named(made: Made, change: Any, 
     with pytest.raises(InputError, match=sentence):
         open_and_score(made.folder, made.key)
     assert not (made.folder / OPENED).exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="allowed: pipes of POSIX")
+@pytest.mark.parametrize("name", ["manifest.json", seal.SEALED, "answers.jsonl", "answers/001.json", "KEY"])
+def test_a_pipe_in_the_place_of_a_sealed_file_is_refused_and_not_waited_for(made: Made, name: str):
+    answered(made)
+    file = made.key if name == "KEY" else made.folder / name
+    file.unlink()
+    os.mkfifo(file)
+    with pytest.raises(InputError, match="is not a regular file"):
+        open_and_score(made.folder, made.key)
 
 
 def lines_of(folder: Path) -> list[dict[str, Any]]:

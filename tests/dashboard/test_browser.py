@@ -20,7 +20,7 @@ from tests.conftest import not_here
 from tests.support import browser
 from tests.support.browser import APP, SCRIPT, Visit
 from tests.support.simulated_campaign import simulated_campaign, true_machine
-from workbench.dashboard.shell import FIRST, present
+from workbench.dashboard.shell import FIRST, PAGES
 from workbench.effects import check
 from workbench.machines import Hoist, load_machine
 
@@ -204,8 +204,8 @@ def test_the_console_is_free_of_errors_and_nothing_is_asked_of_the_network(
         browser.dashboard(tmp_path / "server", start) as address,
         browser.visit(chromium, address, shots / scheme, scheme) as visit,
     ):
-        visit.go(present()[1])  # by its own address, on a server that nobody has visited
-        for title in present() if scheme == "dark" else [title for title in present() if title not in WALKED]:
+        visit.go(list(PAGES)[1])  # by its own address, on a server that nobody has visited
+        for title in PAGES if scheme == "dark" else [title for title in PAGES if title not in WALKED]:
             visit.turn_to(title)
             visit.shot(title.lower())
             assert visit.page.get_by_test_id("stException").count() == 0, title
@@ -223,12 +223,15 @@ SHOWN = """() => Object.fromEntries([
 ])"""
 
 
-def test_nonsense_that_is_mended_leaves_every_control_showing_what_is_used(chromium: Browser, tmp_path: Path):
+@pytest.mark.parametrize("title", ["Loop", "Study"])
+def test_nonsense_that_is_mended_leaves_every_control_showing_what_is_used(
+    title: str, chromium: Browser, tmp_path: Path
+):
     with (
         browser.dashboard(tmp_path / "server") as address,
         browser.visit(chromium, address, tmp_path / "shots") as visit,
     ):
-        visit.go("Loop")
+        visit.go("" if title == FIRST else title)
         visit.drawn(figures=4)
         page, said = visit.page, visit.page.evaluate("window.bench.said()")
         before = page.evaluate(SHOWN)
@@ -250,3 +253,46 @@ def test_nonsense_that_is_mended_leaves_every_control_showing_what_is_used(chrom
         visit.drawn(figures=4)
         assert page.evaluate("window.bench.said()") == said  # and what is used is what was used
         assert page.get_by_test_id("stException").count() == 0 and visit.complaints == []
+
+
+def test_two_visitors_at_once_have_downloads_jobs_and_uploads_of_their_own(chromium: Browser, tmp_path: Path):
+    packed = shutil.make_archive(str(tmp_path / "secret"), "zip", simulated_campaign(tmp_path / "campaign"))
+    with (
+        browser.dashboard(tmp_path / "server") as address,
+        browser.visit(chromium, address, tmp_path / "one") as one,
+        browser.visit(chromium, address, tmp_path / "two") as two,
+    ):
+        visits = {"first": one, "second": two}
+        for name, visit in visits.items():
+            visit.go()
+            visit.drawn(figures=4)
+            for fold in ("Scenario file", "Signals and report"):
+                visit.page.get_by_text(fold, exact=True).click()
+            visit.page.get_by_label("Name of the study").fill(name)
+            visit.page.keyboard.press("Enter")
+            visit.page.get_by_text(f"{name} ·").wait_for()
+            visit.drawn(figures=4)
+        for what, ending in (("Save scenario", "yaml"), ("Report", "html")):
+            with one.page.expect_download() as a, two.page.expect_download() as b:  # asked for before either comes
+                for visit in visits.values():
+                    visit.page.get_by_role("button", name=what).click()
+            for name, file in (("first", a), ("second", b)):
+                assert file.value.suggested_filename == f"{name}.{ending}"
+                assert name in Path(file.value.path()).read_text(encoding="utf-8")
+        one.turn_to("Batches")
+        one.page.get_by_test_id("stSidebar").get_by_role("button", name="Start").click()
+        one.page.get_by_text("Largest torque peak", exact=True).wait_for(timeout=browser.DRAWN_WITHIN_MS)
+        one.turn_to("Signals")
+        one.choose("Campaign", "upload a campaign")
+        one.page.locator("input[type=file]").set_input_files(packed)
+        one.page.get_by_text("Campaign secret").wait_for(timeout=browser.DRAWN_WITHIN_MS)
+        two.turn_to("Batches")
+        two.page.get_by_text("No batch yet").wait_for()
+        two.turn_to("Signals")
+        two.page.get_by_test_id("stSelectbox").filter(has_text="Campaign").get_by_role("combobox").click()
+        assert not any("secret" in name for name in two.page.get_by_role("option").all_inner_texts())
+        two.page.keyboard.press("Escape")
+        assert "work=" in one.page.url and "work=" not in two.page.url
+        one.page.reload(wait_until="commit")  # in its own session the upload is found again, under its own name
+        one.page.get_by_text("Campaign secret").wait_for(timeout=browser.DRAWN_WITHIN_MS)
+        assert one.complaints == two.complaints == [] and one.asked == two.asked == []

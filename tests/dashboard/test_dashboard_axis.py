@@ -12,22 +12,21 @@ from tests.support import axes
 from tests.support.dashboard_app import errors, figures, page
 from workbench.control import LinearCascade
 from workbench.core.errors import InputError
-from workbench.dashboard import machines
-from workbench.dashboard.pages.compare import Kept
-from workbench.dashboard.pages.study import beside_ramps
-from workbench.dashboard.pages.study_desk import (
+from workbench.dashboard import chosen as machines
+from workbench.dashboard.desk import (
     Desk,
     desk_of,
+    edited,
     from_address,
     in_address,
     scenario_file,
-    scenario_of,
     shipped_desk,
     shipped_files,
     usual_desk,
     with_gains,
 )
-from workbench.dashboard.pages.study_form import desk_key
+from workbench.dashboard.pages.compare import Kept
+from workbench.dashboard.pages.study import beside_ramps
 from workbench.machines import default_hoist, kind_of, shipped, with_values
 from workbench.machines.files import machine_text
 from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
@@ -43,6 +42,7 @@ def emps() -> LinearAxis:
 
 
 EMPS = emps()
+KEY = f"desk {kind_of(EMPS).name}"
 ROTARY = RotaryAxis.model_validate(
     {
         "name": "turning arm",
@@ -68,8 +68,8 @@ def labels(app: Any) -> set[str]:
 def study() -> Any:
     """The page with the scenario of an axis that ships, chosen on the axis."""
     app = page("Study")
-    app.session_state["machine arrived"] = machines.AXIS
-    app.session_state[desk_key(EMPS)] = shipped_axis_desk()
+    app.session_state["machine chosen"] = machines.AXIS
+    app.session_state[KEY] = shipped_axis_desk()
     return app.run()
 
 
@@ -82,7 +82,7 @@ def test_an_axis_is_studied_in_its_own_units(study):
 
 
 def test_its_table_and_verdict_are_those_of_the_library(study):
-    result = run_study(plan_study(scenario_of(shipped_axis_desk(), EMPS), EMPS))
+    result = run_study(plan_study(shipped_axis_desk().scenario, EMPS))
     table = study.dataframe[0].value
     assert [cell.removeprefix("★ ") for cell in table["peak N"]] == [
         f"{row['peak_force_n']:.4g}" for row in result.rows
@@ -99,8 +99,8 @@ def test_a_reached_limit_of_the_drive_is_an_alarm_and_keeps_the_page():
     app = page("Study")
     weak = with_values(EMPS, {"drive.force_limit_n": 200.0})
     app.session_state["machines kept"] = {"weak": weak}
-    app.session_state["machine arrived"] = "weak"
-    app.session_state[desk_key(EMPS)] = shipped_axis_desk()
+    app.session_state["machine chosen"] = "weak"
+    app.session_state[KEY] = shipped_axis_desk()
     app.run()
     assert not app.exception
     (alarmed,) = errors(app)
@@ -109,7 +109,7 @@ def test_a_reached_limit_of_the_drive_is_an_alarm_and_keeps_the_page():
 
 def test_an_uploaded_rotary_axis_is_studied_in_radians():
     app = page("Study")
-    app.session_state["machine arrived"] = machines.AXIS
+    app.session_state["machine chosen"] = machines.AXIS
     app.run()
     app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
     app.file_uploader(key="study machine file").upload("m.yaml", machine_text(ROTARY).encode(), "application/yaml")
@@ -122,26 +122,25 @@ def test_an_uploaded_rotary_axis_is_studied_in_radians():
 
 def test_an_axis_gains_go_from_loop_to_study_and_leave_the_hoists_alone():
     loop = page("Loop")
-    loop.session_state["machine arrived"] = machines.AXIS
+    loop.session_state["machine chosen"] = machines.AXIS
     loop.run()
     assert not loop.exception and errors(loop) == []
     assert {"kv (1/s)", "kp (N s/m)", "Positions (m)"} <= labels(loop)
     assert "Payloads (kg)" not in labels(loop)
     loop.number_input(key="loop kp typed").set_value(5000.0).run()
-    now = f"controller now {kind_of(EMPS).name} {EMPS.name}"
-    (settings,) = loop.session_state[now]
+    settings = loop.session_state[KEY].scenario.controller
     assert isinstance(settings, LinearCascade) and settings.kp_n_s_per_m == 5000.0
-    assert "controller now" not in loop.session_state
+    assert "desk hoist" not in loop.session_state
     study = page("Study")
-    study.session_state["machine arrived"] = machines.AXIS
-    study.session_state[now] = (settings,)
+    study.session_state["machine chosen"] = machines.AXIS
+    study.session_state[KEY] = loop.session_state[KEY]
     study.run()
     assert study.slider(key="study.kp").value == 5000.0 and not study.exception
 
 
 def test_a_tuning_of_an_axis_fills_its_sliders_and_keeps_its_position_loop():
     loop = page("Loop")
-    loop.session_state["machine arrived"] = machines.AXIS
+    loop.session_state["machine chosen"] = machines.AXIS
     loop.run()
     kv, kp = (loop.number_input(key=f"loop {name} typed").value for name in ("kv", "kp"))
     loop.button(key="loop tune").click().run()
@@ -155,17 +154,17 @@ def test_a_tuning_of_an_axis_fills_its_sliders_and_keeps_its_position_loop():
 
 @pytest.mark.parametrize("machine", [EMPS, ROTARY, axes.two_inertia()], ids=lambda machine: machine.name)
 def test_a_link_shows_an_axis_study_on_its_own_machine(machine):
-    desk = usual_desk(machine)
-    scenario = scenario_of(desk.having(speed=0.7 * desk.values["speed"]), machine)
+    usual = usual_desk(machine).scenario
+    scenario = edited(usual, machine, {"speed": 0.7 * usual.limits.given()["speed_m_s"]})
     text = in_address(scenario, machine)
     assert text is not None
     read, own = from_address(text)
     assert own == machine
-    assert scenario_of(read, machine).limits == scenario.limits
+    assert read.scenario == scenario.model_copy(update={"machine": read.scenario.machine})
 
 
 def test_a_link_of_an_axis_sets_machine_and_controls_and_the_page_writes_the_same_link():
-    text = in_address(scenario_of(usual_desk(ROTARY), ROTARY), ROTARY)
+    text = in_address(usual_desk(ROTARY).scenario, ROTARY)
     app = page("Study")
     app.query_params["study"] = text
     app.run()
@@ -176,7 +175,7 @@ def test_a_link_of_an_axis_sets_machine_and_controls_and_the_page_writes_the_sam
 
 def test_the_verdict_of_an_axis_is_that_of_its_front(study):
     """What beats a choice under other limits is said in the verdict and drawn as the front."""
-    scenario = scenario_of(shipped_axis_desk(), EMPS)
+    scenario = shipped_axis_desk().scenario
     rows = run_study(plan_study(scenario, EMPS)).rows
     said = verdict(rows, beside_ramps(scenario, EMPS), machine=EMPS)
     assert said is not None and study.info[0].value.replace("\\", "").startswith(said)
@@ -189,7 +188,7 @@ def test_kept_studies_of_an_axis_stand_side_by_side_in_its_units():
     app = page("Compare")
     kept: dict[str, Kept] = {}
     for name, speed, acceleration, jerk in (("first", 0.3, 1.2, 7.6), ("quicker", 0.4, 1.6, 9.0)):
-        scenario = scenario_of(usual_desk(EMPS).having(speed=speed, acceleration=acceleration, jerk=jerk), EMPS)
+        scenario = edited(usual_desk(EMPS).scenario, EMPS, {"speed": speed, "acceleration": acceleration, "jerk": jerk})
         kept[name] = Kept(name, scenario, EMPS, run_study(plan_study(scenario, EMPS)))
     app.session_state["runs kept"] = kept
     app.run()
@@ -204,7 +203,7 @@ def test_studies_of_other_kinds_are_not_compared():
     app = page("Compare")
     both = {}
     for name, machine in (("slide", EMPS), ("turn", ROTARY)):
-        scenario = scenario_of(usual_desk(machine), machine)
+        scenario = usual_desk(machine).scenario
         both[name] = Kept(name, scenario, machine, run_study(plan_study(scenario, machine)))
     app.session_state["runs kept"] = both
     app.run()
@@ -224,7 +223,7 @@ def test_a_page_for_hoists_says_so_and_leaves_the_axis_chosen():
 
 def test_the_usual_study_of_any_axis_runs_within_its_drive():
     for machine in (EMPS, ROTARY):
-        rows = run_study(plan_study(scenario_of(usual_desk(machine), machine), machine)).rows
+        rows = run_study(plan_study(usual_desk(machine).scenario, machine)).rows
         assert rows and all(row.ok for row in rows)
         name = "peak_force_n" if machine is EMPS else "peak_torque_nm"
         peaks = [row.metrics[name] for row in rows]
@@ -233,12 +232,12 @@ def test_the_usual_study_of_any_axis_runs_within_its_drive():
 
 def test_a_saved_study_of_an_axis_is_read_by_the_study_command(tmp_path):
     heavier = with_values(EMPS, {"mass_kg": 110.0})
-    scenario = scenario_of(shipped_axis_desk(), heavier)
+    scenario = shipped_axis_desk().scenario
     (tmp_path / "own.yaml").write_text(machine_text(heavier), encoding="utf-8")
     (tmp_path / "saved.yaml").write_text(scenario_file(scenario, heavier, "own.yaml"), encoding="utf-8")
     study = load_study(tmp_path / "saved.yaml")
     assert study.machine == heavier
-    assert desk_of(study.scenario, heavier).base.controller == scenario.controller
+    assert desk_of(study.scenario, heavier).scenario.controller == scenario.controller
     assert study.scenario.limits == scenario.limits and study.scenario.moves == scenario.moves
 
 
@@ -251,22 +250,20 @@ def test_what_is_set_for_one_axis_goes_over_to_its_corrected_twin_and_to_no_othe
 def test_what_no_axis_can_be_asked_is_one_clear_error():
     desk = shipped_axis_desk()
     with pytest.raises(InputError, match="nothing asks the axis to move"):
-        with_gains(desk.base.controller, {"kv_per_s": 0.0, "feed_forward": {"speed": 0.0}})
-    with pytest.raises(InputError, match="letters, digits"):
-        scenario_of(desk.having(name="../x"), EMPS)
+        with_gains(desk.scenario.controller, {"kv_per_s": 0.0, "feed_forward": {"speed": 0.0}})
     with pytest.raises(InputError, match="sweep"):
         desk_of(load_study(shipped_files()["axis.yaml"]).scenario, EMPS)
 
 
 def test_a_hoists_scenario_chosen_on_an_axis_goes_back_to_a_hoist():
     desk, machine = shipped_desk("payloads", EMPS)
-    assert "payloads" in desk.values and machine == default_hoist()
+    assert desk.scenario.payloads_kg and machine == default_hoist()
 
 
 def test_what_an_axis_cannot_be_asked_keeps_its_last_study_below_the_error():
     app = page("Study")
-    app.session_state["machine arrived"] = machines.AXIS
-    app.session_state[desk_key(EMPS)] = shipped_axis_desk()
+    app.session_state["machine chosen"] = machines.AXIS
+    app.session_state[KEY] = shipped_axis_desk()
     app.run()
     app.text_input(key="study.name").set_value("../x").run()
     assert not app.exception

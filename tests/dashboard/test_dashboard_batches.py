@@ -13,8 +13,8 @@ from tests.support.batches import SCENARIO
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.scenario_text import GOOD
 from workbench.dashboard import jobs, session
-from workbench.dashboard.job_cards import counts
-from workbench.dashboard.jobs import Progress
+from workbench.dashboard.desk import shipped_scenarios
+from workbench.dashboard.jobs import Progress, counts
 from workbench.dashboard.pages import batches
 
 
@@ -81,8 +81,8 @@ def test_a_scenario_says_what_it_would_run_before_it_runs():
 
 
 def test_every_scenario_that_ships_can_be_chosen():
-    assert len(batches.shipped()) >= 9
-    for name in batches.shipped():
+    assert len(shipped_scenarios()) >= 9
+    for name in shipped_scenarios():
         app = page("Batches").run()
         app.selectbox(key="batches scenario").select(name).run()
         assert errors(app) == [], name

@@ -20,13 +20,12 @@ from tests.support.log_campaign import hoist_columns, write_campaign
 from tests.support.made_diagnosis import made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.errors import InputError
-from workbench.dashboard import campaigns, jobs, session
-from workbench.dashboard import work as workers
-from workbench.dashboard.jobs import Job, Teller, new_id, write_record
+from workbench.dashboard import chosen as campaigns
+from workbench.dashboard import jobs, session
+from workbench.dashboard.jobs import VIEW, Job, Teller, new_id, read_view, write_record, write_view
 from workbench.dashboard.pages import gap
-from workbench.dashboard.pages.gap import TAB
+from workbench.dashboard.pages.gap import TAB, View
 from workbench.dashboard.server import SCRIPT
-from workbench.dashboard.work import VIEW, View, read_view, write_view
 from workbench.diagnose import diagnose as orchestration
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.effects import check
@@ -72,7 +71,7 @@ def finished(
     with monkeypatch.context() as patch:
         patch.setattr(orchestration, "diagnose", lambda campaign, **_: made_diagnosis_of(kind))
         tell = Teller(job.file("said.jsonl"))
-        workers.diagnosis(job.file("result"), tell, **asked)
+        gap.work(job.file("result"), tell, **asked)
         tell.write(ended=0, at_s=time.time())
     return number, job
 
@@ -189,7 +188,8 @@ def test_the_answer_stands_first_and_each_tab_draws_its_own_figures_only(server,
     drawn = {
         "Where it lies": ["Measured and predicted torque", "Mean residual (N m) over what may explain it"],
         "Before and after": [
-            "Residual on held-out runs, rms (N m)", "Torque residual: measured − predicted",
+            "Residual on held-out runs, rms (N m)",
+            "Torque residual (dashed: ± 2 × noise of 0.49 N m; grey: at rest or at an end, left out)",
             "Speed replayed open loop, in % of nominal motor speed",
         ],
         "Told apart, next run": ["Angle between the marks that two effects leave in these runs"],
@@ -205,7 +205,7 @@ def test_the_figures_are_the_reports(server, monkeypatch, spring):
     from workbench.view.diagnosis import sections_of
 
     _, job = finished(server, monkeypatch, spring, "named")
-    view, sections = read_view(View, job.file(VIEW)), sections_of(made_diagnosis_of("named"))
+    view, sections = read_view(View, job), sections_of(made_diagnosis_of("named"))
     assert list(view.sections) == list(sections)
     for name in set(sections) - {"answer", "verdict"}:
         kept = list(map(tuple, view.sections[name].figures))
@@ -348,12 +348,14 @@ def test_a_damaged_result_says_so(server, monkeypatch, spring):
 
 
 def test_a_view_is_read_as_it_was_written(tmp_path):
-    view = workers.view_of(made_diagnosis_of("named"))
-    write_view(view, tmp_path / VIEW)
-    again = read_view(View, tmp_path / VIEW)
+    job = Job(new_id(), gap.KIND, "spring", tmp_path, "", {}, 0.0)
+    view = gap.view_of(made_diagnosis_of("named"))
+    write_view(view, job.file(VIEW))
+    again = read_view(View, job)
     assert (again.sentence, again.numbers, list(again.sections)) == (view.sentence, view.numbers, list(view.sections))
+    job.file(VIEW).unlink()
     with pytest.raises(InputError, match="damaged"):
-        read_view(View, tmp_path / "gone.json")
+        read_view(View, job)
 
 
 def test_the_address_keeps_the_jobs_on_every_page(server, monkeypatch, spring):

@@ -263,7 +263,7 @@ def test_a_server_that_ends_takes_its_workers_along(workspace: Path):
 
 def test_a_batch_that_is_stopped_keeps_its_chunks_and_ends_as_if_it_had_never_stopped(workspace: Path, tmp_path: Path):
     scenario = write(tmp_path, SCENARIO)
-    call = "workbench.dashboard.work:batch"
+    call = "workbench.dashboard.pages.batches:work"
     job = start("batch", call, {"scenario": f"{INPUTS}/s.yaml"}, workspace, inputs={"s.yaml": scenario})
     until(job, lambda progress: progress.done > 0)
     stop(job)

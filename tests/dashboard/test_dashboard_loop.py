@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,11 @@ pytest.importorskip("streamlit")
 
 from tests.support.dashboard_app import errors, figures, page
 from workbench.analysis.family import family, operating_points
-from workbench.analysis.loop import INPUTS, SHOWN
-from workbench.analysis.step import step_response
+from workbench.analysis.loop import INPUTS, SHOWN, step_response
 from workbench.analysis.usual import usual_controller
 from workbench.control import PiSettings
+from workbench.dashboard.desk import edited, usual_desk
 from workbench.dashboard.pages.loop import gain_steps, rule_settings
-from workbench.dashboard.pages.study_desk import usual_desk
-from workbench.dashboard.pages.study_form import desk_key
 from workbench.machines import default_hoist, with_values
 from workbench.view.loop import HZ, RAD_S, bode, gang_of_four
 
@@ -162,9 +161,9 @@ def test_the_step_response_is_that_of_the_loop_taken_sample_by_sample():
 
 def test_the_page_says_that_its_loop_is_the_lumped_machines_where_study_runs_on_the_multibody_one():
     said = "Study runs on the multi-body machine; this loop is that of the lumped one, which is linearised."
-    desk, key = usual_desk(default_hoist()), desk_key(default_hoist())
+    desk, key = usual_desk(default_hoist()), "desk hoist"
     app = page("Loop")
-    app.session_state[key] = desk.having(plant="multibody")
+    app.session_state[key] = replace(desk, scenario=edited(desk.scenario, default_hoist(), {"plant": "multibody"}))
     assert said in [caption.value for caption in app.run().caption]
     app.session_state[key] = desk
     assert said not in [caption.value for caption in app.run().caption]

@@ -16,10 +16,10 @@ pytest.importorskip("streamlit")
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.core.errors import InputError
-from workbench.dashboard import campaigns, jobs, session
-from workbench.dashboard.jobs import Teller
+from workbench.dashboard import chosen as campaigns
+from workbench.dashboard import jobs, session
+from workbench.dashboard.jobs import VIEW, Teller, read_view
 from workbench.dashboard.pages import validate
-from workbench.dashboard.work import VIEW, models, read_view
 from workbench.logs import read_campaign
 from workbench.machines import Hoist
 from workbench.machines.files import machine_text
@@ -52,12 +52,12 @@ def at_once(
     job.folder.mkdir(parents=True)
     jobs.write_record(job)
     tell = Teller(job.file("said.jsonl"))
-    tell.write(ended=jobs.work(call, arguments, job.folder, tell), at_s=time.time())
+    tell.write(ended=jobs.work(job, tell), at_s=time.time())
     return job
 
 
 def words(app: Any) -> str:
-    return " ".join(element.value for element in [*app.markdown, *app.caption]).replace("\\", "")
+    return " ".join(element.value for element in [*app.markdown, *app.caption]).replace("\\", "").replace("\u00a0", " ")
 
 
 def test_both_models_are_compared_by_a_job_and_shown(server, tmp_path):
@@ -109,7 +109,7 @@ def test_what_cannot_be_compared_is_said_without_the_servers_folder(server, tmp_
     out = tmp_path / "job" / "result"
     out.parent.mkdir()
     with pytest.raises(InputError, match="has no effect 'backlash'") as caught:
-        models(out, Teller(tmp_path / "job" / "said.jsonl"), folder=str(folder), name=NAME, runs=["lift"],
+        validate.work(out, Teller(tmp_path / "job" / "said.jsonl"), folder=str(folder), name=NAME, runs=["lift"],
             machine=machine_text(machine))  # fmt: skip
     assert str(tmp_path) not in str(caught.value)
     assert not out.exists()
@@ -117,5 +117,6 @@ def test_what_cannot_be_compared_is_said_without_the_servers_folder(server, tmp_
 
 def test_a_damaged_result_is_one_clear_error(tmp_path):
     (tmp_path / VIEW).write_text('{"heading": 3}')
+    job = jobs.Job(jobs.new_id(), validate.MODELS, "lift", tmp_path, "", {}, 0.0)
     with pytest.raises(InputError, match="damaged; compute it again"):
-        read_view(Section, tmp_path / VIEW)
+        read_view(Section, job)

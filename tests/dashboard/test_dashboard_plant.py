@@ -8,38 +8,39 @@ import time
 from collections import deque
 from dataclasses import asdict
 from typing import Any
-from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pytest
 
 pytest.importorskip("streamlit")
 
-from benchmarks.serve import Client as UdpClient
+
 from benchmarks.serve import Served
 from tests.support.dashboard_app import errors, page
 from workbench.analysis.usual import usual_controller
 from workbench.core.errors import InputError
 from workbench.dashboard.pages.plant import WINDOWS
-from workbench.dashboard.plant import KEPT_S, PlantProcess
-from workbench.dashboard.plant_worker import (
+from workbench.dashboard.plant import (
+    KEPT_S,
     PAUSE_S,
+    READ,
+    Client,
     Controller,
     Desk,
     Numbers,
-    OtherClientError,
-    OwnLine,
-    Recorder,
-    UdpLine,
+    PlantProcess,
     Wanted,
+    udp_order,
 )
-from workbench.figures.served import last_seconds, late_starts
 from workbench.machines import default_hoist
 from workbench.machines.files import machine_text
-from workbench.references import Limits, time_optimal
+from workbench.references import Limits
+from workbench.references.shape import shortest_move_s
 from workbench.serve.plant import LivePlant
+from workbench.serve.points import TORQUE
 from workbench.serve.serve import Wish
 from workbench.serve.session import Session
+from workbench.view.served import last_seconds, late_starts
 
 HOIST = default_hoist()
 PI = usual_controller(HOIST)
@@ -63,10 +64,10 @@ def new_session(clock: Hand) -> Session:
 
 def driven(session: Session, clock: Hand, controller: Controller, seconds: float) -> list[Numbers]:
     """The plant under the built-in client, without a thread or a wait; the states at its samples."""
-    line, seen = OwnLine(session), []
+    seen = []
     for _ in range(round(seconds / controller.dt)):
-        seen.append(line.seen())
-        line.command(controller.torque_nm(seen[-1], PAYLOAD_KG))
+        seen.append(session.order({"get": list(READ)})["get"])
+        session.order({"set": {TORQUE: controller.torque_nm(seen[-1], PAYLOAD_KG)}})
         for _ in range(round(controller.dt / STEP_S)):
             clock.now += STEP_S
             session.step()
@@ -82,7 +83,7 @@ def test_the_built_in_client_holds_the_load_and_another_one_that_is_picked_up():
     session = new_session(clock)
     controller = Controller(HOIST, Wanted(PI))
     begun = driven(session, clock, controller, 1.0)[0]
-    session.set({"payload_kg": 9000.0})
+    session.order({"set": {"payload_kg": 9000.0}})
     (*_, last) = driven(session, clock, controller, 4.0)
     assert abs(last["speed_motor_rad_s"]) < 0.1
     assert height(last) == pytest.approx(height(begun), abs=0.05)
@@ -95,7 +96,7 @@ def test_the_built_in_client_goes_up_and_down_between_two_heights():
     clock = Hand()
     session = new_session(clock)
     wanted = Wanted(PI, (8.5, 9.6), "ruckig", LIMITS)
-    takes = sum(time_optimal.shortest_move_s(by, LIMITS) + PAUSE_S for by in (0.6, -1.1))
+    takes = sum(shortest_move_s(by, LIMITS) + PAUSE_S for by in (0.6, -1.1))
     seen = driven(session, clock, Controller(HOIST, wanted), takes)
     heights = [height(state) for state in seen]
     assert max(heights) == pytest.approx(9.6, abs=0.02)
@@ -107,127 +108,115 @@ def test_the_built_in_client_begins_anew_after_the_brake_and_after_a_reset():
     session = new_session(clock)
     controller = Controller(HOIST, Wanted(PI))
     driven(session, clock, controller, 0.5)
-    session.set({"brake_closed": 1})
+    session.order({"set": {"brake_closed": 1}})
     stopped = driven(session, clock, controller, 0.5)[-1]
     assert stopped["is_brake_closed"]
-    session.set({"brake_closed": 0})
+    session.order({"set": {"brake_closed": 0}})
     freed = driven(session, clock, controller, 0.5)[-1]
     assert not freed["is_brake_closed"] and abs(freed["speed_motor_rad_s"]) < 0.2
-    session.set({"reset": 1})
+    session.order({"set": {"reset": 1}})
     again = driven(session, clock, controller, 0.2)
     assert again[0]["is_waiting"] and again[-1]["time_s"] == pytest.approx(0.2, abs=0.01)
     assert abs(again[-1]["speed_motor_rad_s"]) < 0.1
 
 
-def test_who_commands_the_plant_himself_takes_it_from_the_built_in_client():
-    session = new_session(Hand())
-    line = OwnLine(session)
-    line.command(500.0)
-    line.command(500.0)
-    session.command(400.0)
-    with pytest.raises(OtherClientError):
-        line.command(500.0)
-    assert session.asked == 400.0
-    line.release()
-    line.command(300.0)
-    assert session.asked == 300.0
+def test_the_built_in_client_yields_to_another_one():
+    clock = Hand()
+    session = new_session(clock)
+    desk = Desk(session.order, HOIST, deque(), lambda order: session.order(order, "the built-in client"))
+    desk.answer({"client": {"settings": PI.model_dump(), "heights_m": None}})
+    client = desk.client
+    assert isinstance(client, Client)
+    end = time.monotonic() + WITHIN_S
+    while session.controller is None and time.monotonic() < end:
+        time.sleep(0.01)
+    desk.take(session.order({"get": list(READ), "status": True}))
+    assert client.at_work
+    with pytest.raises(InputError, match="read only: the built-in client controls the plant"):
+        session.command(400.0, who="a PLC")
+    session.refused("second_client", "a PLC is not heard")  # as each protocol counts it
+    desk.take(session.order({"get": list(READ), "status": True}))
+    assert not client.at_work and client.ended.startswith("another client commands this plant")
+    clock.now += 1.0
+    session.step()  # the built-in one is silent
+    assert session.command(400.0, who="a PLC") and session.controller == "a PLC"
 
 
 def test_rows_are_handed_out_once_and_begin_anew_after_a_reset():
-    clock = Hand()
-    session = new_session(clock)
-    recorder = Recorder(OwnLine(session))
-    line = OwnLine(session)
-    line.command(session.plant.hold)
+    session = new_session(Hand())
+    desk = Desk(session.order, HOIST, deque())
+
+    def taken() -> None:
+        desk.take(session.order({"get": list(READ), "status": True}))
+
+    session.order({"set": {TORQUE: session.plant.hold}})
     for _ in range(5):
         session.step()
-        recorder.take(line.numbers())
-    first = recorder.since(-1, 0)
+        taken()
+    first = desk.answer({"rows": [-1, 0]})
     assert [row[first["columns"].index("time_s")] for row in first["rows"]] == pytest.approx(
         [k * 1e-3 for k in range(1, 6)]
     )
-    assert recorder.since(first["generation"], first["next"])["rows"] == []
-    recorder.take(line.numbers())  # its time stands
-    assert recorder.since(first["generation"], first["next"])["rows"] == []
-    recorder.note("motor lost")
-    assert recorder.since(first["generation"], 0)["events"] == [(0.005, "motor lost")]
+    seen = [first["generation"], first["next"]]
+    taken()  # its time stands
+    assert desk.answer({"rows": seen})["rows"] == []
+    desk.answer({"order": {"get": ["slack_m"]}, "note": "motor lost"})
+    assert desk.answer({"rows": seen})["events"] == [(0.005, "motor lost")]
     session.reset()
-    recorder.take(line.numbers())
-    anew = recorder.since(first["generation"], first["next"])
-    assert anew["generation"] != first["generation"] and len(anew["rows"]) == 1 and anew["events"] == []
+    taken()
+    anew = desk.answer({"rows": seen})
+    assert anew["generation"] != seen[0] and len(anew["rows"]) == 1 and anew["events"] == []
+
+
+def numbers_over(time_s: Any) -> dict[str, Any]:
+    read = new_session(Hand()).order({"get": list(READ)})["get"]
+    columns = {name: np.full(len(time_s), value) for name, value in read.items()}
+    return columns | {"time_s": time_s, "speed_reference_rad_s": np.full(len(time_s), np.nan)}
 
 
 def test_figures_of_a_plant_hold_its_last_seconds_its_events_and_every_step():
-    session = new_session(Hand())
-    numbers = OwnLine(session).numbers()
-    time_s = np.arange(0.0, 30.0, 0.04)
-    columns = {name: np.full(len(time_s), value) for name, value in numbers.items()} | {
-        "time_s": time_s, "speed_reference_rad_s": np.full(len(time_s), np.nan),
-    }  # fmt: skip
-    drawn = last_seconds(columns, 10.0, 1500.0, [(5.0, "too early"), (25.0, "slack <b>")])
-    words = [text.text for text in fromstring(drawn).findall(".//{*}text")]
-    assert "slack <b>" in words and "too early" not in words and "set point" not in words
-    assert {"height", "motor", "at work", "drum", "dead line", "least", "25"} <= set(words)
-    late = fromstring(late_starts({"<10 us": 3, ">=10 us": 1}))
-    _, *bars = [float(bar.get("height", "")) for bar in late.findall("{*}rect")]  # behind the ground
-    assert bars[0] == pytest.approx(3.0 * bars[1]) and bars[1] > 0.0
-    assert "white" in drawn and "white" not in last_seconds(columns, 10.0, 1500.0, dark=True)
+    columns = numbers_over(np.arange(0.0, 30.0, 0.04))
+    figure = last_seconds(columns, 10.0, 1500.0, [(5.0, "too early"), (25.0, "slack")])
+    words = {note.text for note in figure.layout.annotations}
+    assert "slack" in words and "too early" not in words and "limit" not in words
+    names = {line.name for line in figure.data}
+    assert {"height", "motor", "at work", "drum", "dead line", "least"} <= names and "set point" not in names
+    assert min(figure.data[0].x) > 19.9
+    late = late_starts({"<10 us": 3, ">=10 us": 1}).data[0]
+    assert list(late.y) == [75.0, 25.0]
 
 
-def test_the_limit_of_torque_is_drawn_where_the_torque_comes_near_it():
-    time_s = np.arange(0.0, 1.0, 0.04)
-    columns = {name: np.full(len(time_s), value) for name, value in OwnLine(new_session(Hand())).numbers().items()}
-    columns |= {"time_s": time_s, "speed_reference_rad_s": time_s}
-    dashed = 'stroke-dasharray="6 4"'
-    assert dashed not in last_seconds(columns, 10.0, 1500.0)
-    assert dashed in last_seconds(columns | {"torque_at_work_nm": 1400.0 + time_s}, 10.0, 1500.0)
-    assert dashed in last_seconds(columns | {"torque_at_work_nm": -1400.0 - time_s}, 10.0, 1500.0)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_limit_of_torque_is_drawn_where_the_torque_comes_near_it(sign: float):
+    columns = numbers_over(np.arange(0.0, 1.0, 0.04))
+    near = last_seconds(columns | {"torque_at_work_nm": sign * (1400.0 + columns["time_s"])}, 10.0, 1500.0)
+    assert sign * 1500.0 in {shape.y0 for shape in near.layout.shapes if shape.type == "line"}
 
 
-def test_a_plant_of_another_process_is_reached_over_udp_by_one_client_at_a_time():
+def test_a_plant_of_another_process_is_reached_over_udp():
     with Served(HOIST, watchdog_s=0.2) as served:
-        line, other = UdpLine(served.port), UdpClient(served.port)
-        assert line.order({"set": {"slack_m": 0.1, "brake_closed": 1}, "get": ["slack_m"]})["get"] == {"slack_m": 0.1}
-        line.command(500.0)
-        end = time.monotonic() + WITHIN_S
-        while (seen := line.seen()) is None and time.monotonic() < end:
-            time.sleep(0.002)
-        assert seen is not None and seen["is_brake_closed"]  # a command says the brake anew
+        order = udp_order(served.port)
+        assert order({"set": {"slack_m": 0.1, "brake_closed": 1}, "get": ["slack_m"]})["get"] == {"slack_m": 0.1}
         with pytest.raises(InputError, match="unknown point 'slak_m'"):
-            line.order({"set": {"slak_m": 0.1}})
-        line.release()
-        with pytest.raises(OtherClientError):
-            commanded_by_both(line, other)
-        other.close()
-
-
-def commanded_by_both(line: UdpLine, other: UdpClient) -> None:
-    time.sleep(0.3)  # until the watchdog has taken the plant from the one before
-    for _ in range(1000):
-        other.send(400.0)
-        line.command(500.0)
+            order({"set": {"slak_m": 0.1}})
 
 
 def test_a_port_without_a_plant_is_one_clear_error():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
-        line = UdpLine(taken.getsockname()[1])
         with pytest.raises(InputError, match="no plant answers over UDP on port"):
-            line.order({"status": True})
+            udp_order(taken.getsockname()[1])({"status": True})
 
 
-def test_a_desk_answers_orders_and_rows_and_lets_its_client_go():
+def test_a_desk_answers_orders_and_lets_its_client_go():
     session = new_session(Hand())
-    desk = Desk(OwnLine(session), HOIST, deque(["hello"]))
+    desk = Desk(session.order, HOIST, deque(["hello"]))
     desk.answer({"client": {"settings": PI.model_dump(), "heights_m": None}})
     answer = desk.answer({"order": {"set": {"motor_lost": 1}}, "note": "motor lost", "rows": [-1, 0]})
     assert answer["client"]["at_work"] and session.plant.motor_lost and answer["said"] == ["hello"]
-    assert [words for _, words in answer["events"]] == ["motor lost"]
-    assert answer["status"]["pace"]["steps"] == 0
     assert not desk.answer({"client": None, "rows": [-1, 0]})["client"]["at_work"]
     with pytest.raises(InputError, match="unknown point"):
         desk.answer({"order": {"set": {"moter_lost": 1}}})
-    desk.recorder.stop()
 
 
 def until(app: Any, there: Any) -> Any:
@@ -250,7 +239,7 @@ def test_a_plant_is_started_faulted_moved_and_stopped_on_its_page_and_ends_with_
     app.number_input(key="plant fault payload_kg").set_value(6000.0).run()
     app.button(key="plant do payload_kg").click().run()
     app.toggle(key="plant fault motor_lost").set_value(True).run()
-    until(app, lambda app: [element.value for element in app.metric if element.label == "Payload (kg)"] == ["6000"])
+    until(app, lambda app: [element.value for element in app.metric if element.label == "Payload"] == ["6000 kg"])
     assert errors(app) == [] and not app.exception
     told = process.ask({"order": {"get": ["is_motor_lost", "is_waiting", "payload_now_kg"]}})["order"]["get"]
     assert told == {"is_motor_lost": 1.0, "is_waiting": 0.0, "payload_now_kg": 6000.0}

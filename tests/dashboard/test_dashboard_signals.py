@@ -16,11 +16,11 @@ from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.dashboard import campaigns
+from workbench.dashboard import chosen as campaigns
 from workbench.dashboard.pages.signals import RAMP, part_of, runs_table, with_computed
 from workbench.dashboard.pages.study import force_table, forces_of
-from workbench.figures.signals import BEFORE_S, Stretch, browser, start_of_move
 from workbench.logs.signal_files import Labelled, as_csv, as_mat, as_parquet
+from workbench.view.signals import BEFORE_S, Stretch, browser, start_of_move
 from workbench.view.style import line
 
 

@@ -15,7 +15,8 @@ pytest.importorskip("streamlit")
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from tests.support.simulated_campaign import TRUTH, simulated_campaign
-from workbench.dashboard import campaigns, machines
+from workbench.dashboard import chosen as campaigns
+from workbench.dashboard import chosen as machines
 from workbench.dashboard.pages.validate import in_words
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.made_diagnosis import made_diagnosis
-from workbench.diagnose.unexplained.records import Curve
+from workbench.diagnose.tables import Curve
 from workbench.view.diagnosis_figures import (
     ALL,
     COLOURS,

@@ -26,13 +26,13 @@ from workbench.diagnose.location.where import Window
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Verdict
 from workbench.effects import check
 from workbench.effects.declare import SUBSYSTEMS
-from workbench.figures.place import for_dark_ground, marked_machine
 from workbench.machines import load_machine
 from workbench.simulate.driven import InverseSimulation, pooled_rms
 from workbench.view import diagnosis, diagnosis_figures
 from workbench.view.diagnosis import save_diagnosis_page, write_diagnosis
 from workbench.view.diagnosis_figures import series_of
 from workbench.view.diagnosis_json import probabilities, to_json
+from workbench.view.place import for_dark_ground, marked_machine
 
 FIXED = [
     "format", "campaign", "verdict", "effects", "ranking", "alike", "next_run", "where", "parameters",

@@ -15,11 +15,18 @@ from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
-from workbench.diagnose.unexplained.table_driven import in_no_file, with_table
-from workbench.diagnose.unexplained.table_fit import telling_points
-from workbench.diagnose.unexplained.tables import TURN, columns_of, hats_of, points_of, rides_of, variables_of
-from workbench.diagnose.unexplained.unknown import Explained, explain, explained_machine, with_unknown
-from workbench.diagnose.unexplained.words import span
+from workbench.diagnose.tables import (
+    TURN,
+    columns_of,
+    hats_of,
+    in_no_file,
+    points_of,
+    rides_of,
+    telling_points,
+    variables_of,
+    with_table,
+)
+from workbench.diagnose.unknown import Explained, explain, explained_machine, span, with_unknown
 from workbench.logs import read_campaign
 from workbench.machines import Hoist, LinearAxis, kind_of, load_machine, save_machine
 from workbench.simulate.driven import InverseSimulation

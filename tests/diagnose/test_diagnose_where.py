@@ -251,7 +251,8 @@ def gap_in(campaign: Campaign, search: SearchResult) -> Gap:
     problem = search.problem
     keys = base_parameters(problem.machine, problem.runs)
     refitted = refitted_machine(problem, keys, search.within_tolerances)
-    return gap_of(problem, search, replay_runs(refitted, campaign.runs, problem.band_hz))
+    plain, after = (replay_runs(m, campaign.runs, problem.band_hz) for m in (problem.machine, refitted))
+    return gap_of(problem, search, plain, after)
 
 
 def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Campaign, SearchResult]):

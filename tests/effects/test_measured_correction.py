@@ -249,7 +249,7 @@ def test_balance_and_replay_see_the_table_as_they_see_the_effect(campaign: Path)
     rms = [float(np.sqrt(np.mean(residual**2))) for residual in (plain, effect, table)]
     assert rms[0] > 3.0 * rms[1]
     assert rms[2] == pytest.approx(rms[1], rel=0.01)
-    speeds = [simulate_replays(bench.machine, bench)[0][:, 3] for bench in benches]
+    speeds = [simulate_replays(bench)[0][:, 3] for bench in benches]
     assert np.max(np.abs(speeds[0] - speeds[1])) > 1.0
     assert np.max(np.abs(speeds[2] - speeds[1])) < 0.05
 

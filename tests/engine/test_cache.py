@@ -99,7 +99,7 @@ def test_two_processes_that_compile_at_once_both_work_and_leave_nothing_half_wri
     pair = [start_process(ROOT, ("axis",), {"WORKBENCH_CACHE": str(folder)}) for _ in range(2)]
     first, second = (finished(process)[0] for process in pair)
     assert first == second
-    assert sorted(path.suffix for path in folder.iterdir()) == [".kernel", ".probe"]
+    assert [path.suffix for path in folder.iterdir()] == [".kernel"]
 
 
 def test_a_first_run_says_once_that_it_compiles_and_the_next_one_is_silent(tmp_path):
@@ -206,7 +206,7 @@ def forgetful(kernel_cache: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def forget(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(native, "_loaded", {})
-    monkeypatch.setattr(native, "_native", None)
+    monkeypatch.setattr(native, "_said", set())
 
 
 @pytest.mark.parametrize(
@@ -262,9 +262,6 @@ BREAKS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "the arguments have other names": lambda patch: patch.setitem(native._MEMBERS, "a", ()),
     "the members of an array are in another order": lambda patch: patch.setattr(
         native, "_check_convention", lambda *_: (_ for _ in ()).throw(native.NotNativeError("another order"))
-    ),
-    "the probe computes something else": lambda patch: patch.setattr(
-        native, "load_function", lambda code, letters: lambda *_: 0
     ),
 }
 

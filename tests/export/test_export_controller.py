@@ -24,7 +24,7 @@ from workbench.export.drives import DRIVES, RampLimits, drive_settings, settings
 from workbench.export.fmu import host_compiler
 from workbench.export.model import model_of
 from workbench.machines import default_hoist, with_values
-from workbench.simulate.loop import torque_limit_nm
+from workbench.simulate.loop import torque_limits
 
 HOIST = default_hoist()
 KP, KI = 31.0, 122.0
@@ -61,7 +61,7 @@ def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
 @each_setting
 def test_the_program_is_the_controller_of_the_studies_and_the_record_reaches_its_limits(settings: PiSettings):
     program, record = checked(settings, HOIST, 4500.0)  # asserts that they agree
-    most = torque_limit_nm(HOIST)
+    most = torque_limits(HOIST)["u_all"]
     assert np.max(record.torque_nm) > 0.99 * most
     assert np.min(record.torque_nm) < -0.2 * most
     assert 0 < np.sum(record.motor_failed) < len(record.torque_nm)
@@ -133,7 +133,7 @@ int main(void) {
     with (tmp_path / "in").open() as given:
         done = subprocess.run([built], stdin=given, capture_output=True, check=True)
     c = np.frombuffer(done.stdout)
-    single = np.finfo(np.float32).eps * torque_limit_nm(HOIST)
+    single = np.finfo(np.float32).eps * torque_limits(HOIST)["u_all"]
     assert len(c) == len(text) == 100_000 and not block.values["fault"]
     assert np.array_equal(c, np.array(text))  # the same operations in the same order: the same bits
     assert np.max(np.abs(c - record.torque_nm)) < single
@@ -363,7 +363,7 @@ def test_a_term_that_is_not_exported_is_refused_in_one_line_and_not_left_out():
     later = Later(kp_nm_s_per_rad=KP, ki_nm_per_rad=KI, load_damping=0.3)
     for form in ("c", "st", "yaml"):
         with pytest.raises(InputError, match=r"controller.load_damping: is not exported; take it out"):
-            controller_files(form, later, HOIST)  # type: ignore[arg-type]
+            controller_files(form, later, HOIST)
     with pytest.raises(InputError, match="is not exported"):
         model_of(HOIST, controller=later)
     off = controller_files("c", later.model_copy(update={"load_damping": 0.0}), HOIST)

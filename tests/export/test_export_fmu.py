@@ -141,7 +141,7 @@ def described() -> dict[str, Model]:
 
 def replayed(machine: Hoist | Axis, run: Run, start_speed: float = 0.0) -> Array:
     """What `workbench replay` makes of a run: states (n, states)."""
-    return simulate_replays(machine, InverseSimulation(machine, [run], band_hz=1.0))[0]
+    return simulate_replays(InverseSimulation(machine, [run], band_hz=1.0))[0]
 
 
 def torque_run(machine: Hoist, duration_s: float = 8.0) -> Run:
@@ -281,6 +281,33 @@ def test_samples_of_the_controller_do_not_depend_on_the_communication_step(loop3
     failed = loop3.instance().start({"speed_reference_rad_s": 150.0, "motor_failed": True})
     failed.step(0.0, 0.2)
     assert failed.get("torque_motor_nm")[0] == pytest.approx(768.0)  # one motor's 480 N m times 1.6
+
+
+def test_another_importer_holds_the_load_and_moves_it_as_fmpy_does(plant2: Exported):
+    """libcosim, on the FMI Library that PyFMI stands on too."""
+    pytest.importorskip("libcosimpy", reason="allowed: libcosimpy is not installed")
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimManipulator import CosimManipulator
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    execution = CosimExecution.from_step_size(1_000_000)  # ns
+    slave = execution.add_local_slave(CosimLocalSlave(str(plant2.file), "hoist"))
+    manipulator, observer = CosimManipulator.create_override(), CosimObserver.create_last_value()
+    execution.add_manipulator(manipulator)
+    execution.add_observer(observer)
+    names = ("speed_motor_rad_s", "position_carriage_m")
+    seen = [plant2.reference[name] for name in names]
+    one = plant2.instance().start()
+    for begin, end, torque in ((0, 1000, None), (1000, 1500, 700.0)):
+        if torque is not None:
+            manipulator.slave_real_values(slave, [plant2.reference["torque_motor_nm"]], [torque])
+            one.set({"torque_motor_nm": torque})
+        execution.simulate_until(end * 1_000_000)
+        for k in range(begin, end):
+            one.step(0.001 * k, 0.001)
+        assert list(observer.last_real_values(slave, seen)) == pytest.approx(one.get(*names), rel=1e-9, abs=1e-9)
+    assert one.get("speed_motor_rad_s")[0] > 5.0
 
 
 def test_two_instances_at_once_know_nothing_of_each_other(plant3: Exported):

@@ -15,7 +15,7 @@ from tests.support.driven_campaign import driven, planned, write
 from workbench.analysis.usual import usual_settings
 from workbench.control import form_of
 from workbench.core.yaml_strict import dumps
-from workbench.dashboard import machines
+from workbench.dashboard import chosen as machines
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 from workbench.machines import KINDS, get_value, machine_text, save_machine, with_values
@@ -112,7 +112,7 @@ def test_what_is_for_hoists_only_is_refused_in_one_line(
 
 def test_the_dashboard_studies_an_uploaded_boom():
     app = page("Study")
-    app.session_state["machine arrived"] = machines.AXIS
+    app.session_state["machine chosen"] = machines.AXIS
     app.run()
     app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
     text = machine_text(KINDS["slew_boom"].example())

@@ -76,10 +76,10 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
         read_campaign(folder)
 
     assert "- **made-up** (`.made`): arrays that numpy has saved." in known.section()
-    for name in ("workbench.dashboard.campaigns", "workbench.cli.options", "workbench.cli.replay"):
+    for name in ("workbench.dashboard.chosen", "workbench.cli.options", "workbench.cli.replay"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     from workbench.cli.replay import command
-    from workbench.dashboard.campaigns import TYPES
+    from workbench.dashboard.chosen import TYPES
 
     assert "made" in TYPES
     assert ".tdms or .made" in " ".join(command.get_help(click.Context(command)).split())

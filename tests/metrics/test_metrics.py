@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,7 +13,7 @@ import pytest
 from tests.support.ideal import ideal_hoist
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
-from workbench.machines import PLANTS, Drive, default_hoist, with_values
+from workbench.machines import KINDS, PLANTS, Drive, default_hoist, with_values
 from workbench.metrics import LoopMetric, measure, metrics
 from workbench.simulate import loop
 from workbench.simulate.loop import LoopCase, simulate_loop
@@ -200,9 +201,16 @@ def test_every_metric_has_a_unit_in_its_name_and_a_sentence():
         assert len(m.definition.split()) > 3
 
 
+def record_the_angle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs of hoists keep the motor's angle, too."""
+    kind = KINDS["hoist"]
+    more = replace(kind.looped, recorded=(*kind.looped.recorded, "angle_motor_rad"))
+    monkeypatch.setitem(KINDS, "hoist", replace(kind, closed_loop=more))
+
+
 def test_the_compiled_loop_gives_the_metrics_of_its_own_recorded_signals(monkeypatch):
     """With slack, a limit and a reversal in it, at every sample."""
-    monkeypatch.setattr(loop, "RECORDED", (*loop.RECORDED, "angle_motor_rad"))
+    record_the_angle(monkeypatch)
     machine = with_values(default_hoist(), {"drive.overload": 12.0})
     reference = np.interp(np.arange(1500) * 0.001, [0.1, 0.11, 0.3, 0.31, 0.8], [0.0, -400.0, -400.0, 60.0, 0.0])
     case = LoopCase("run", machine, 4500.0, 10.0, PiSettings(kp_nm_s_per_rad=200.0, ki_nm_per_rad=50.0), reference)
@@ -217,7 +225,7 @@ def test_the_compiled_loop_gives_the_metrics_of_its_own_recorded_signals(monkeyp
 
 
 def test_work_from_the_metrics_is_the_integral_of_torque_over_angle(monkeypatch):
-    monkeypatch.setattr(loop, "RECORDED", (*loop.RECORDED, "angle_motor_rad"))
+    record_the_angle(monkeypatch)
     reference = np.interp(np.arange(1500) * 0.001, [0.1, 0.5, 0.7, 1.2], [0.0, 40.0, 40.0, -40.0])
     settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
     result = simulate_loop([LoopCase("run", ideal_hoist(), 4500.0, 10.0, settings, reference)], record_every=1)[0]

@@ -17,7 +17,7 @@ from tests.support.made_pages import made_pages
 from tests.support.scenario_text import write
 from workbench.cli import cli
 from workbench.core.errors import InputError
-from workbench.dashboard.pages.study_desk import START
+from workbench.dashboard.desk import START
 from workbench.machines import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
 from workbench.metrics.metric import largest

@@ -37,7 +37,7 @@ from workbench.references import (
     usual_kinds,
 )
 from workbench.references.limits import Step
-from workbench.references.time_optimal import shortest_move, shortest_ramp
+from workbench.references.shape import shortest_move, shortest_ramp
 from workbench.study.scenario import json_schema
 from workbench.study.store import read_finished
 from workbench.view.study import conclusions

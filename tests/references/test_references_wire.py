@@ -26,7 +26,7 @@ from workbench.references import (
 from workbench.references.least_peak import least_peak_limits, peak_force_n
 from workbench.references.library.wire import EI, ZV, ZVD, impulses
 from workbench.references.limits import raised
-from workbench.references.time_optimal import shortest_move
+from workbench.references.shape import shortest_move
 from workbench.study.load import plan_study
 from workbench.study.run import run_study
 from workbench.study.scenario import Scenario

@@ -12,7 +12,7 @@ from tests.support.ideal import ideal_hoist
 from workbench.control import Events, PiSettings
 from workbench.core.run import Array
 from workbench.machines import PLANTS, Hoist, with_values
-from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop, torque_limit_nm
+from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop, torque_limits
 
 MACHINE = ideal_hoist()
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
@@ -81,7 +81,7 @@ def test_the_torque_is_held_between_samples_and_the_plant_moves_as_in_the_refere
 
 def test_the_torque_stops_at_the_limit_of_the_drive():
     result = one(np.full(300, 140.0))
-    limit = torque_limit_nm(MACHINE)
+    limit = torque_limits(MACHINE)["u_all"]
     assert limit == pytest.approx(2 * 480.0 * 1.6)
     assert np.max(result.run["torque_motor_nm"]) == limit
     assert result.metrics["peak_torque_motor_nm"] == pytest.approx(limit / 2.0)

@@ -8,13 +8,15 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.support import axes
 from workbench.core.errors import InputError
-from workbench.dashboard.pages.study_desk import scenario_of, usual_desk
+from workbench.dashboard.desk import usual_desk
 from workbench.machines import default_hoist, shipped_hoist
 from workbench.metrics import View, shown_in
+from workbench.references import LimitPair, Limits
 from workbench.study.beside import ELASTOMER, QUESTIONS, RINGING, beside, damping_sentence, on_another_damping
 from workbench.study.conclude import (
     Answer,
@@ -98,6 +100,28 @@ def test_what_is_taken_has_the_least_sum_of_all_runs_by_hand():
     assert made.taken.reference == best.reference
     assert made.taken.values[PEAK] == best[PEAK]
     assert made.taken.total == pytest.approx(min(sums.values()), rel=5e-3)
+
+
+@pytest.mark.parametrize("payload", [0.0, 9000.0])
+def test_no_limits_of_a_grid_within_the_time_are_better_than_what_is_taken(payload):
+    """Brute force: 12 accelerations, each with 8 jerks, simulated; nobody's sum is less by more than what is alike."""
+    own = study(payloads_kg=(payload,), references=("trapezoid", "ruckig"))
+    rows, rivals = list(run_study(own).rows), beside(own)
+    made = decided(own, rows, rivals)
+    assert made.taken is not None
+    slowest = max(r[TIME] for r in rows)
+    everyone = [*rows, *(r for r in rivals if r[TIME] <= slowest + 5e-3)]
+    most_j = max(r["energy_motoring_j"] for r in everyone)
+    specs = []
+    for base in own.specs:
+        for acceleration in np.linspace(0.3, 0.8, 12):
+            for jerk in np.geomspace(0.4, 40.0, 8) if base.reference == "ruckig" else (1.0,):
+                limits = LimitPair.of(Limits(0.7, float(acceleration), float(jerk)))
+                specs.append(replace(base, limits=limits, record_every=0, run_id=f"{base.run_id}{len(specs)}"))
+    tried = [r for r, _ in run_specs(specs) if r.ok and r[TIME] <= slowest + 5e-3]
+    assert len(tried) > 50
+    by_hand = [sum_by_hand(r, payload, slowest, most_j) for r in everyone if r[PEAK] == made.taken.values[PEAK]]
+    assert min(sum_by_hand(r, payload, slowest, most_j) for r in tried) > (1.0 - ALIKE) * min(by_hand)
 
 
 def test_the_motion_of_least_peak_is_not_taken_for_its_peak_alone():
@@ -184,6 +208,19 @@ def test_a_run_that_hunts_fails_or_ends_elsewhere_is_never_taken():
     ):
         made = decided(result().study, [row("trapezoid", 36.0, 560.0), broken])
         assert made.taken is not None and made.taken.reference == "trapezoid"
+
+
+def test_where_none_passes_the_values_are_named_at_which_one_keeps_every_limit():
+    own = study("brake_late", payloads_kg=(9000.0,))
+    rows = list(run_study(own).rows)
+    (said,) = take_sentences(decisions(rows, own.machine))
+    assert said.startswith("Take none of these at 9000 kg: ")
+    kept = [float(x) for x in re.findall(r"([\d.]+) s", said.partition("keeps every limit with brake release ")[2])]
+    assert kept and max(kept) < 2.5
+    for release in (1.5, 2.0, 2.2, 2.5, 3.0):  # each by itself
+        here = [r for r in rows if r.assigned["sweep.events.brake_release_s"] == release]
+        (least,) = [c for c in decisions(here, own.machine)[0].candidates if c.words in said][:1]
+        assert bool(least.broken) == (release not in kept)
 
 
 def test_payloads_with_the_same_choice_share_a_sentence_and_others_have_their_own():
@@ -378,7 +415,7 @@ def test_two_inertias_say_how_far_their_answer_hangs_on_the_damping_of_the_coupl
     stiff = axes.two_inertia()
     own = stiff.coupling.damping_nm_s_per_rad * (stiff.coupling.stiffness_nm_per_rad * stiff.load.inertia_kg_m2) ** -0.5
     said = {
-        damping: damping_sentence(scenario_of(usual_desk(machine), machine), machine)
+        damping: damping_sentence(usual_desk(machine).scenario, machine)
         for damping in (stiff.coupling.damping_nm_s_per_rad, 0.05)
         for machine in (axes.two_inertia(coupling__damping_nm_s_per_rad=damping),)
     }

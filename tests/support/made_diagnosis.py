@@ -21,7 +21,8 @@ from workbench.diagnose.isolation.next_run import NextRun
 from workbench.diagnose.location.profiles import Profile
 from workbench.diagnose.location.where import Where, Window
 from workbench.diagnose.readiness.condition import Condition, RunCondition
-from workbench.diagnose.unexplained.records import Curve, Unknown
+from workbench.diagnose.tables import Curve
+from workbench.diagnose.unknown import Unknown
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, Verdict
 from workbench.effects import effects_for
 from workbench.logs import Campaign, read_campaign

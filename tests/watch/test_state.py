@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import resource
 import shutil
 import signal
@@ -267,3 +268,11 @@ def test_a_reader_that_leaves_early_is_no_alarm(place: Path):
     assert done.returncode in (1, 2)  # 1 where all was written before the reader left
     if done.returncode == 2:
         assert subprocess.run(["bash", "-c", line], check=False, stdout=subprocess.DEVNULL).returncode == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="allowed: pipes of POSIX")
+def test_a_pipe_in_the_place_of_the_state_is_refused_and_not_waited_for(tmp_path: Path):
+    (tmp_path / "state").mkdir()
+    os.mkfifo(tmp_path / "state" / "watch.sqlite")
+    with pytest.raises(InputError, match="is not a regular file"):
+        Store(tmp_path / "state", HOIST, RULES)

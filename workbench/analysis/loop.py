@@ -1,9 +1,9 @@
-"""The sampled speed loop, small deviations only: the compiled loop's plant, drive, delays and controller."""
+"""The sampled loop, small deviations only: compiled plant, drive, delays and controller; its step responses."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ from workbench.analysis.linearise import OUTPUTS, LinearPlant, OperatingPoint, l
 from workbench.control import Controller, Settings, cascade, cascade_values, delay_weights, full_pi, loop_values
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.machines import HOIST, NO_EFFECTS, Axis, Effects, Hoist, Kind, kind_of
+from workbench.machines import NO_EFFECTS, Axis, Effects, Hoist, Kind, kind_of
 from workbench.symbolic.derive import jacobian
 from workbench.symbolic.expr import symbol
 
@@ -99,10 +99,10 @@ class Late(Sampled):
         return out
 
 
-def sampled_plant(plant: LinearPlant, dt: float, drive: Any, position: str = "") -> Sampled:
+def sampled_plant(plant: LinearPlant, dt: float, drive: Any, beside: Sequence[str] = ()) -> Sampled:
     """Inputs: torque wanted of the drive (held), and a torque on the shaft beside it (held). Outputs: the plant's, then
     the speed as the drive measures it: the motor's own or, counted by an encoder, its mean since the last sample; then
-    the output named `position` once more, where the loop measures that, too.
+    once more those outputs that the loop measures beside it.
 
     Exact, through the matrix exponential: behind a lag the torque at work is a state of the plant, lag du/dt = wanted
     - u. The compiled loop takes the same lag with the same impulse and first moment in each of its steps.
@@ -118,7 +118,7 @@ def sampled_plant(plant: LinearPlant, dt: float, drive: Any, position: str = "")
         C = np.hstack([plant.C, np.zeros((len(plant.C), 1))])
         n += 1
     speed = C[[0]]
-    placed = C[[plant.outputs.index(position)]] if position else C[:0]
+    placed = C[[plant.outputs.index(name) for name in beside]]
     if drive.encoder_counts_per_turn:  # one more state: the way since the last sample, over the sample time
         A, B = np.block([[A, np.zeros((n, 1))], [speed / dt, np.zeros((1, 1))]]), np.vstack([B, np.zeros((1, 2))])
         C, placed = (np.hstack([rows, np.zeros((len(rows), 1))]) for rows in (C, placed))
@@ -134,8 +134,16 @@ def sampled_plant(plant: LinearPlant, dt: float, drive: Any, position: str = "")
 
 
 FAR = 1e30
-HOIST_SPEED = HOIST.looped.speed
 MOST_LATE = 200  # samples, each a state: the poles of many more take tens of seconds
+
+
+def controller_of(settings: Settings, machine: Hoist | Axis) -> Controller:
+    """The loop with everything, as it is analysed: the references are given, also that of a hoist's position."""
+    loop = kind_of(machine).looped
+    if loop.position_loop:
+        return cascade(loop, True)
+    wire, position, damping = settings.parts
+    return full_pi(True, wire, position and "given", damping)
 
 
 def linear_controller(
@@ -146,8 +154,8 @@ def linear_controller(
     gains: tuple[float, float] | None = None,
     at: float = 0.0,
 ) -> Sampled:
-    """Inputs: the references (speed; of an axis position and speed), then what is measured (speed; of an axis speed
-    and position); output: torque or force wanted of the drive. at: the axis' position, for the load's feed-forward.
+    """Inputs: the controller's references, then what it measures; output: torque or force wanted of the drive.
+    at: an axis' position, for the load's feed-forward.
 
     Speed filter and delay of the drive are in it, for they are in the step. Limits and rate limit are away from it;
     that the encoder counts over a sample is in the plant, its resolution is not. gains: (kp, ki) in place of the
@@ -159,48 +167,32 @@ def linear_controller(
             f"{drive.speed_delay_s:g} s are {drive.speed_delay_s / dt:.0f} samples of the controller; the design of "
             f"a loop takes at most {MOST_LATE}", place="drive.speed_delay_s",
         )  # fmt: skip
-    kind = kind_of(machine)
-    make = _axis if kind.looped.position_loop else _hoist
-    controller, numbers, references, measured = make(settings, machine, payload_kg, at)
+    kind, controller = kind_of(machine), controller_of(settings, machine)
+    references, measured = controller.references, controller.measured
     assert controller.sensed is not None
-    numbers |= {"counts": 0.0, "rate": FAR, "track": 0.0}
-    if gains is not None:
-        numbers |= {"kp": gains[0], "ki": gains[1]}
+    if kind.looped.position_loop:
+        numbers = cascade_values(settings, drive, at)
+    else:
+        numbers = loop_values(settings, drive, 0.0, payload_kg)
+    numbers |= dict.fromkeys(("rate", "u_limit", "u_all", "u_one", "t_fail", "w_weak"), FAR)
+    numbers |= {"counts": 0.0, "track": 0.0} | ({} if gains is None else {"kp": gains[0], "ki": gains[1]})
     p = SimpleNamespace(**{**vars(kind.plant.values(machine, payload_kg)), **numbers})
     memory = [symbol(f"x{i}") for i in range(len(controller.memory))]
     asked, seen = ([symbol(f"{what}{i}") for i in range(len(of))] for what, of in (("r", references), ("w", measured)))
     late = symbol("late")
     reference = SimpleNamespace(**dict(zip(references, asked, strict=True)))
-    signals = SimpleNamespace(**dict.fromkeys((kind.looped.position, kind.looped.speed), 0.0), t=0.0, late=late)
+    signals = SimpleNamespace(**{kind.looped.position: 0.0, "t": 0.0, "late": late})
     vars(signals).update(zip(measured, seen, strict=True))
     torque, after = controller.step(p, memory, reference, signals, dt)
     sensed = controller.sensed(p, memory, signals, dt)
     by = [*memory, *asked, *seen, late]
-    around = {**dict.fromkeys((*references, *measured), 0.0), kind.looped.position: at, references[0]: at}
-    if not kind.looped.position_loop:
-        around = dict.fromkeys(around, 0.0)
-    values = [*np.zeros(len(memory)), *(around[name] for name in (*references, *measured)), 0.0]
+    placed = {kind.looped.position: at, references[0]: at} if kind.looped.position_loop else {}
+    values = [*np.zeros(len(memory)), *(placed.get(name, 0.0) for name in (*references, *measured)), 0.0]
     J = jacobian([*after, torque, sensed], by, np.array(values))
     n = len(memory)
     kept = _in_use(J, n)
     step = Sampled(J[np.ix_(kept, kept)], J[kept][:, n:], J[n:][:, kept], J[n:][:, n:], dt)
     return Late.of(step, p.late)
-
-
-Made = tuple[Controller, dict[str, Any], tuple[str, ...], tuple[str, ...]]
-
-
-def _hoist(settings: Any, machine: Any, payload_kg: float, at: float) -> Made:
-    far = {"u_all": FAR, "u_one": FAR, "t_fail": FAR, "w_weak": FAR}
-    controller = full_pi(True, settings.feed_forward.through_the_wire)
-    return controller, {**loop_values(settings, machine.drive, 0.0), **far}, controller.references, (HOIST_SPEED,)
-
-
-def _axis(settings: Any, machine: Any, payload_kg: float, at: float) -> Made:
-    loop = kind_of(machine).looped
-    controller = cascade(loop, True)
-    numbers: dict[str, Any] = {**cascade_values(settings, machine.drive, at), "u_limit": FAR}
-    return controller, numbers, controller.references, (loop.speed, loop.position)
 
 
 def _in_use(J: Array, n: int) -> list[int]:
@@ -247,17 +239,17 @@ class LinearLoop:
     """One loop: plant (wanted and load torque to the outputs and what is measured) and controller (references and
     what is measured to wanted torque).
 
-    outputs: the plant's, speed at the encoder first. references: the controller's, the speed last. measured: speed, and
-    a cascade's position.
+    outputs: the plant's, speed at the encoder first. references: the controller's, the speed last. measured: what it is
+    given, the speed first.
     """
 
     point: OperatingPoint
     plant: Sampled
     controller: Sampled
-    outputs: tuple[str, ...] = OUTPUTS
-    references: tuple[str, ...] = ("speed_reference",)
-    measured: int = 1
-    kind: Kind = HOIST
+    outputs: tuple[str, ...]
+    references: tuple[str, ...]
+    measured: tuple[str, ...]
+    kind: Kind
 
     @property
     def inputs(self) -> list[str]:
@@ -282,7 +274,7 @@ class LinearLoop:
         return self._around(self.plant.response(frequency_hz), self.controller.response(frequency_hz))
 
     def _around(self, P: Complex, K: Complex) -> Complex:
-        loop: Complex = -np.sum(P[:, -self.measured :, 0] * K[:, 0, len(self.references) :], axis=1)
+        loop: Complex = -np.sum(P[:, -len(self.measured) :, 0] * K[:, 0, len(self.references) :], axis=1)
         return loop
 
     def responses(self, frequency_hz: Array) -> Responses:
@@ -301,7 +293,7 @@ class LinearLoop:
     @cached_property
     def closed(self) -> Sampled:
         """Inputs as `inputs`, outputs as `shown`."""
-        P, K, m, n = self.plant, self.controller, self.measured, len(self.references)
+        P, K, m, n = self.plant, self.controller, len(self.measured), len(self.references)
         shown, w = P.C[:-m], P.C[-m:]
         u, load = P.B[:, [0]], P.B[:, [1]]
         Kr, Kw, Br, Bw = K.D[:, :n], K.D[:, n:], K.B[:, :n], K.B[:, n:]
@@ -317,7 +309,7 @@ class LinearLoop:
         torque."""
         import control
 
-        m, n = self.measured, len(self.references)
+        m, n = len(self.measured), len(self.references)
         plant = control.ss(self.plant.A, self.plant.B[:, [0]], self.plant.C[-m:], np.zeros((m, 1)), self.dt)
         K = self.controller
         feedback = control.ss(K.A, -K.B[:, n:], K.C, -K.D[:, n:], self.dt)
@@ -329,7 +321,8 @@ class LinearLoop:
         the outputs and, named measured_*, to what the controller sees (drive, encoder and lag included)."""
         import control
 
-        seen = [f"measured_{name}" for name in ("speed", "position")[: self.measured]]
+        known = {self.kind.looped.speed: "speed", self.kind.looped.position: "position"}
+        seen = [f"measured_{known.get(name, name)}" for name in self.measured]
         names = ["torque_wanted", "load_torque"], [*self.outputs, *seen]
         P = self.plant
         return control.ss(P.A, P.B, P.C, P.D, P.dt, inputs=names[0], outputs=names[1])
@@ -367,16 +360,110 @@ def linear_loop(
 
     Effects on sensors act on the log alone, as in the compiled loop: they are not in it.
     """
-    kind = kind_of(machine)
-    cascade = kind.looped.position_loop
-    placed = height_free or (cascade and settings.kv_per_s > 0.0)
+    settings = settings.at(point.payload_kg)
+    placed = height_free or bool(settings.kv_per_s)
     plant = linearise(machine, point, effects=effects, effect_values=effect_values, height_free=placed)
+    return loop_of(machine, settings, point, plant)
+
+
+def loop_of(
+    machine: Hoist | Axis,
+    settings: Settings,
+    point: OperatingPoint,
+    plant: LinearPlant,
+    gains: tuple[float, float] | None = None,
+) -> LinearLoop:
+    """The loop around a linear plant; gains: (kp, ki) in place of the settings' own."""
+    kind, parts = kind_of(machine), controller_of(settings, machine)
+    at = point.height_m if kind.looped.position_loop else 0.0
     return LinearLoop(
         point,
-        sampled_plant(plant, settings.sample_time_s, machine.drive, kind.looped.position if cascade else ""),
-        linear_controller(settings, machine, point.payload_kg, at=point.height_m if cascade else 0.0),
+        sampled_plant(plant, settings.sample_time_s, machine.drive, parts.measured[1:]),
+        linear_controller(settings, machine, point.payload_kg, gains=gains, at=at),
         plant.outputs,
-        ("position_reference", "speed_reference") if cascade else ("speed_reference",),
-        2 if cascade else 1,
+        ("position_reference", "speed_reference")[-len(parts.references) :],
+        parts.measured,
         kind,
     )
+
+
+RECOVERED = 0.1  # of the largest deviation: what counts as over
+
+
+@dataclass(frozen=True)
+class StepResponse:
+    """Deviations after a unit step at time 0; time_s: (n,), signals by name: (n,)."""
+
+    time_s: Array
+    signals: dict[str, Array]
+
+
+def step_response(loop: LinearLoop, of: str, duration_s: float) -> StepResponse:
+    """of: one of the loop's inputs; 1 rad/s of the reference or 1 N m on the shaft, hoisting. Signals as `shown`."""
+    n = max(2, round(duration_s / loop.dt) + 1)
+    time: Array = np.arange(n, dtype=np.float64) * np.float64(loop.dt)
+    out = _held(loop.closed, loop.inputs.index(of), n)
+    return StepResponse(time, {name: out[:, i] for i, name in enumerate(loop.shown)})
+
+
+def _held(system: Sampled, column: int, n: int) -> Array:
+    """Outputs (n, outputs) from rest under one input held at 1.
+
+    The block of states known so far is carried on by its own length until there are enough: as exact as
+    step by step, and a hundred times as fast.
+    """
+    m = len(system.A)
+    on = np.eye(m + 1)  # state and input together
+    on[:m, :m], on[:m, m] = system.A, system.B[:, column]
+    states = np.eye(m + 1)[:, [m]]
+    while states.shape[1] < n:
+        states, on = np.hstack([states, on @ states]), on @ on
+    out: Array = (np.column_stack([system.C, system.D[:, column]]) @ states[:, :n]).T
+    return out
+
+
+@dataclass(frozen=True)
+class LoadStep:
+    """What 1 N m on the shaft does to the motor's speed.
+
+    peak_rad_s: largest deviation, at peak_s. iae_rad: integral of its magnitude. recovery_s: from then on the
+    deviation stays within a tenth of its peak.
+    """
+
+    peak_rad_s: float
+    peak_s: float
+    iae_rad: float
+    recovery_s: float
+
+
+def load_step(loop: LinearLoop) -> LoadStep:
+    """By the exact linear loop, until its slowest mode that shows has died out to a thousandth."""
+    sizes = np.abs(loop.poles())
+    slowest = float(np.max(sizes[sizes < 1.0 - 1e-9], initial=0.5))
+    n = int(min(max(np.log(1e-3) / np.log(slowest), 100), 60.0 / loop.dt))
+    size = np.abs(_held(loop.closed, loop.inputs.index("load_torque"), n)[:, 0])
+    k = int(np.argmax(size))
+    off = np.flatnonzero(size > RECOVERED * size[k])
+    return LoadStep(float(size[k]), k * loop.dt, float(size.sum() * loop.dt), (int(off[-1]) + 1) * loop.dt)
+
+
+@dataclass(frozen=True)
+class PositionAnswer:
+    """What 1 N or N m on an axis does to its position, m or rad. peak: the largest way; left: at the end, where an
+    integral has had its time."""
+
+    peak: float
+    left: float
+
+
+def position_answer(loop: LinearLoop) -> PositionAnswer | None:
+    """By the exact linear loop; None where nothing holds the position or it is no part of the loop."""
+    if loop.kind.looped.position not in loop.outputs:
+        return None
+    row = loop.outputs.index(loop.kind.looped.position)
+    sizes = np.abs(loop.poles())
+    if not np.any(loop.plant.C[row]) or np.any(sizes >= 1.0 - 1e-12):
+        return None
+    n = int(min(max(np.log(1e-4) / np.log(float(np.max(sizes))), 100), 60.0 / loop.dt))
+    way = np.abs(_held(loop.closed, loop.inputs.index("load_torque"), n)[:, row])
+    return PositionAnswer(float(way.max()), float(way[-1]))

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from workbench.analysis.linearise import LinearPlant, OperatingPoint, linearise
-from workbench.analysis.loop import Complex, Sampled, linear_controller, sampled_plant
-from workbench.control import Settings
+from workbench.analysis.loop import Complex, Sampled, linear_controller, loop_of
+from workbench.control import Notch, Settings
+from workbench.control.settings import notch_coefficients
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.machines import HOIST, NO_EFFECTS, Axis, ClosedLoop, Effects, Hoist, kind_of
@@ -43,16 +44,17 @@ def anti_resonances(plant: LinearPlant, point: OperatingPoint, loop: ClosedLoop 
     mass = np.diag([*np.ones(n), 0.0])
     zeros = eigvals(system, mass)
     light = [z for z in zeros[np.isfinite(zeros)] if z.imag > 1e-6 and -z.real < LIGHT * abs(z)]
+    where = loop.where(point.payload_kg, point.height_m)
     return [
-        AntiResonance(
-            float(abs(z)) / (2.0 * math.pi),
-            float(-z.real / abs(z)),
-            point,
-            loop.swing,
-            loop.where(point.payload_kg, point.height_m),
-        )
+        AntiResonance(float(abs(z)) / (2.0 * math.pi), float(-z.real / abs(z)), point, loop.swing, where)
         for z in sorted(light, key=abs)
     ]
+
+
+def resonances_hz(plant: LinearPlant) -> list[float]:
+    """Of the plant's own modes, the motor free, those with damping below LIGHT."""
+    poles = np.linalg.eigvals(plant.A)
+    return [float(abs(s)) / (2.0 * math.pi) for s in poles if s.imag > 1e-6 and -s.real < LIGHT * abs(s)]
 
 
 def phase_lags_deg(drive: Any, settings: Settings, frequency_hz: float) -> dict[str, float]:
@@ -117,7 +119,7 @@ class Search:
 
     turns: by how much the phase of 1 + L turns along the grid when the loop is stable, per member:
     by Nyquist's criterion all stable gains share it. zeros: each member's anti-resonances. lags_deg(Hz): the phase
-    that each part of drive and sampling costs.
+    that each part of drive and sampling costs. resonances_hz: lightly damped modes with the motor free.
     """
 
     frequency_hz: Array
@@ -130,6 +132,18 @@ class Search:
     zeros: Sequence[Sequence[AntiResonance]]
     lags_deg: Callable[[float], dict[str, float]]
     everywhere: str = "for every payload"
+    resonances_hz: Sequence[float] = ()
+
+    def with_notch(self, before: Notch | None, notch: Notch | None) -> Search:
+        """The search of settings with another notch in place of the one before."""
+        back = np.exp(-2j * math.pi * self.frequency_hz * self.dt)  # one sample earlier
+
+        def response(notch: Notch | None) -> Complex:
+            b0, b1, b2, a1, a2 = notch_coefficients(notch, self.dt)
+            return np.asarray((b0 + b1 * back + b2 * back**2) / (1.0 + a1 * back + a2 * back**2))
+
+        factor = response(notch) / response(before)
+        return replace(self, per_kp=self.per_kp * factor, per_ki=self.per_ki * factor)
 
     def why_no_wider(self, kp: float, ki: float) -> str:
         """What ends the bandwidth that the widest gains give the slowest member."""
@@ -178,57 +192,37 @@ def make_search(
 
     The machine's own effects are at work, `effects` beside them.
     """
-    dt, loop = settings.sample_time_s, kind_of(machine).looped
-    cascade = loop.position_loop
-    placed = cascade and settings.kv_per_s > 0.0
-    linear = [linearise(machine, point, effects=effects, height_free=placed) for point in points]
-    plants = [sampled_plant(point, dt, machine.drive, loop.position if cascade else "") for point in linear]
-    f = _grid(plants, dt)
-    units = [linear_controller(settings, machine, gains=gains).response(f) for gains in ((1.0, 0.0), (0.0, 1.0))]
-    measured = 2 if cascade else 1
-    responses = np.array([plant.response(f)[:, -measured, 0] for plant in plants])
-    if cascade:  # what a cascade's position adds goes through the same gains: its weight beside the speed is theirs
-        beside = units[0][:, 0, -1] / units[0][:, 0, -2]
-        responses = responses + beside * np.array([plant.response(f)[:, -1, 0] for plant in plants])
-    per_kp, per_ki = (-unit[:, 0, -measured] for unit in units)
-    inertia = 1.0 / float(linear[0].B[linear[0].states.index(loop.speed), 0])
-    back = 1.0 + responses * _stable_controller(machine, settings, plants, inertia, f)
-    zeros = [anti_resonances(plant, point, loop) for plant, point in zip(linear, points, strict=True)]
-    lags = partial(phase_lags_deg, machine.drive, settings)
+    settings = (
+        settings.model_copy(update={"gain_schedule": None}) if getattr(settings, "gain_schedule", None) else settings
+    )
+    kind = kind_of(machine)
+    linear = [linearise(machine, point, effects=effects, height_free=bool(settings.kv_per_s)) for point in points]
+    loops = [loop_of(machine, settings, point, plant) for point, plant in zip(points, linear, strict=True)]
+    f = _grid([loop.plant for loop in loops], settings.sample_time_s)
+    units = [linear_controller(settings, machine, gains=gains).response(f)[:, 0] for gains in ((1.0, 0.0), (0.0, 1.0))]
+    n = len(loops[0].measured)
+    per_kp, per_ki = (-unit[:, -n] for unit in units)
+    # What else is measured goes through the same gains: its weight beside the speed is theirs.
+    beside = units[0][:, -n:] / units[0][:, [-n]]
+    responses = np.array([np.sum(beside * loop.plant.response(f)[:, -n:, 0], axis=1) for loop in loops])
+    inertia = 1.0 / float(linear[0].B[linear[0].states.index(kind.looped.speed), 0])
+    everywhere = kind.looped.more_often[0]
+    for crossover_hz in np.geomspace(40.0 * f[0], 0.2 * f[-1], 12):  # a controller that makes all stable: a slow one
+        w = 2.0 * math.pi * crossover_hz
+        kp, ki = w * inertia, w * w * inertia / 10.0
+        if all(loop_of(machine, settings, *one, gains=(kp, ki)).stable for one in zip(points, linear, strict=True)):
+            turns = _turns(1.0 + responses * (kp * per_kp + ki * per_ki))
+            break
+    else:
+        raise InputError(
+            f"no PI gains make this loop stable {everywhere}; the drive is too slow, or the machine runs away"
+        )
     return Search(
-        f,
-        responses,
-        per_kp,
-        per_ki,
-        _turns(back),
-        inertia,
-        dt,
-        zeros,
-        lags,
-        loop.more_often[0].replace("at every", "for every"),
-    )
-
-
-def _stable_controller(
-    machine: Hoist | Axis, settings: Settings, plants: Sequence[Sampled], inertia: float, f: Array
-) -> Complex:
-    """The response of some controller that makes every member stable by its poles: a slow one, if it can be."""
-    for crossover_hz in np.geomspace(40.0 * f[0], 0.2 * f[-1], 12):
-        kp = 2.0 * math.pi * crossover_hz * inertia
-        controller = linear_controller(settings, machine, gains=(kp, 2.0 * math.pi * crossover_hz * kp / 10.0))
-        if all(_closed_stable(plant, controller) for plant in plants):
-            return -controller.response(f)[:, 0, controller.B.shape[1] // 2]
-    raise InputError(
-        f"no PI gains make this loop stable {kind_of(machine).looped.more_often[0]}; the drive is too slow, or the "
-        "machine runs away"
-    )
-
-
-def _closed_stable(plant: Sampled, controller: Sampled) -> bool:
-    K, n = controller, controller.B.shape[1] // 2  # as many references as measured signals
-    w, u = plant.C[-n:], plant.B[:, [0]]
-    A = np.block([[plant.A + u @ K.D[:, n:] @ w, u @ K.C], [K.B[:, n:] @ w, K.A]])
-    return bool(np.max(np.abs(np.linalg.eigvals(A))) < 1.0)
+        f, responses, per_kp, per_ki, turns, inertia, settings.sample_time_s,
+        [anti_resonances(plant, point, kind.looped) for plant, point in zip(linear, points, strict=True)],
+        partial(phase_lags_deg, machine.drive, settings), everywhere.replace("at every", "for every"),
+        sorted(hz for plant in linear for hz in resonances_hz(plant)),
+    )  # fmt: skip
 
 
 def _turns(back: Complex) -> Array:

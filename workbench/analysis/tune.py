@@ -7,15 +7,15 @@ smaller and smaller steps along each coordinate from the best of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from workbench.analysis.family import Member, family
 from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.search import NEAR, Search, Shaped, best_rejection, for_bandwidth, kp_for, make_search
-from workbench.control import Events, Settings
+from workbench.control import Events, InputShaper, Notch, ScheduledGains, Settings
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.core.shown import Brief
@@ -140,6 +140,8 @@ STEPS = ROUNDS + 4
 WIDER, GIVEN_AWAY = 1.05, 0.8
 KP_ROOM, RATIO_ROOM = 0.6, 2.5  # of the logarithms of kp and of ki/kp
 SEED = 1
+ALSO = ("notch", "shaper", "schedule")
+NOTCH_DEPTHS = (0.1, 0.3)
 
 
 @dataclass(frozen=True)
@@ -197,9 +199,19 @@ class Candidate:
     cost: float
 
 
+@dataclass(frozen=True)
+class Alternative:
+    """A notch with the largest ki that it allows, or a shaper with the cost of the winner behind it; None: without."""
+
+    term: str
+    value: Notch | InputShaper | None
+    result: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuned(Brief):
-    """The outcome: the winner, the shaped gains it began from, all that was tried, and the winner's family."""
+    """The outcome: the winner, the shaped gains it began from, all that was tried, the winner's family, and the
+    alternatives of what was also tuned."""
 
     goal: Goal
     shaped: Candidate
@@ -207,6 +219,7 @@ class Tuned(Brief):
     tried: Sequence[Candidate]
     attainable_hz: float
     members: Sequence[Member] = field(default_factory=list)
+    compared: Sequence[Alternative] = field(default_factory=list)
 
     def front(self) -> list[Candidate]:
         """Those that no other beats in tracking error, torque peak and Ms at once, best tracking first."""
@@ -227,20 +240,24 @@ def tune(
     weights: Weights = Weights(),
     *,
     effects: Effects = NO_EFFECTS,
+    also: Collection[str] = (),
     tell: Callable[[TuneProgress], object] = lambda progress: None,
 ) -> Tuned:
-    """Gains for a goal; `base` gives all settings but the gains and the set-point weight.
+    """Gains for a goal; `base` gives all settings but the gains, the set-point weight and what is `also` tuned.
 
     points: the family whose margins count. The machine's own effects are at work in the family and
-    in the trial's runs, `effects` beside them in the family only; the trial's events in its runs. tell: hears each
+    in the trial's runs, `effects` beside them in the family only; the trial's events in its runs. also: of ALSO. A
+    notch is chosen for the largest ki, a shaper for the least cost, a schedule has a tuning a payload. tell: hears each
     step before it is taken; what it raises ends the tuning. InputError where the goal cannot be met.
     """
+    if "schedule" in also or getattr(base, "gain_schedule", None):
+        return _scheduled(machine, base, points, trial, goal, weights, effects, set(also) - {"schedule"}, tell)
     tell(TuneProgress("shaping the loop", 0))
     search = make_search(machine, base, points, effects=effects)
-    if goal.bandwidth_hz is None:
-        shaped = best_rejection(search, goal.ms_limit)
-    else:
-        shaped = for_bandwidth(search, goal.bandwidth_hz, goal.ms_limit)
+    compared: list[Alternative] = []
+    if "notch" in also:
+        base, search, compared = _with_notch(search, base, goal)
+    shaped = shape_loop(search, goal)
     start = _with(base, np.array([shaped.kp, shaped.ki, base.set_point_weight]))
     tell(TuneProgress("simulating the shaped gains", 1))
     (first,) = try_out(trial, [start])
@@ -280,8 +297,98 @@ def tune(
         members = family(machine, winner.settings, points, effects=effects)
         # The search saw Ms on its grid only; the winner keeps to the bound by its exact margins.
         if all(m.margins.stable and m.margins.ms <= goal.ms_limit for m in members):
-            return Tuned(goal, begun, winner, tried, shaped.attainable_hz, members)
+            if "shaper" in also:
+                winner, shapers = _with_shaper(search, winner, trial, weights, first)
+                compared += shapers
+            return Tuned(goal, begun, winner, tried, shaped.attainable_hz, members, compared)
     raise InputError(f"{goal.ms_limit:g}: no candidate keeps to it; try a number further above 1", place="ms")
+
+
+def shape_loop(search: Search, goal: Goal) -> Shaped:
+    """The gains of the goal with the largest ki. InputError where there are none."""
+    if goal.bandwidth_hz is None:
+        return best_rejection(search, goal.ms_limit)
+    return for_bandwidth(search, goal.bandwidth_hz, goal.ms_limit)
+
+
+def _with_notch(search: Search, base: Settings, goal: Goal) -> tuple[Settings, Search, list[Alternative]]:
+    """Settings and search with the notch, of those at the load's swings and the loop's own one, that allows the largest
+    ki; none where none helps."""
+    swings: list[float] = []
+    for hz in sorted([*search.resonances_hz, *(zero.frequency_hz for zeros in search.zeros for zero in zeros)]):
+        if not swings or hz > 1.05 * swings[-1]:
+            swings.append(hz)
+    fit = [hz for hz in swings if hz < 0.4 / base.sample_time_s]
+    notches = [Notch(frequency_hz=float(f"{hz:.3g}"), depth=depth) for hz in fit for depth in NOTCH_DEPTHS]
+    found: list[tuple[float, Settings, Search]] = []
+    compared: list[Alternative] = []
+    for notch in dict.fromkeys([None, base.notch, *notches]):
+        settings, own = base.model_copy(update={"notch": notch}), search.with_notch(base.notch, notch)
+        try:
+            ki = shape_loop(own, goal).ki
+        except InputError:  # this notch leaves no gains for the goal
+            continue
+        found.append((ki, settings, own))
+        compared.append(Alternative("notch", notch, ki))
+    if not found:
+        shape_loop(search, goal)  # says why
+    _, settings, own = max(found, key=lambda one: one[0])
+    return settings, own, compared
+
+
+def _with_shaper(
+    search: Search, winner: Candidate, trial: Trial, weights: Weights, first: Score
+) -> tuple[Candidate, list[Alternative]]:
+    """The winner with the shaper, of three at the swings under a held drive, that costs least; none where none does."""
+    swings = {float(f"{z.frequency_hz:.3g}"): z for zeros in search.zeros for z in zeros}
+    shapers = [
+        InputShaper(kind=kind, frequency_hz=hz, damping=float(f"{zero.damping:.3g}"))
+        for hz, zero in swings.items()
+        for kind in ("zv", "zvd", "ei")
+    ]  # fmt: skip
+    options = [None, *shapers]
+    settings = [winner.settings.model_copy(update={"input_shaper": shaper}) for shaper in options]
+    scores = try_out(trial, settings)
+    costs = [weights.cost(score, first) for score in scores]
+    k = int(np.argmin(costs))
+    compared = [Alternative("shaper", shaper, cost) for shaper, cost in zip(options, costs, strict=True)]
+    return replace(winner, settings=settings[k], score=scores[k], cost=costs[k]), compared
+
+
+def _scheduled(
+    machine: Hoist | Axis, base: Settings, points: Sequence[OperatingPoint], trial: Trial, goal: Goal, weights: Weights,
+    effects: Effects, also: Collection[str], tell: Callable[[TuneProgress], object],
+) -> Tuned:  # fmt: skip
+    """A tuning for each payload; then, of their set-point weights, the one of the least cost over all."""
+    if not kind_of(machine).payload:
+        raise InputError("this machine carries no payload to schedule the gains over", place="also")
+    if also:
+        raise InputError(f"a schedule is tuned without {' and '.join(sorted(also))}; give one of them", place="also")
+    plain = base.model_copy(update={"gain_schedule": None})
+    parts: list[Tuned] = []
+    loads = sorted({point.payload_kg for point in points})
+    for load in loads:
+        own, runs = [point for point in points if point.payload_kg == load], replace(trial, payloads_kg=(load,))
+        parts.append(tune(machine, plain, own, runs, goal, weights, effects=effects, tell=tell))
+
+    def scheduled(gains: Sequence[Settings], weight: float) -> Settings:
+        rows = [
+            ScheduledGains(payload_kg=load, kp_nm_s_per_rad=s.kp, ki_nm_per_rad=s.ki)
+            for load, s in zip(loads, gains, strict=True)
+        ]
+        return gains[0].model_copy(update={"set_point_weight": weight, "gain_schedule": tuple(rows)})
+
+    shaped = scheduled([part.shaped.settings for part in parts], base.set_point_weight)
+    best = [part.winner.settings for part in parts]
+    settings = [shaped, *(scheduled(best, weight) for weight in sorted({s.set_point_weight for s in best}))]
+    scores, tried = try_out(trial, settings), []
+    for k, (s, score) in enumerate(zip(settings, scores, strict=True)):
+        of = [part.winner if k else part.shaped for part in parts]
+        ms, hz = max(c.ms for c in of), min(c.bandwidth_hz for c in of)
+        tried.append(Candidate(s, ms, hz, score, weights.cost(score, scores[0])))
+    winner = min(tried[1:], key=lambda candidate: candidate.cost)
+    members = family(machine, winner.settings, points, effects=effects)
+    return Tuned(goal, tried[0], winner, tried, min(part.attainable_hz for part in parts), members)
 
 
 def _with(base: Settings, x: Array) -> Settings:

@@ -1,4 +1,9 @@
-"""Where nobody says otherwise: a controller by rule, and the heights at which a loop is looked at."""
+"""Where nobody says otherwise: a controller by rule, and the heights at which a loop is looked at.
+
+On a rigid drive the PI speed loop has a closed form: the motors turn one inertia J (kg m²) with everything on it, and
+the loop is of second order, J s² + kp s + ki. kp = J w with w = 2 pi times the bandwidth (the crossover of the
+proportional part alone), ki = kp² / (4 J damping²). At damping 1 that is ki = kp w / 4.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +17,29 @@ USUAL_CROSSOVER_HZ = 2.5
 USUAL_SAMPLE_S = 0.001
 
 
+def shaft_inertia_kg_m2(machine: Hoist, payload_kg: float = 0.0) -> float:
+    """Rotors, drum, carriage and payload as the motor shaft feels them on a stiff wire."""
+    turning = machine.motor.count * machine.motor.rotor_inertia_kg_m2
+    turning += machine.winch.inertia_kg_m2 / machine.gearbox.ratio**2
+    return turning + (machine.carriage.mass_kg + payload_kg) * machine.lift_m_per_rad**2
+
+
+def rigid_gains(inertia_kg_m2: float, bandwidth_hz: float, damping: float) -> tuple[float, float]:
+    """kp (N m s/rad) and ki (N m/rad), to four digits."""
+    kp = inertia_kg_m2 * 2.0 * math.pi * bandwidth_hz
+    ki = kp * kp / (4.0 * inertia_kg_m2 * damping * damping)
+    return float(f"{kp:.4g}"), float(f"{ki:.4g}")
+
+
+def bandwidth_and_damping(inertia_kg_m2: float, kp: float, ki: float) -> tuple[float, float]:
+    """What gains mean on that inertia: bandwidth (Hz) and damping, infinite without an integral."""
+    bandwidth_hz = kp / (2.0 * math.pi * inertia_kg_m2)
+    return bandwidth_hz, kp / (2.0 * math.sqrt(inertia_kg_m2 * ki)) if ki > 0.0 else math.inf
+
+
 def usual_controller(machine: Hoist) -> PiSettings:
     """kp = J w, ki = kp w/4 with w = 2 pi 2.5 Hz and J of drive and empty carriage, seen from the motor."""
-    J = machine.motor.count * machine.motor.rotor_inertia_kg_m2 + machine.winch.inertia_kg_m2 / machine.gearbox.ratio**2
-    J += machine.carriage.mass_kg * machine.lift_m_per_rad**2
-    w = 2.0 * math.pi * USUAL_CROSSOVER_HZ
+    J, w = shaft_inertia_kg_m2(machine), 2.0 * math.pi * USUAL_CROSSOVER_HZ
     kp = float(f"{J * w:.4g}")
     return PiSettings(kp_nm_s_per_rad=kp, ki_nm_per_rad=float(f"{kp * w / 4.0:.4g}"))
 

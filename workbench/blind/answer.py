@@ -13,6 +13,7 @@ from typing import Any
 
 from workbench.blind.make import validation
 from workbench.core.errors import InputError
+from workbench.core.input_file import read_input
 from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
 from workbench.diagnose.hypotheses.evidence import same_but_freer
 from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
@@ -165,4 +166,4 @@ def save(text: str, file: Path) -> None:
 
 def load(folder: Path) -> dict[str, dict[str, Any]]:
     """name -> all answers of a folder, in the order of their names."""
-    return {file.stem: json.loads(file.read_text(encoding="utf-8")) for file in sorted(folder.glob("*.json"))}
+    return {file.stem: json.loads(read_input(file, "json")) for file in sorted(folder.glob("*.json"))}

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from workbench.blind.seal import MANIFEST, sha256
 from workbench.core.errors import InputError
+from workbench.core.input_file import read_input
 
 LEDGER = "answers.jsonl"
 
@@ -61,7 +62,7 @@ def entries(folder: Path) -> list[Entry]:
 
 
 def _lines(file: Path) -> list[Entry]:
-    text = file.read_text(encoding="utf-8") if file.exists() else ""
+    text = read_input(file, "json").decode(errors="replace") if file.exists() else ""
     found = []
     for number, line in enumerate(text.splitlines(), start=1):
         try:
@@ -73,7 +74,7 @@ def _lines(file: Path) -> list[Entry]:
 
 
 def manifest_hash(folder: Path) -> str:
-    return sha256((folder / MANIFEST).read_bytes())
+    return sha256(read_input(folder / MANIFEST, "json"))
 
 
 def head_of(folder: Path, found: Sequence[Entry]) -> str:
@@ -86,7 +87,7 @@ def append(folder: Path, found: list[Entry], entry: Entry) -> None:
     found.append(entry.chained(head_of(folder, found)))
     with (folder / LEDGER).open("a", encoding="utf-8") as stream:
         stream.write(json.dumps(asdict(found[-1])) + "\n")
-    copy_of(folder).write_bytes((folder / LEDGER).read_bytes())
+    copy_of(folder).write_bytes(read_input(folder / LEDGER, "json"))
 
 
 def compare(folder: Path, found: Sequence[Entry], kept: str | Path | None) -> str:

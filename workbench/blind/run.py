@@ -26,6 +26,7 @@ from workbench.blind.answer import answer, save, text_of
 from workbench.blind.ledger import Entry, append, compare, entries, head_of, manifest_hash
 from workbench.blind.seal import CAMPAIGNS, check_campaign, read_manifest, sha256
 from workbench.core.errors import InputError
+from workbench.core.input_file import read_input
 from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 
 ANSWERS, LOCK = "answers", ".run.lock"
@@ -179,7 +180,7 @@ def _on_cluster(folder: Path, names: Sequence[str], cluster: str, diagnose: Diag
 
     def files_of(name: str) -> dict[str, bytes]:
         campaign = folder / CAMPAIGNS / name
-        return {p.relative_to(campaign).as_posix(): p.read_bytes() for p in campaign.rglob("*") if p.is_file()}
+        return {p.relative_to(campaign).as_posix(): read_input(p, "log") for p in campaign.rglob("*") if p.is_file()}
 
     with client_on(cluster) as client:
         task = partial(_answered_elsewhere, __version__, diagnose)

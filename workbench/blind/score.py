@@ -15,7 +15,7 @@ from typing import Any
 
 from workbench.blind.answer import load, save, text_of
 from workbench.blind.criteria import Row, next_run_decides, oracle_after, recorded, right, right_word
-from workbench.blind.ledger import LEDGER, Entry, compare, copy_of, entries
+from workbench.blind.ledger import LEDGER, Entry, compare, copy_of, entries, manifest_hash
 from workbench.blind.make import mapped, validation
 from workbench.blind.run import ANSWERS, answer_file
 from workbench.blind.seal import (
@@ -30,6 +30,7 @@ from workbench.blind.seal import (
     unseal,
 )
 from workbench.core.errors import InputError
+from workbench.core.input_file import read_input
 from workbench.core.whole_folder import write_json
 
 OPENED, NEXT, ORACLE = "opened.json", "next_runs", "oracle"
@@ -154,9 +155,9 @@ def _check_answer(folder: Path, manifest: Manifest, lines: Mapping[str, Entry], 
         raise InputError(f"answers campaign {name}, which the manifest does not have", file=file)
     if name not in lines:
         raise InputError(f"the answer to campaign {name} was not given by `workbench blind run`", file=file)
-    if lines[name].sha256 != sha256(file.read_bytes()):
+    if lines[name].sha256 != sha256(read_input(file, "json")):
         raise InputError(f"the answer to campaign {name} was changed since it was given", file=file)
-    if lines[name].manifest != sha256((folder / MANIFEST).read_bytes()):
+    if lines[name].manifest != manifest_hash(folder):
         raise InputError(f"was changed since campaign {name} was answered", file=folder / MANIFEST)
 
 
@@ -167,7 +168,7 @@ def _written_down(folder: Path, manifest: Manifest, lines: Mapping[str, Entry], 
     """
     path = folder / OPENED
     try:
-        said = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"openings": []}
+        said = json.loads(read_input(path, "json")) if path.exists() else {"openings": []}
         openings: list[dict[str, Any]] = said["openings"]
         for opening in openings:
             for name, digest in opening["answers"].items():
@@ -208,7 +209,7 @@ def fitted_truth(folder: Path, row: Row) -> Row:
     file = folder / ORACLE / f"{row['folder']}.json"
     if not file.exists():
         save(json.dumps(_held_out_of_truth(folder / CAMPAIGNS / row["folder"], sorted(row["label"]["effects"]))), file)
-    return {**row, "held_out": [*row["held_out"], *json.loads(file.read_text(encoding="utf-8"))]}
+    return {**row, "held_out": [*row["held_out"], *json.loads(read_input(file, "json"))]}
 
 
 def _held_out_of_truth(folder: Path, told: list[str]) -> list[tuple[list[str], float]]:
@@ -271,4 +272,4 @@ def _answered_anew(
     if not file.exists():
         anew = validation("next_run").answered_with_next_run
         save(text_of(anew(orders[row["folder"]], rig, row)), file)
-    return {**json.loads(file.read_text(encoding="utf-8")), "label": row["label"], "folder": row["folder"]}
+    return {**json.loads(read_input(file, "json")), "label": row["label"], "folder": row["folder"]}

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from workbench.core.errors import InputError
+from workbench.core.input_file import open_input, read_input
 from workbench.core.whole_folder import write_json
 
 MANIFEST, SEALED, CAMPAIGNS = "manifest.json", "labels.sealed", "campaigns"
@@ -115,7 +116,12 @@ def sha256(data: bytes) -> str:
 def hashes(campaign: Path) -> Files:
     """Of every file below `campaign`, in the order of their names."""
     files = sorted(path for path in campaign.rglob("*") if path.is_file())
-    return {path.relative_to(campaign).as_posix(): sha256(path.read_bytes()) for path in files}
+    return {path.relative_to(campaign).as_posix(): _digest(path) for path in files}
+
+
+def _digest(path: Path) -> str:
+    with open_input(path, "log") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def seal(folder: Path, truth: Truth, made: str, version: str, asked: Mapping[str, Any]) -> bytes:
@@ -145,16 +151,14 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / MANIFEST
     if not folder.is_dir():
         raise InputError("no such folder, expected one that `workbench blind make` wrote", file=folder)
+    if not path.exists():
+        raise InputError("has no manifest.json, expected a folder that `workbench blind make` wrote", file=folder)
     try:
-        said = json.loads(path.read_text(encoding="utf-8"))
+        said = json.loads(read_input(path, "json"))
         version = said.pop("format")
         if version != FORMAT:
             raise InputError(f"format {version}, expected {FORMAT}", file=path)
         return Manifest(**said)
-    except FileNotFoundError:
-        raise InputError(
-            "has no manifest.json, expected a folder that `workbench blind make` wrote", file=folder
-        ) from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError("is damaged, expected what `workbench blind make` wrote", file=path) from error
 
@@ -162,18 +166,12 @@ def read_manifest(folder: Path) -> Manifest:
 def unseal(folder: Path, manifest: Manifest, key_file: Path) -> Truth:
     """The labels. InputError that names what is changed or does not fit."""
     path = folder / SEALED
-    try:
-        token = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"the sealed labels cannot be read: {error.strerror or error}", file=path) from error
+    token = read_input(path, "json")
     if sha256(token) != manifest.seal_sha256:
         raise InputError("the sealed labels were changed after sealing: their hash is not the manifest's", file=path)
-    try:
-        key = key_file.read_bytes().strip()
-    except FileNotFoundError:
-        raise InputError("no key there, expected the file that `workbench blind make` wrote", file=key_file) from None
-    except OSError as error:
-        raise InputError(f"the key cannot be read: {error.strerror or error}", file=key_file) from error
+    if not key_file.exists():
+        raise InputError("no key there, expected the file that `workbench blind make` wrote", file=key_file)
+    key = read_input(key_file, "key").strip()
     module = fernet()
     try:
         plain = zlib.decompress(module.Fernet(key).decrypt(token))

@@ -28,6 +28,12 @@ if TYPE_CHECKING:
     "--reject", is_flag=True, help="Optimise the rejection of load steps instead (default without --bandwidth)."
 )
 @click.option("--ms", type=float, default=1.4, show_default=True, help="Upper bound on Ms of the worst payload.")
+@click.option(
+    "--also",
+    type=click.Choice(["notch", "shaper", "schedule"]),
+    multiple=True,
+    help="Also tune a notch, an input shaper, or gains for each payload (a gain schedule); may be repeated.",
+)
 @click.option("--payloads", help="Payloads in kg, separated by commas.")
 @click.option("--heights", help="Carriage heights in m, separated by commas. Default: bottom, middle, top.")
 @click.option(
@@ -43,6 +49,7 @@ def command(
     bandwidth: float | None,
     reject: bool,
     ms: float,
+    also: tuple[str, ...],
     payloads: str | None,
     heights: str | None,
     weights: str,
@@ -50,7 +57,7 @@ def command(
 ) -> None:
     """Find kp, ki and the set-point weight by loop shaping and by simulation of the nonlinear closed loop.
 
-    All other controller settings, such as filters and feed-forward, stay as in the scenario.
+    All other controller settings, such as filters and feed-forward, stay as in the scenario, but for --also.
     """
     from workbench.analysis.family import operating_points
     from workbench.analysis.tune import Goal, tune
@@ -68,7 +75,7 @@ def command(
     case = load_case(machine, scenario, None, payloads_kg, heights_m)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m)
     with tuning() as tell:
-        tuned = tune(case.machine, case.settings, points, case.trial(), goal, weighed, tell=tell)
+        tuned = tune(case.machine, case.settings, points, case.trial(), goal, weighed, also=also, tell=tell)
     print_table(report.table(tuned))
     print_text(["", *report.sentences(case, tuned, weighed)])
     if (warning := report.warning(case.machine)) is not None:

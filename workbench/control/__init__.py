@@ -1,15 +1,17 @@
 """Controllers as pure step functions: time step and memory are passed in."""
 
-from workbench.control.cascade import cascade, cascade_values
 from workbench.control.events import BRAKE, Events
 from workbench.control.pi import (
     NEVER,
     PI,
     Controller,
     LagStep,
+    cascade,
+    cascade_values,
     delay_weights,
     feed_forward,
     full_pi,
+    hoist_loop,
     lag_step,
     loop_values,
     losing_a_motor,
@@ -22,12 +24,16 @@ from workbench.control.settings import (
     AxisFeedForward,
     Cascade,
     FeedForward,
+    InputShaper,
     LinearCascade,
+    LoadDamping,
     Notch,
     PiSettings,
     RotaryCascade,
+    ScheduledGains,
     Settings,
     form_of,
+    refuse,
 )
 
 __all__ = [
@@ -42,11 +48,14 @@ __all__ = [
     "Controller",
     "Events",
     "FeedForward",
+    "InputShaper",
     "LagStep",
     "LinearCascade",
+    "LoadDamping",
     "Notch",
     "PiSettings",
     "RotaryCascade",
+    "ScheduledGains",
     "Settings",
     "cascade",
     "cascade_values",
@@ -54,8 +63,10 @@ __all__ = [
     "feed_forward",
     "form_of",
     "full_pi",
+    "hoist_loop",
     "lag_step",
     "loop_values",
     "losing_a_motor",
+    "refuse",
     "weight_before",
 ]

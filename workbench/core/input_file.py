@@ -19,6 +19,7 @@ MB = 1_000_000
 # Kind of file -> (most bytes, what a larger one may be).
 MOST_BYTES: Mapping[str, tuple[int, str]] = MappingProxyType(
     {
+        "key": (10_000, ""),
         "settings": (5 * MB, "; is it a log?"),
         "python": (1 * MB, "; expected Python with effects"),
         "json": (200 * MB, ""),

@@ -32,7 +32,7 @@ VIEWS = {
     "Diagnosis": "workbench.view.diagnosis:VIEW",
     "Identification": "workbench.view.identify:VIEW",
     "LoopAnalysis": "workbench.view.loop:VIEW",
-    "LoopResult": "workbench.face.simulate:VIEW",
+    "LoopResult": "workbench.view.simulate:VIEW",
     "ReplayResult": "workbench.view.replay:VIEW",
     "Run": "workbench.view.logs:RUN",
     "Sizing": "workbench.view.size:VIEW",

@@ -1,11 +1,9 @@
 """What one visitor keeps: private folders and the session's state.
 
     workspace()                 folder of this session, mode 0700, gone when the session ends
-    file_in_workspace(name)     a path in it; `name` is the page's own choice, never an uploaded name
     stored(upload, name, most)  an uploaded file's bytes under the page's own name, size-limited
     work_folder()               folder of jobs and uploaded campaigns that the address names, `?work=…`
     get(key, kind, default)     typed read of the session's state; put(key, value) writes
-    held(key, start)            the key of a widget that shows what the session keeps, whatever was drawn before
 
 Two sessions share nothing but caches of pure functions of values. The id in the address is one that nobody guesses:
 whoever has the address sees its work, and nobody else does.
@@ -54,12 +52,11 @@ class _Folder:
 @cache
 def app_folder() -> Path:
     """This user's private folder of the dashboard under the system's temporary one; InputError if another's."""
-    user = os.getuid() if hasattr(os, "getuid") else None
-    path = Path(tempfile.gettempdir()) / ("workbench-dashboard" if user is None else f"workbench-{user}")
+    path = Path(tempfile.gettempdir()) / f"workbench-{os.getuid()}"
     path.mkdir(mode=0o700, exist_ok=True)
     status = path.lstat()
     # The temporary folder is everybody's: a link or a folder laid there by another user is not taken.
-    if not stat.S_ISDIR(status.st_mode) or user not in (None, status.st_uid):
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
         raise InputError("is not this user's own folder; remove it or set TMPDIR", file=path)
     path.chmod(0o700)
     sweep(path)
@@ -69,25 +66,17 @@ def app_folder() -> Path:
 def sweep(root: Path, older_than_s: float = KEEP_S) -> None:
     """Removes what sessions of servers that no longer run have left, and work that nobody has touched for a week."""
     for folder in root.glob("session-*"):
-        number = folder.name.split("-")[1]
-        if number.isdecimal() and not _runs(int(number)):
-            shutil.rmtree(folder, ignore_errors=True)
+        with contextlib.suppress(ValueError, PermissionError):  # no process' number; another user's process
+            try:
+                os.kill(int(folder.name.split("-")[1]), 0)
+            except ProcessLookupError:
+                shutil.rmtree(folder, ignore_errors=True)
     for folder in root.glob("work-*"):
         clean(folder, older_than_s)
         with contextlib.suppress(OSError):
             newest = max(path.stat().st_mtime for path in (folder, *folder.iterdir()))
             if not jobs_of(folder) and time.time() - newest > older_than_s:
                 shutil.rmtree(folder, ignore_errors=True)
-
-
-def _runs(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True  # another user's
-    return True
 
 
 def workspace() -> Path:
@@ -100,18 +89,11 @@ def workspace() -> Path:
     return path
 
 
-def file_in_workspace(name: str) -> Path:
-    """A path in the session's folder. ValueError for a name with folders in it."""
-    if name != Path(name).name or name in ("", ".", ".."):
-        raise ValueError(f"{name!r} is not a plain file name")
-    return workspace() / name
-
-
 def stored(upload: Upload, name: str, most_bytes: int = 1 * MB) -> Path:
     """The uploaded bytes in a file of the session, under the name the page gives it. InputError for a larger one."""
     if upload.size > most_bytes:
         raise InputError(f"{upload.size / MB:.1f} MB, expected at most {most_bytes / MB:g} MB", file=name)
-    path = file_in_workspace(name)
+    path = workspace() / name
     path.write_bytes(upload.getvalue())
     return path
 
@@ -148,10 +130,3 @@ def get(key: str, kind: type[T], default: T) -> T:
 
 def put(key: str, value: Any) -> None:
     st.session_state[key] = value
-
-
-def held(key: str, start: Any) -> str:
-    """Sets the widget's value anew before it is drawn. The browser else shows its own beginning where the widget was
-    not drawn in between: a page left, or stopped at an error."""
-    st.session_state[key] = st.session_state.get(key, start)
-    return key

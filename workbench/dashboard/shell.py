@@ -1,25 +1,18 @@
 """The dashboard's frame: the table of pages and what stands around each.
 
-A page is a function without arguments in a module of its own, imported when it is first shown.
-A page whose module is not there is left out. `run()` is the whole app; `run_page(title)` draws
-one page alone, which is what tests call.
+`run()` is the whole app; `run_page(title)` draws one page alone, which is what tests call.
 """
 
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import sys
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from functools import partial
 
 import streamlit as st
 
 from workbench.dashboard import session
 from workbench.dashboard.widgets import is_dark
-
-if TYPE_CHECKING:
-    from streamlit.navigation.page import StreamlitPage
 
 # Less air than streamlit's own, so that the numbers and the first figure fit 1280 by 800.
 _STYLE = """<style>
@@ -42,38 +35,26 @@ _ICON = (
     'stroke-width="3" fill="none"/><rect x="8" y="15" width="16" height="13" rx="2" fill="#D55E00"/></svg>'
 )
 
-# title -> (where its function stands, its icon)
+# title -> (the module whose show() draws it, its icon)
 PAGES: dict[str, tuple[str, str]] = {
-    "Study": ("workbench.dashboard.pages.study:show", ":material/tune:"),
-    "Compare": ("workbench.dashboard.pages.compare:show", ":material/compare_arrows:"),
-    "Loop": ("workbench.dashboard.pages.loop:show", ":material/all_inclusive:"),
-    "Signals": ("workbench.dashboard.pages.signals:show", ":material/show_chart:"),
-    "Validate": ("workbench.dashboard.pages.validate:show", ":material/fact_check:"),
-    "Gap": ("workbench.dashboard.pages.gap:show", ":material/troubleshoot:"),
-    "Machine": ("workbench.dashboard.pages.machine:show", ":material/precision_manufacturing:"),
-    "Plant": ("workbench.dashboard.pages.plant:show", ":material/developer_board:"),
-    "Batches": ("workbench.dashboard.pages.batches:show", ":material/dynamic_feed:"),
+    "Study": ("study", "tune"),
+    "Compare": ("compare", "compare_arrows"),
+    "Loop": ("loop", "all_inclusive"),
+    "Sizing": ("sizing", "straighten"),
+    "Import": ("imports", "input"),
+    "Signals": ("signals", "show_chart"),
+    "Validate": ("validate", "fact_check"),
+    "Gap": ("gap", "troubleshoot"),
+    "Machine": ("machine", "precision_manufacturing"),
+    "Plant": ("plant", "developer_board"),
+    "Batches": ("batches", "dynamic_feed"),
 }
-
 FIRST = "Study"
 
 
-def present() -> list[str]:
-    """Titles of the pages whose modules are there, in order."""
-    return [title for title, (place, _) in PAGES.items() if importlib.util.find_spec(place.partition(":")[0])]
-
-
 def run_page(title: str) -> None:
-    """Draws one page, without the frame."""
-    module, _, name = PAGES[title][0].partition(":")
-    getattr(importlib.import_module(module), name)()
-
-
-def _function(title: str) -> Callable[[], None]:
-    def page() -> None:
-        run_page(title)
-
-    return page
+    """Draws one page, without the frame; its module is imported when it is first shown."""
+    importlib.import_module(f"workbench.dashboard.pages.{PAGES[title][0]}").show()
 
 
 def run() -> None:
@@ -83,17 +64,17 @@ def run() -> None:
     st.set_page_config(page_title="workbench", page_icon=_ICON, layout="wide")
     st.html(_STYLE_DARK + _STYLE if is_dark() else _STYLE)
     session.work_folder()  # a page's link drops what names this session's jobs from the address; here it comes back
-    pages: list[StreamlitPage] = []
-    for title in present():
-        path = "first" if title == FIRST else title.lower()  # the first page's own address is the server's
-        pages.append(
-            st.Page(_function(title), title=title, icon=PAGES[title][1], url_path=path, default=title == FIRST)
+    pages = [
+        st.Page(
+            partial(run_page, title), title=title, icon=f":material/{icon}:", default=title == FIRST,
+            url_path="first" if title == FIRST else title.lower(),  # the first page's own address is the server's
         )
-    first = pages[0]
+        for title, (_, icon) in PAGES.items()
+    ]  # fmt: skip
 
     def by_name() -> None:
-        st.switch_page(first, query_params=st.query_params.to_dict())
+        """Whoever writes the first page's name into an address finds it, too."""
+        st.switch_page(pages[0], query_params=st.query_params.to_dict())
 
-    # Whoever writes the first page's name into an address finds it, too.
-    pages.append(st.Page(by_name, url_path=FIRST.lower(), visibility="hidden"))
-    st.navigation(pages, position="top").run()
+    hidden = st.Page(by_name, url_path=FIRST.lower(), visibility="hidden")
+    st.navigation([*pages, hidden], position="top").run()

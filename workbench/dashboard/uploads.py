@@ -12,8 +12,7 @@ import re
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
@@ -41,46 +40,32 @@ class Uploaded:
     content: bytes
 
 
+@dataclass(frozen=True)
 class Sent:
-    """What was sent, by name. nested: names are paths beside runs.yaml, else base names."""
+    """What was sent: names, a file's bytes by name. nested: names are paths beside runs.yaml, else base names."""
 
-    def __init__(self, names: Mapping[str, zipfile.ZipInfo | bytes], archive: zipfile.ZipFile | None, zip_name: str):
-        self.members, self.archive, self.zip_name = names, archive, zip_name
-        self.names, self.nested, self.left = sorted(names), archive is not None, MOST_UNPACKED
-
-    def read(self, name: str) -> bytes:
-        """A file's bytes; a member's are counted while they are read, for the size in the directory is not trusted."""
-        member = self.members[name]
-        if isinstance(member, bytes):
-            return member
-        if member.flag_bits & 0x1:
-            raise InputError("is encrypted; expected a zip without a password", file=self.zip_name)
-        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise InputError("is packed in a way that is not read; expected a plain (deflate) zip", file=self.zip_name)
-        assert self.archive is not None
-        parts = []
-        with self.archive.open(member) as stream:
-            while chunk := stream.read(_CHUNK):
-                self.left -= len(chunk)
-                if self.left < 0:
-                    raise InputError(f"unpacks to more than {MOST_UNPACKED // MB} MB", file=self.zip_name)
-                parts.append(chunk)
-        return b"".join(parts)
+    campaign: str
+    names: Sequence[str]
+    read: Callable[[str], bytes]
+    nested: bool
 
 
 def read_uploaded(uploads: Sequence[Uploaded], workspace: Path) -> Campaign:
     """The campaign in the uploaded files, kept below `workspace`. Only InputError comes out of it."""
     folder: Path | None = None
     try:
-        with _opened(uploads) as (sent, name):
-            folder = _stored(sent, name, workspace)
+        files = _checked(uploads)
+        zips = [name for name in files if name.lower().endswith(".zip")]
+        if zips:
+            folder = _from_zip(zips[0], files[zips[0]], workspace)
+        else:
+            name = _machine_name(files.get(MACHINE, b""))
+            folder = _stored(Sent(name, sorted(files), files.__getitem__, nested=False), workspace)
         return read_stored(folder)
-    except BaseException as error:
+    except InputError as error:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
-        if isinstance(error, InputError):
-            raise _as_uploaded(error, folder) from error
-        raise
+        raise _as_uploaded(error, folder) from error
 
 
 def stored_campaigns(workspace: Path) -> list[Path]:
@@ -99,9 +84,8 @@ def read_stored(folder: Path) -> Campaign:
     return replace(campaign, name=name_of(folder))
 
 
-@contextmanager
-def _opened(uploads: Sequence[Uploaded]) -> Iterator[tuple[Sent, str]]:
-    """The files by their path beside runs.yaml, and the campaign's name."""
+def _checked(uploads: Sequence[Uploaded]) -> dict[str, bytes]:
+    """Base name -> bytes of one zip, or of files; within the limits."""
     if not uploads:
         raise InputError(f"nothing was uploaded; expected a zip, or {MACHINE}, {RUNS} and logs")
     if len(uploads) > MOST_FILES:
@@ -109,37 +93,63 @@ def _opened(uploads: Sequence[Uploaded]) -> Iterator[tuple[Sent, str]]:
     total = sum(len(upload.content) for upload in uploads)
     if total > MOST_UPLOADED:
         raise InputError(f"{total / MB:.0f} MB were uploaded, expected at most {MOST_UPLOADED // MB} MB")
-    files = [(base_name(upload.name), upload.content) for upload in uploads]
-    zips = [name for name, _ in files if name.lower().endswith(".zip")]
-    if zips and len(files) > 1:
-        raise InputError("came with other files; expected one zip alone, or no zip", file=zips[0])
-    if not zips:
-        twice = [name for k, (name, _) in enumerate(files) if name in dict(files[:k])]
-        if twice:
-            raise InputError("was uploaded twice; upload a zip where logs in two folders share a name", file=twice[0])
-        yield Sent(dict(files), None, ""), _machine_name(dict(files).get(MACHINE, b""))
-        return
-    ((name, content),) = files
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            yield Sent(_members(archive, name), archive, name), _NAME.sub("_", name[:-4])[:60].strip() or "uploaded"
-    except InputError:
-        raise
-    except Exception as error:  # a damaged zip makes the library raise almost anything
-        raise InputError("is not a readable zip file; zip the campaign's folder again", file=name) from error
+    files: dict[str, bytes] = {}
+    for upload in uploads:
+        name = base_name(upload.name)
+        if name.lower().endswith(".zip") and len(uploads) > 1:
+            raise InputError("came with other files; expected one zip alone, or no zip", file=name)
+        if name in files:
+            raise InputError("was uploaded twice; upload a zip where logs in two folders share a name", file=name)
+        files[name] = upload.content
+    return files
 
 
 def _machine_name(content: bytes) -> str:
     """What files without a folder are called: as their machine."""
     said = re.search(rb"^name:[ \t]*(.+)$", content[: 10 * _CHUNK], re.MULTILINE)
     name = said[1].decode("utf-8", errors="replace").strip(" '\"\r") if said else ""
-    return _NAME.sub("_", name)[:60].strip() or "uploaded"
+    return safe_name(name) or "uploaded"
+
+
+def safe_name(name: str) -> str:
+    """A name without what leads to another folder, at most 60 characters; it may be empty."""
+    return _NAME.sub("_", name)[:60].strip(" .") if name.strip(".") else ""
 
 
 def base_name(name: str) -> str:
     """The last part of a name, whatever its sender takes for a folder; fit to be shown in one line."""
     last = re.split(r"[/\\]", name)[-1]
     return "".join(c if c.isprintable() else "?" for c in last)[:100] or "a file without a name"
+
+
+def _from_zip(name: str, content: bytes, workspace: Path) -> Path:
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members, left = _members(archive, name), MOST_UNPACKED
+
+            def read(path: str) -> bytes:
+                """Counted while it is read, for the size in the directory is not trusted."""
+                nonlocal left
+                member, parts = members[path], []
+                if member.flag_bits & 0x1:
+                    raise InputError("is encrypted; expected a zip without a password", file=name)
+                if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    said = "is packed in a way that is not read; expected a plain (deflate) zip"
+                    raise InputError(said, file=name)
+                with archive.open(member) as stream:
+                    while chunk := stream.read(_CHUNK):
+                        left -= len(chunk)
+                        if left < 0:
+                            raise InputError(f"unpacks to more than {MOST_UNPACKED // MB} MB", file=name)
+                        parts.append(chunk)
+                return b"".join(parts)
+
+            called = safe_name(name[:-4]) or "uploaded"
+            return _stored(Sent(called, sorted(members), read, nested=True), workspace)
+    except InputError:
+        raise
+    except Exception as error:  # a damaged zip makes the library raise almost anything
+        raise InputError("is not a readable zip file; zip the campaign's folder again", file=name) from error
 
 
 def _members(archive: zipfile.ZipFile, zip_name: str) -> dict[str, zipfile.ZipInfo]:
@@ -156,20 +166,21 @@ def _members(archive: zipfile.ZipFile, zip_name: str) -> dict[str, zipfile.ZipIn
             raise InputError(f"holds '{name[:60]}' twice", file=zip_name)
         members[name] = info
     roots = [name.removesuffix(RUNS) for name in members if name == RUNS or name.endswith(f"/{RUNS}")]
-    if not roots:
-        raise InputError(f"holds no {RUNS}; expected a zip of a campaign's folder", file=zip_name)
-    if len(roots) > 1:
-        raise InputError(f"holds {len(roots)} campaigns, expected one {RUNS}", file=zip_name)
+    if len(roots) != 1:
+        expected = "no runs.yaml; expected a zip of a campaign's folder"
+        raise InputError(
+            f"holds {f'{len(roots)} campaigns, expected one {RUNS}' if roots else expected}", file=zip_name
+        )
     return {name.removeprefix(roots[0]): info for name, info in members.items() if name.startswith(roots[0])}
 
 
-def _stored(sent: Sent, name: str, workspace: Path) -> Path:
+def _stored(sent: Sent, workspace: Path) -> Path:
     """Writes machine.yaml, runs.yaml and the logs that it names into a new folder, and nothing else."""
     for needed in (MACHINE, RUNS):
         if needed not in sent.names:
             raise InputError(f"is missing; {nearest(needed, sent.names[:20])}", file=needed)
     runs = sent.read(RUNS)
-    folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{name}-", dir=workspace))
+    folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{sent.campaign}-", dir=workspace))
     try:
         (folder / RUNS).write_bytes(runs)
         (folder / MACHINE).write_bytes(sent.read(MACHINE))
@@ -204,21 +215,18 @@ def _logs(content: bytes) -> list[tuple[PurePosixPath, Place, Document]]:
     logs: dict[PurePosixPath, tuple[PurePosixPath, Place, Document]] = {}
     for index, entry in enumerate(entries if isinstance(entries, list) else []):
         named = entry.get("file") if isinstance(entry, Mapping) else None
-        if isinstance(named, str):
-            place: Place = ("runs", index, "file")
-            path = _plain_path(named, place, document)
-            if str(path) not in (MACHINE, RUNS):
-                logs.setdefault(path, (path, place, document))
+        if not isinstance(named, str):
+            continue
+        place: Place = ("runs", index, "file")
+        parts = named.split("/")
+        if len(parts) > 4 or not all(_PART.fullmatch(part) and part[-1] not in ". " for part in parts):
+            shown = named if len(named) <= 60 else named[:57] + "…"  # it could lead anywhere else
+            said = f"{shown!r} is no plain path in the campaign's folder, such as runs/lift.csv"
+            raise _wrong(said, place, document)
+        path = PurePosixPath(*parts)
+        if str(path) not in (MACHINE, RUNS):
+            logs.setdefault(path, (path, place, document))
     return list(logs.values())
-
-
-def _plain_path(named: str, place: Place, document: Document) -> PurePosixPath:
-    """A path of plain names below the folder. InputError for what could lead anywhere else."""
-    parts = named.split("/")
-    if len(parts) > 4 or not all(_PART.fullmatch(part) and part[-1] not in ". " for part in parts):
-        shown = named if len(named) <= 60 else named[:57] + "…"
-        raise _wrong(f"{shown!r} is no plain path in the campaign's folder, such as runs/lift.csv", place, document)
-    return PurePosixPath(*parts)
 
 
 def _wrong(problem: str, place: Place, document: Document) -> InputError:
@@ -228,11 +236,10 @@ def _wrong(problem: str, place: Place, document: Document) -> InputError:
 def _as_uploaded(error: InputError, folder: Path | None) -> InputError:
     """The same error with the names that the user knows instead of the workspace's paths, and nothing unprintable."""
 
-    def known(text: str) -> str:
+    def known(text: str | None) -> str:
         for root in () if folder is None else dict.fromkeys((str(folder), str(folder.resolve()))):
-            text = text.replace(f"{root}/", "").replace(root, "the campaign")
-        return "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
+            text = (text or "").replace(f"{root}/", "").replace(root, "the campaign")
+        return "".join(c if c.isprintable() or c == "\n" else "?" for c in text or "")
 
-    file = None if error.file is None else known(error.file)
-    place = None if error.place is None else known(error.place)
-    return InputError(known(error.problem), file=file, line=error.line, place=place)
+    place = known(error.place) if error.place is not None else None
+    return InputError(known(error.problem), file=known(error.file) or None, line=error.line, place=place)

@@ -1,11 +1,14 @@
 """What all pages show the same way.
 
-chart(figure, key)      a plotly figure over the page's width, light or dark as the page is
-numbers([Number(...)])  a row of the numbers that decide, with deltas green or red
-table(shown)            a report's table
-problem(error)          the reader's one clear error
-with guarded(): ...     an InputError inside ends the page with `problem`
-text(value, digits)     a number with sane digits
+chart(figure, key)        a plotly figure over the page's width, light or dark as the page is
+numbers([Number(...)])    a row of the numbers that decide, with deltas green or red
+held(key, value)          the key of a widget that shows a value that the page keeps
+number(Field(...), value) a slider with a field beside it in which any value may be typed
+form(kind, values, key)   the fields of a record, drawn from its schema
+table(shown)              a report's table
+problem(error)            the reader's one clear error
+with guarded(): ...       an InputError inside is shown by `problem` and ends the page
+text(value, digits)       a number with sane digits
 """
 
 from __future__ import annotations
@@ -13,16 +16,18 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import streamlit as st
+from pydantic import TypeAdapter
 from streamlit.components import v2
 
 from workbench.core.errors import InputError
-from workbench.core.names import powers
+from workbench.core.names import powers, unit_of, words_of
 from workbench.dashboard.server import PLOTLY
 from workbench.view.page import NOT_SHARED
 
@@ -34,6 +39,7 @@ if TYPE_CHECKING:
 
 SMALL = 1e-4  # below it leading zeros are no number that people read
 SAME = 5e-4  # relative: a smaller difference is rounding to the reader
+WIDEST_NUMBER = 11  # characters that one of four cards shows
 _UNIT = re.compile(r"(?<=\d) (?:N m|k?N|Hz|%|k?g|m?[ms])(?!\w)")  # that stays on its number's line
 Better = Literal["lower", "higher"]
 # `st.plotly_chart` draws a changed figure anew, and the reader's zoom is lost. This component changes the drawing.
@@ -42,16 +48,7 @@ _JS = (Path(__file__).parent / "assets" / "chart.js").read_text(encoding="utf-8"
 _chart = v2.component(CHART, js=_JS, isolate_styles=False)
 
 
-class Number(NamedTuple):
-    """One of the numbers that decide. `delta`: to the baseline, in the same unit; `better` colours it."""
-
-    label: str
-    value: float | None
-    unit: str = ""
-    delta: float | None = None
-    better: Better | None = None
-    digits: int = 3
-    help: str | None = None
+# ---- words and numbers --------------------------------------------------------------------------------------------
 
 
 def text(value: float | None, digits: int = 3, sign: bool = False) -> str:
@@ -66,7 +63,57 @@ def text(value: float | None, digits: int = 3, sign: bool = False) -> str:
     return f"{value:{'+' if sign else ''}.{min(decimals, 6)}f}".replace("-", "\N{MINUS SIGN}")
 
 
-WIDEST_NUMBER = 11  # characters that one of four cards shows
+def plain(sentence: str) -> str:
+    """A sentence with nothing in it that markdown would act on."""
+    return "".join(f"\\{c}" if c in "\\`*_{}[]()<>#+!|$~:" else c for c in sentence)
+
+
+def said(sentence: str) -> str:
+    """A report's sentence on a page, where what it has in backticks for a terminal stands plainly."""
+    return plain(_UNIT.sub(lambda match: match[0].replace(" ", "\u00a0"), powers(sentence.replace("`", ""))))
+
+
+def points(sentences: Sequence[str]) -> None:
+    if sentences:
+        st.markdown("\n".join(f"- {said(sentence)}" for sentence in sentences))
+
+
+def notes(sentences: Sequence[str]) -> None:
+    """What the reader of logs notes, folded up."""
+    if sentences:
+        with st.expander(f"What the reader says of the logs ({len(sentences)})"):
+            points(sentences)
+
+
+def problem(error: InputError) -> None:
+    """One clear error: place and problem, with the file's name only, for its folder is the server's own."""
+    path = Path(error.file or "")
+    # Of several problems each further line names the file anew.
+    words = error.problem.replace(f"{path.parent}/", "") if path.parent != Path() else error.problem
+    shown = InputError(words, file=path.name or None, line=error.line, place=error.place)
+    st.error(plain(str(shown)), icon=":material/error:")
+
+
+@contextmanager
+def guarded() -> Iterator[None]:
+    """Bad input met inside ends the page with its one error; a defect still shows its traceback."""
+    try:
+        yield
+    except InputError as error:
+        problem(error)
+        st.stop()
+
+
+class Number(NamedTuple):
+    """One of the numbers that decide. `delta`: to the baseline, in the same unit; `better` colours it."""
+
+    label: str
+    value: float | None
+    unit: str = ""
+    delta: float | None = None
+    better: Better | None = None
+    digits: int = 3
+    help: str | None = None
 
 
 def _delta(number: Number) -> tuple[str | None, Literal["normal", "inverse", "off"]]:
@@ -77,15 +124,8 @@ def _delta(number: Number) -> tuple[str | None, Literal["normal", "inverse", "of
     if abs(by) <= SAME * abs(number.value or 0.0):
         return f"±0 {number.unit}", "off"
     # A plain hyphen: that is where streamlit reads the arrow's direction.
-    said = f"{text(by, 2, sign=True)} {number.unit}".replace("\N{MINUS SIGN}", "-")
-    return said, "off" if number.better is None else "inverse" if number.better == "lower" else "normal"
-
-
-def _headed(number: Number) -> tuple[str, str]:
-    """Heading and value; the unit goes into the heading where the value would be cut beside it."""
-    alone = text(number.value, number.digits)
-    both = f"{alone} {number.unit}".strip()
-    return (number.label, both) if len(both) <= WIDEST_NUMBER else (f"{number.label} ({number.unit})", alone)
+    words = f"{text(by, 2, sign=True)} {number.unit}".replace("\N{MINUS SIGN}", "-")
+    return words, "off" if number.better is None else "inverse" if number.better == "lower" else "normal"
 
 
 def numbers(row: Sequence[Number]) -> None:
@@ -93,10 +133,12 @@ def numbers(row: Sequence[Number]) -> None:
     with st.container(horizontal=True, key=f"cards {row[0].label}"):  # they wrap where the page is narrow
         for number in row:
             delta, colour = _delta(number)
-            label, shown = _headed(number)
+            alone = text(number.value, number.digits)
+            both = f"{alone} {number.unit}".strip()
+            fits = len(both) <= WIDEST_NUMBER  # else the unit goes into the heading, or the value would be cut
             st.metric(
-                label,
-                shown,
+                number.label if fits else f"{number.label} ({number.unit})",
+                both if fits else alone,
                 delta,
                 delta_color=colour,
                 delta_arrow="off" if delta and delta.startswith("±") else "auto",
@@ -104,6 +146,21 @@ def numbers(row: Sequence[Number]) -> None:
                 border=True,
                 height="stretch",  # a number without a delta is as tall as its neighbours
             )
+
+
+def table(shown: Table) -> None:
+    """A report's table with its note; heads with their units."""
+    from workbench.study.rows import arrow_table, texts
+
+    columns = {head: texts([powers(cell.strip()) for cell in cells]) for head, cells in shown.by_column.items()}
+    align = {column.line: st.column_config.TextColumn(alignment=column.align) for column in shown.columns}
+    # Not lazily: streamlit would import pandas to find out whether it could.
+    st.dataframe(arrow_table(columns), hide_index=True, column_config=align, lazy=False)
+    if shown.note:
+        st.caption(said(shown.note))
+
+
+# ---- figures ------------------------------------------------------------------------------------------------------
 
 
 def beside(key: str, parts: int = 2) -> list[DeltaGenerator]:
@@ -128,54 +185,131 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
         "toImageButtonOptions": {"format": "png", "filename": key, "scale": 2},
     }
     shown = for_dark(figure) if is_dark() else figure
-    said = f'{{"figure": {shown.to_json(validate=False)}, "config": {json.dumps(config)}, "alt": {json.dumps(alt)}}}'
+    words = f'{{"figure": {shown.to_json(validate=False)}, "config": {json.dumps(config)}, "alt": {json.dumps(alt)}}}'
     # Streamlit keeps `__` in a component's key for itself; names of runs and jobs may hold it.
-    _chart(key=key.replace("%", "%25").replace("_", "%5F"), data=said.encode())
+    _chart(key=key.replace("%", "%25").replace("_", "%5F"), data=words.encode())
 
 
-def table(shown: Table) -> None:
-    """A report's table with its note; heads with their units."""
-    from workbench.study import rows as arrow
-
-    columns = {head: arrow.texts([powers(text.strip()) for text in texts]) for head, texts in shown.by_column.items()}
-    align = {column.line: st.column_config.TextColumn(alignment=column.align) for column in shown.columns}
-    # Not lazily: streamlit would import pandas to find out whether it could.
-    st.dataframe(arrow.table(columns), hide_index=True, column_config=align, lazy=False)
-    if shown.note:
-        st.caption(said(shown.note))
+# ---- fields -------------------------------------------------------------------------------------------------------
 
 
-def notes(sentences: Sequence[str]) -> None:
-    """What the reader of logs notes, folded up."""
-    if sentences:
-        with st.expander(f"What the reader says of the logs ({len(sentences)})"):
-            st.markdown("\n".join(f"- {plain(note)}" for note in sentences))
+def held(
+    key: str, value: Any, options: Collection[Any] | None = None, read: Callable[[Any], Any] = lambda shown: shown
+) -> str:
+    """The widget shows what the visitor has set in it, also where another page was looked at meanwhile; `value`, what
+    the page keeps, where that has been changed by anything else, or where what it shows is none of the options.
+
+    read: what the page makes of what is shown. It is written anew each time: a browser shows a widget's own beginning
+    where it was not drawn in between.
+    """
+    before, shown = st.session_state.get(f"{key} was", (value, value))
+    now = st.session_state.get(key, shown)
+    if not (_same(value, before) or _same(value, read(shown))) or (options is not None and now not in options):
+        now = value
+    st.session_state[key], st.session_state[f"{key} was"] = now, (value, now)
+    return key
 
 
-def problem(error: InputError) -> None:
-    """One clear error: place and problem, with the file's name only, for its folder is the server's own."""
-    path = Path(error.file or "")
-    # Of several problems each further line names the file anew.
-    said = error.problem.replace(f"{path.parent}/", "") if path.parent != Path() else error.problem
-    shown = InputError(said, file=path.name or None, line=error.line, place=error.place)
-    st.error(plain(str(shown)), icon=":material/error:")
+def _same(a: Any, b: Any) -> bool:
+    numbers = isinstance(a, float) and isinstance(b, float)
+    return math.isclose(a, b, rel_tol=1e-9) if numbers else bool(a == b)
 
 
-def said(sentence: str) -> str:
-    """A report's sentence on a page, where what it has in backticks for a terminal stands plainly."""
-    return plain(_UNIT.sub(lambda match: match[0].replace(" ", "\u00a0"), powers(sentence.replace("`", ""))))
+@dataclass(frozen=True)
+class Field:
+    """A number that can be set: by slider from low to high in steps, or typed up to `most`.
+
+    key: what its file calls it, in parts. steps: those of a slider that is even in the logarithm. form: how it is
+    shown. slides: whether there is a slider. start: what stands there where its file says nothing.
+    """
+
+    words: str
+    key: tuple[str, ...]
+    low: float
+    high: float
+    step: float = 0.0
+    form: str = "%.2f"
+    tip: str = ""
+    most: float | None = None
+    slides: bool = True
+    steps: Sequence[float] = ()
+    start: float | None = None
 
 
-def plain(sentence: str) -> str:
-    """A sentence with nothing in it that markdown would act on."""
-    return "".join(f"\\{c}" if c in "\\`*_{}[]()<>#+!|$~:" else c for c in sentence)
+def number(field: Field, value: float, key: str) -> float:
+    """What the field stands at. A slider's range takes in the value that it is given."""
+    held(key, value)
+    now = float(st.session_state[key])
+    if field.most is None:
+        now = min(max(now, field.low), field.high)
+    st.session_state[key] = now
+    if not field.slides:
+        shown = st.number_input(field.words, field.low, field.high, key=key, step=None, format="%.4g")
+        return float(shown)
+    low, high = min(field.low, now), max(field.high, now)
+    if low == high:  # nothing to slide
+        return low
+    typed = f"{key} typed"
+    st.session_state[typed] = now
+
+    def take() -> None:
+        st.session_state[key] = float(st.session_state[typed])
+
+    left, right = st.columns([1.4, 1.0], vertical_alignment="bottom")
+    least = field.low if field.most is None or field.steps else 0.0
+    right.number_input(
+        f"{field.words}, typed", least, max(high, field.most or high), key=typed, step=None, format="%.4g",
+        on_change=take, label_visibility="collapsed",
+    )  # fmt: skip
+    if field.steps:  # as the field beside it shows it: 121300, not 1.213e+05
+        form = lambda value: f"{float(f'{value:.4g}'):.10g}"  # noqa: E731
+        return float(left.select_slider(field.words, sorted({*field.steps, now}), key=key, format_func=form))
+    shown = left.slider(field.words, low, high, step=field.step, format=field.form, key=key, help=field.tip or None)
+    return float(shown)
 
 
-@contextmanager
-def guarded() -> Iterator[None]:
-    """Bad input met inside ends the page with its one error; a defect still shows its traceback."""
-    try:
-        yield
-    except InputError as error:
-        problem(error)
-        st.stop()
+def form(kind: Any, values: Mapping[str, Any], key: str, only: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """The values of a record as they are set in fields, which follow from the schema of its class: numbers within their
+    bounds, switches, choices, words, a fold for a block. What no field can show stays as it is.
+
+    only: the fields that are shown, with their words; all of them without.
+    """
+    schema = TypeAdapter(kind).json_schema()
+    return _form(schema, schema.get("$defs", {}), values, key, only)
+
+
+def _form(
+    schema: Mapping[str, Any],
+    known: Mapping[str, Any],
+    values: Mapping[str, Any],
+    key: str,
+    only: Mapping[str, str] | None,
+) -> dict[str, Any]:
+    made = dict(values)
+    for name, spec in schema.get("properties", {}).items():
+        if (only is not None and name not in only) or name not in values:
+            continue
+        options = [known[s["$ref"].rpartition("/")[2]] if "$ref" in s else s for s in spec.get("anyOf", [spec])]
+        spec = {**spec, **next((s for s in options if s.get("type") != "null"), {})}
+        unit, own, now = unit_of(name), f"{key} {name}", values[name]
+        label = words_of(name) if not unit else f"{words_of(name)} ({unit})"
+        label = only[name] if only is not None else label[:1].upper() + label[1:]
+        if spec.get("properties") and isinstance(now, Mapping):
+            with st.expander(label):
+                made[name] = _form(spec, known, now, own, None)
+        elif len(spec.get("enum", ())) > 1:
+            made[name] = st.selectbox(label, spec["enum"], key=held(own, now, spec["enum"]))
+        elif spec.get("type") == "boolean":
+            made[name] = st.toggle(label, key=held(own, now))
+        elif spec.get("type") in ("number", "integer"):
+            whole = spec["type"] == "integer"
+            low, high = spec.get("minimum"), spec.get("maximum")
+            cast = int if whole else float
+            bounds = [None if bound is None else cast(bound) for bound in (low, high)]
+            start = None if now is None else cast(now)
+            made[name] = st.number_input(
+                label, *bounds, key=held(own, start), step=1 if whole else None, format="%d" if whole else "%.6g"
+            )
+        elif spec.get("type") == "string" and "const" not in spec:
+            made[name] = st.text_input(label, key=held(own, now))
+    return made

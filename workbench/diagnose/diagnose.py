@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from workbench.core.errors import InputError, nearest
@@ -24,9 +24,8 @@ from workbench.diagnose.readiness.condition import Condition, condition
 from workbench.diagnose.readiness.noise import informative_band, motion_noise
 from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.residual_tests import ResidualTest, residual_tests
-from workbench.diagnose.unexplained.records import Unknown
-from workbench.diagnose.unexplained.unknown import explain, explained_machine
-from workbench.diagnose.verdict.answer import Candidate, Left, Remainder, Verdict, shared
+from workbench.diagnose.unknown import Unknown, explain, explained_machine
+from workbench.diagnose.verdict.answer import Candidate, Left, ReasonKind, Remainder, Verdict, shared
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged_to_help, steps
 from workbench.effects import Effect, effects_for
 from workbench.logs import Campaign
@@ -66,10 +65,13 @@ def either(names: Names, twins: Sequence[Names]) -> str:
     return f"{text}, and {listed(tuple(shared))}" if shared else text
 
 
-def sentence_of(judged: Judged, shrink: Shrink, rest: Remainder, also: Names, tabled: bool = False) -> str:
+def sentence_of(
+    judged: Judged, shrink: Shrink, rest: Remainder, also: Names, tabled: bool = False, unlisted: Iterable[str] = ()
+) -> str:
     """The first sentence of the report: the answer, its probability, and the reduction of the gap.
 
-    tabled: whether the corrected machine contains the measured force of an unknown cause.
+    tabled: whether the corrected machine contains the measured force of an unknown cause. unlisted: effects of the
+    library that the corrected machine contains in its place, and that no answer may name unasked.
     """
     unit = shrink.unit
     sure = judged.ranking[0].probability
@@ -87,7 +89,9 @@ def sentence_of(judged: Judged, shrink: Shrink, rest: Remainder, also: Names, ta
         return (
             f"{head}; "
             + (
-                f"with its measured force, which is in the corrected machine, {shrink.after:.2g} {unit} are left"
+                f"with {' and '.join(unlisted)}, an effect that is not listed, {shrink.after:.2g} {unit} are left"
+                if unlisted
+                else f"with its measured force, which is in the corrected machine, {shrink.after:.2g} {unit} are left"
                 if tabled
                 else "no table of it keeps what it promises, so the machine holds none"
             )
@@ -250,7 +254,9 @@ def diagnose(
     also = alike(judged, problem.active.kind)
     more = next_run(problem, search, _open(judged, alternatives(judged, problem.active.kind)))
     say(Progress(Stage.SHRINK))
-    unknown = explain(problem, search.within_tolerances) if judged.word == "unknown" else None
+    unlisted = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.UNLISTED_EXPLAINS_MORE]
+    fits = [search.fits[names] for names in unlisted if names in search.fits]
+    unknown = explain(problem, search.within_tolerances, fits) if judged.word == "unknown" else None
     if unknown is not None:
         corrected = explained_machine(problem, unknown)
     replayed = refitted_replay
@@ -274,7 +280,9 @@ def diagnose(
             campaign.machine, corrected, refitted=refitted, runs=campaign.runs, scenario=scenario
         )
     remainder = remainder_of(problem, fit or search.within_tolerances, len(search.base.z), shrink, seed)
-    sentence = sentence_of(judged, shrink, remainder, also, corrected.measured_correction is not None)
+    sentence = sentence_of(
+        judged, shrink, remainder, also, corrected.measured_correction is not None, unknown.effects if unknown else ()
+    )
     verdict = Verdict(
         judged.word,
         judged.names,

@@ -17,7 +17,7 @@ from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_o
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.machines import machine_of
-from workbench.diagnose.unexplained.unknown import Explained
+from workbench.diagnose.unknown import Explained
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.replay import ReplayResult, replay_runs
 

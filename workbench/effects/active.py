@@ -19,7 +19,7 @@ from workbench.core.errors import InputError, nearest
 from workbench.core.run import Array, Run
 from workbench.effects.declare import Effect, EffectMemory, Ranged
 from workbench.effects.registry import effects_for, find, library_effects, library_for
-from workbench.machines import KINDS, NO_EFFECTS, PLANTS, Axis, Effects, Hoist, Memory, Plant, Sizes, kind_of, plant_of
+from workbench.machines import KINDS, NO_EFFECTS, PLANTS, Axis, Effects, Hoist, Memory, Sizes, kind_of, plant_of
 from workbench.machines.correction import correction_of
 from workbench.symbolic.expr import Scalar
 
@@ -89,64 +89,68 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     InputError for an unknown effect or parameter, with the nearest name, for an impossible
     value, and for an effect whose size is not said.
     """
-    kind = plant_of(machine).kind
-    wanted = {**at_work(machine), **(chosen or {})}
+    kind, wanted = plant_of(machine).kind, {**at_work(machine), **(chosen or {})}
     if not wanted:
-        return _corrected(Active(kind), machine)
+        return _made(machine, ())
     sizes = sizes_of(machine)
-    chosen_effects = {name: find(name, kind) for name in wanted}
+    effects = {name: find(name, kind) for name in wanted}
     values: dict[str, float] = {}
-    for name, effect in chosen_effects.items():
+    for name, effect in effects.items():
         values |= _numbers(effect, wanted[name], sizes, place)
-    in_plant = [effect for effect in chosen_effects.values() if not effect.on_sensor]
-    sensors = tuple(
-        effect for effect in effects_for(kind).values() if effect in chosen_effects.values() and effect.on_sensor
-    )
     of_runs: dict[str, dict[str, float]] = {}
     for run, own_of_effect in machine.log.of_runs.items():
         for name, own in own_of_effect.items():
-            if name not in chosen_effects:
+            if name not in effects:
                 raise InputError(f"{name} is no effect of this machine; {nearest(name, wanted)}", place="log.of_runs")
-            numbers = _numbers(chosen_effects[name], {**wanted[name], **own}, sizes, place)
-            symbols = {r.name: r.symbol for r in chosen_effects[name].ranges(sizes)}
+            numbers = _numbers(effects[name], {**wanted[name], **own}, sizes, place)
+            symbols = {r.name: r.symbol for r in effects[name].ranges(sizes)}
             of_runs.setdefault(run, {}).update({symbols[parameter]: numbers[symbols[parameter]] for parameter in own})
-    if not in_plant:
-        return _corrected(Active(kind, values=MappingProxyType(values), sensors=sensors, of_runs=of_runs), machine)
-    library = {effect.id for effect in library_effects()}
-    held = _in_plants(kind) if all(effect.id in library for effect in in_plant) else _with_users(kind)
-    everything = {symbol: value for effect in held for symbol, value in vanished(effect, sizes).items()}
-    active = Active(kind, compiled(kind, held), MappingProxyType(everything | values), sensors, of_runs)
-    return _corrected(active, machine)
+    sensors = tuple(e for e in effects_for(kind).values() if e.on_sensor and e in effects.values())
+    in_plant = {effect.id for effect in effects.values() if not effect.on_sensor}
+    held: tuple[Effect, ...] = ()
+    if in_plant:
+        library = tuple(effect for effect in library_for(kind) if not effect.on_sensor)
+        held = library if in_plant <= {effect.id for effect in library_effects()} else _in_plant(kind)
+    return _made(machine, held, _vanished(held, sizes) | values, sensors, of_runs)
 
 
 def alone(machine: Hoist | Axis, chosen: Chosen | None = None) -> Alone:
     """As `of`, but without the rest of the library at its vanishing values: for a model that stays as it is."""
     kind, whole = plant_of(machine).kind, of(machine, chosen)
-    wanted = tuple(find(name, kind) for name in {**at_work(machine), **(chosen or {})})
+    wanted = (find(name, kind) for name in {**at_work(machine), **(chosen or {})})
     in_plant = tuple(effect for effect in wanted if not effect.on_sensor)
-    numbers = {name: whole.values[name] for effect in in_plant for name in vanished(effect, sizes_of(machine))}
-    pieces = compiled(kind, in_plant) if in_plant else NO_EFFECTS
-    made = _corrected(Active(kind, pieces, MappingProxyType(numbers)), machine)
+    made = _made(machine, in_plant, {name: whole.values[name] for name in _vanished(in_plant, sizes_of(machine))})
     return Alone(made.effects, made.values, in_plant, tuple(effect.id for effect in whole.sensors))
 
 
 def all_off(machine: Hoist | Axis) -> Active:
     """The whole library at its vanishing values: what a fit starts from."""
-    kind, sizes = plant_of(machine).kind, sizes_of(machine)
-    held = _with_users(kind)
-    values = {symbol: value for effect in held for symbol, value in vanished(effect, sizes).items()}
-    return _corrected(Active(kind, compiled(kind, held), MappingProxyType(values)), machine)
+    held = _in_plant(plant_of(machine).kind)
+    return _made(machine, held, _vanished(held, sizes_of(machine)))
 
 
 def searchable(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Active:
     """Everything that is known, sensors too, at the machine's own values or else vanished: for a search."""
-    own = of(machine)
-    kind, sizes = plant_of(machine).kind, sizes_of(machine, runs)
+    kind = plant_of(machine).kind
     everything = tuple(effects_for(kind).values())
-    off = {symbol: value for effect in everything for symbol, value in vanished(effect, sizes).items()}
-    pieces = compiled(kind, tuple(effect for effect in everything if not effect.on_sensor))
-    sensors = tuple(effect for effect in everything if effect.on_sensor)
-    return _corrected(Active(kind, pieces, MappingProxyType({**off, **own.values}), sensors), machine)
+    values = {**_vanished(everything, sizes_of(machine, runs)), **of(machine).values}
+    return _made(machine, _in_plant(kind), values, tuple(effect for effect in everything if effect.on_sensor))
+
+
+def _made(
+    machine: Hoist | Axis,
+    in_plant: tuple[Effect, ...],
+    values: Mapping[str, float] | None = None,
+    sensors: tuple[Effect, ...] = (),
+    of_runs: Mapping[str, Mapping[str, float]] | None = None,
+) -> Active:
+    """Effects at work, with the machine's measured correction beside them."""
+    kind, numbers = kind_of(machine), dict(values or {})
+    effects = compiled(kind.name, in_plant) if in_plant else NO_EFFECTS
+    correction = correction_of(machine, kind)
+    if correction is not None:
+        effects, numbers = joined(effects, correction[0]), {**numbers, **correction[1]}
+    return Active(kind.name, effects, MappingProxyType(numbers), sensors, of_runs or {})
 
 
 def parts(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
@@ -159,9 +163,9 @@ def parts(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
 
     def of_these(wanted: Callable[[Effect], bool]) -> Part:
         gone = tuple(effect for effect in everything if _amounts(effect, sizes) and not wanted(effect))
-        kept = compiled(kind.name, tuple(effect for effect in everything if effect not in gone))
+        kept = _made(machine, tuple(effect for effect in everything if effect not in gone)).effects
         off = {symbol: value for effect in gone for symbol, value in _amounts(effect, sizes).items()}
-        return Part(_corrected(Active(kind.name, kept), machine).effects, MappingProxyType(off))
+        return Part(kept, MappingProxyType(off))
 
     def linear(effect: Effect) -> bool:
         amounts = all(parameter.vanishes_at is not None for parameter in effect.parameters)
@@ -211,16 +215,13 @@ def _unsaid(ranged: Ranged) -> float:
     return ranged.start if ranged.vanishes_at is None else ranged.vanishes_at
 
 
-def vanished(effect: Effect, sizes: Sizes) -> dict[str, float]:
-    """symbol -> value of an effect that is exactly off."""
-    return {ranged.symbol: _unsaid(ranged) for ranged in effect.ranges(sizes)}
+def _vanished(effects: Iterable[Effect], sizes: Sizes) -> dict[str, float]:
+    """symbol -> value of effects that are exactly off."""
+    return {ranged.symbol: _unsaid(ranged) for effect in effects for ranged in effect.ranges(sizes)}
 
 
-def _in_plants(kind: str) -> tuple[Effect, ...]:
-    return tuple(effect for effect in library_for(kind) if not effect.on_sensor)
-
-
-def _with_users(kind: str) -> tuple[Effect, ...]:
+def _in_plant(kind: str) -> tuple[Effect, ...]:
+    """All known effects but those on sensors, users' ones among them."""
     return tuple(effect for effect in effects_for(kind).values() if not effect.on_sensor)
 
 
@@ -234,15 +235,6 @@ def compiled(kind: str, effects: tuple[Effect, ...]) -> Effects:
     symbols = [effect.symbol(parameter, kind) for effect in effects for parameter in effect.parameters]
     memory = [_memory(effect, state, kind) for effect in effects for state in effect.memory]
     return Effects(pieces, (*symbols, *RUN_SYMBOLS), memory)
-
-
-def _corrected(active: Active, machine: Hoist | Axis) -> Active:
-    """The effects at work and the machine's measured correction beside them; without one, `active` itself."""
-    correction = correction_of(machine, KINDS[active.kind])
-    if correction is None:
-        return active
-    pieces, values = correction
-    return replace(active, effects=joined(active.effects, pieces), values=MappingProxyType({**active.values, **values}))
 
 
 @cache
@@ -302,24 +294,24 @@ def _where_it_went(r: Ranged, machine: Hoist | Axis, runs: Sequence[Run]) -> Ran
     return replace(r, lowest=float(low - 0.1 * (high - low)), highest=float(high + 0.1 * (high - low)))
 
 
-def logged_input(active: Active, time_s: Array, true: Array, values: Mapping[str, float] | None = None) -> Array:
-    """The logged torque (force) for a true one, (n,); `values` by symbol where not the active ones."""
-    return _through(_at(active, "torque_sensor"), active, time_s, true, values)
+def _through(
+    place: str, back: bool, active: Active, time_s: Array, series: Array, values: Mapping[str, float] | None = None
+) -> Array:
+    """A series (n,) through the effects on a sensor, or back to what is behind them; `values` by symbol where not the
+    active ones."""
+    p = SimpleNamespace(**(active.values if values is None else {**active.values, **values}))
+    effects = _at(active, place)
+    for effect in reversed(effects) if back else effects:
+        function = effect.inverse if back else effect.function
+        assert function is not None  # declarations of sensors have both
+        series = function(SimpleNamespace(time_s=time_s, value=series), effect.own(p, active.kind), p)
+    return series
 
 
-def true_input(active: Active, time_s: Array, logged: Array, values: Mapping[str, float] | None = None) -> Array:
-    """The true torque (force) behind a logged one, (n,)."""
-    return _back(reversed(_at(active, "torque_sensor")), active, time_s, logged, values)
-
-
-def logged_motion(active: Active, time_s: Array, true: Array, values: Mapping[str, float] | None = None) -> Array:
-    """The logged speed, angle or position of the driven coordinate for a true one, (n,)."""
-    return _through(_at(active, "speed_sensor"), active, time_s, true, values)
-
-
-def true_motion(active: Active, time_s: Array, logged: Array, values: Mapping[str, float] | None = None) -> Array:
-    """The true speed, angle or position behind a logged one, (n,)."""
-    return _back(reversed(_at(active, "speed_sensor")), active, time_s, logged, values)
+# The logged torque (force) for a true one and the true one behind a log; likewise speed, angle or position of the
+# driven coordinate.
+logged_input, true_input = (partial(_through, "torque_sensor", back) for back in (False, True))
+logged_motion, true_motion = (partial(_through, "speed_sensor", back) for back in (False, True))
 
 
 def logged(run: Run, active: Active) -> Run:
@@ -341,43 +333,18 @@ def moved_by(active: Active) -> tuple[str, ...]:
 def _changed(run: Run, active: Active, of_input: Any, of_motion: Any, values: Mapping[str, float] | None = None) -> Run:
     if not active.sensors:
         return run
-    plant = PLANTS[active.kind]
-    signals = dict(run.signals)
+    plant, signals = PLANTS[active.kind], dict(run.signals)
     if plant.input in signals:
         before = signals[plant.input]
         after = signals[plant.input] = of_input(active, run.time_s, before, values)
         parts = [name for name in KINDS[active.kind].drive.parts if name in signals]
         for part in parts:  # the sum is what is off; it is shared evenly
             signals[part] = signals[part] + (after - before) / len(parts)
-    for name in driven_signals(plant):
+    for name in (plant.positions[0], plant.speeds[0]):
         if name in signals:
             signals[name] = of_motion(active, run.time_s, signals[name], values)
     return replace(run, signals=signals)
 
 
-def driven_signals(plant: Plant) -> tuple[str, str]:
-    """Position and speed of the driven coordinate."""
-    return plant.positions[0], plant.speeds[0]
-
-
 def _at(active: Active, place: str) -> list[Effect]:
     return [effect for effect in active.sensors if effect.place_on(active.kind) == place]
-
-
-def _through(
-    effects: Iterable[Effect], active: Active, time_s: Array, series: Array, values: Mapping[str, float] | None
-) -> Array:
-    p = SimpleNamespace(**(active.values if values is None else {**active.values, **values}))
-    for effect in effects:
-        series = effect.function(SimpleNamespace(time_s=time_s, value=series), effect.own(p, active.kind), p)
-    return series
-
-
-def _back(
-    effects: Iterable[Effect], active: Active, time_s: Array, series: Array, values: Mapping[str, float] | None
-) -> Array:
-    p = SimpleNamespace(**(active.values if values is None else {**active.values, **values}))
-    for effect in effects:
-        assert effect.inverse is not None
-        series = effect.inverse(SimpleNamespace(time_s=time_s, value=series), effect.own(p, active.kind), p)
-    return series

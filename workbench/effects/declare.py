@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from types import ModuleType, SimpleNamespace
 from typing import Any, Literal
@@ -99,23 +99,7 @@ class Parameter:
         return self.name.format(**words(kind))
 
 
-@dataclass(frozen=True)
-class Ranged:
-    """A parameter on one machine: bounds, scale, start and vanishing value in the unit of its name.
-
-    symbol: what it is called among the plant's parameters.
-    """
-
-    name: str
-    symbol: str
-    lowest: float
-    highest: float
-    scale: float
-    start: float
-    vanishes_at: float | None
-    per_run: bool
-    scan: Scan
-    tries: tuple[float, ...]
+Ranged = Parameter  # on one machine: named, its symbol among the plant's parameters, numbers in the unit of its name
 
 
 @dataclass(frozen=True)
@@ -128,9 +112,17 @@ class EffectMemory:
     scale: Callable[[Any, Any], float]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Effect:
-    """A piece of physics that a nominal machine does not know, as declared; see `effect` for the fields."""
+    """A piece of physics that a nominal machine does not know.
+
+    place, subsystem_of: by kind of machine: hoist, axis (both motions), axis-linear, axis-rotary.
+    regime: when it shows. reads: the signals at the place that it reads, with units.
+    dissipative: for values at or above the vanishing ones it takes energy only. listed: its
+    name is one that a diagnosis may give without being asked for it. inverse: of an effect on
+    a sensor, from the logged series to the true one. memory: states of its own. beside: what it adds at other places
+    of the same plants, by place.
+    """
 
     id: str
     meaning: str
@@ -138,16 +130,16 @@ class Effect:
     subsystem_of: Mapping[str, str]
     regime: str
     parameters: tuple[Parameter, ...]
-    reads: Mapping[str, str]
     equation: str
     reference: str
     shows: str
-    dissipative: bool
-    listed: bool
     function: Callable[[Any, Any, Any], Any]
-    inverse: Callable[[Any, Any, Any], Any] | None
-    memory: tuple[EffectMemory, ...]
-    beside: Mapping[str, Callable[[Any, Any, Any], Any]]
+    reads: Mapping[str, str] = field(default_factory=dict)
+    dissipative: bool = False
+    listed: bool = True
+    inverse: Callable[[Any, Any, Any], Any] | None = None
+    memory: tuple[EffectMemory, ...] = ()
+    beside: Mapping[str, Callable[[Any, Any, Any], Any]] = field(default_factory=dict)
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
@@ -189,16 +181,16 @@ class Effect:
         return tuple(self._on(parameter, sizes.kind, sizes[parameter.size]) for parameter in self.parameters)
 
     def _on(self, parameter: Parameter, kind: str, unit: float) -> Ranged:
-        return Ranged(
+        return replace(
+            parameter,
             name=parameter.named(kind),
             symbol=self.symbol(parameter, kind),
+            size="1",
             lowest=parameter.lowest * unit,
             highest=parameter.highest * unit,
             scale=parameter.scale * unit,
             start=parameter.start * unit,
             vanishes_at=None if parameter.vanishes_at is None else parameter.vanishes_at * unit,
-            per_run=parameter.per_run,
-            scan=parameter.scan,
             tries=tuple(value * unit for value in parameter.tries),
         )
 
@@ -211,29 +203,10 @@ class Effect:
 
 
 def effect(
-    *,
-    place: Mapping[str, str],
-    subsystem: str | Mapping[str, str],
-    regime: str,
-    parameters: Sequence[Parameter],
-    equation: str,
-    reference: str,
-    shows: str,
-    reads: Mapping[str, str] | None = None,
-    dissipative: bool = False,
-    listed: bool = True,
-    inverse: Callable[[Any, Any, Any], Any] | None = None,
-    memory: Sequence[EffectMemory] = (),
-    beside: Mapping[str, Callable[[Any, Any, Any], Any]] | None = None,
+    *, place: Mapping[str, str], subsystem: str | Mapping[str, str], parameters: Sequence[Parameter], **declared: Any
 ) -> Callable[[Callable[[Any, Any, Any], Any]], Effect]:
-    """Declares the function beneath as an effect.
+    """Declares the function beneath as an effect: its name is the id, its docstring the meaning; fields as of `Effect`.
 
-    place, subsystem: by kind of machine: hoist, axis (both motions), axis-linear, axis-rotary.
-    regime: when it shows. reads: the signals at the place that it reads, with units.
-    dissipative: for values at or above the vanishing ones it takes energy only. listed: its
-    name is one that a diagnosis may give without being asked for it. inverse: of an effect on
-    a sensor, from the logged series to the true one. memory: states of its own. beside: what it adds at other places
-    of the same plants, by place.
     ValueError for a declaration that does not fit together.
     """
 
@@ -244,18 +217,9 @@ def effect(
             meaning=re.sub(r"\s+", " ", (function.__doc__ or "").strip()),
             place=dict(place),
             subsystem_of=dict.fromkeys(place, subsystem) if isinstance(subsystem, str) else dict(subsystem),
-            regime=regime,
             parameters=tuple(parameters),
-            reads=dict(reads or {}),
-            equation=equation,
-            reference=reference,
-            shows=shows,
-            dissipative=dissipative,
-            listed=listed,
             function=function,
-            inverse=inverse,
-            memory=tuple(memory),
-            beside=dict(beside or {}),
+            **declared,
         )
         for problem in problems(made):
             raise ValueError(f"effect {name}: {problem}")

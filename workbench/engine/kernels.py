@@ -8,15 +8,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.engine.native import load_functions
-from workbench.engine.source import LAG, KernelSource, delay_rows, driven_source, loop_source, replay_source
+from workbench.engine.source import Kernel, delay_rows, driven_kernel, loop_kernel, loop_parameters, replay_kernel
 from workbench.machines import NO_EFFECTS, Effects, Plant
 
 T = TypeVar("T")
@@ -26,63 +23,6 @@ TOLERANCE = 5e-7  # of the speed scale, per interval between samples; gives 1e-6
 # The driven coordinate adds up its errors; the wire forgets those of the others within a fraction of a second.
 FOLLOWERS = 2.0  # so many times its tolerance is theirs
 MOST_STEPS = 64  # between two samples
-
-
-@dataclass(frozen=True)
-class Kernel:
-    """One compiled loop for a fixed number of lanes; `call` takes flat arrays of rows of lanes."""
-
-    lanes: int
-    parameters: int  # rows of what `constants` takes,
-    rows: int  # and of what it gives
-    prepare: Callable[..., int]
-    call: Callable[..., int]
-
-    def constants(self, parameters: Array) -> Array:
-        """parameters: (names, lanes) -> what the steps read of them, once a scenario."""
-        if parameters.shape != (self.parameters, self.lanes):  # compiled code reads what it is told to, and beyond
-            raise ValueError(f"{parameters.shape[0]} rows of parameters, the kernel takes {self.parameters}")
-        c = np.empty(self.rows * self.lanes)
-        self.prepare(np.ascontiguousarray(parameters, dtype=float).reshape(-1), c)
-        return c
-
-    def __call__(self, *arguments: Any) -> int:
-        return self.call(*arguments)
-
-
-def _kernel(source: KernelSource, lanes: int) -> Kernel:
-    functions = load_functions(source.text, {"prepare": "aa", "run": source.letters})
-    return Kernel(lanes, source.parameters, source.rows, functions["prepare"], functions["run"])
-
-
-@cache
-def replay_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
-    return _kernel(replay_source(plant, effects, (*plant.parameters, *effects.parameters), lanes), lanes)
-
-
-@cache
-def driven_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
-    return _kernel(driven_source(plant, effects, (*plant.parameters, *effects.parameters), lanes), lanes)
-
-
-@cache
-def loop_kernel(
-    plant: Plant,
-    effects: Effects,
-    lanes: int,
-    controller: Any,
-    observer: Any,
-    recorded: tuple[str, ...],
-    lagged: bool,
-) -> Kernel:
-    names = loop_parameters(plant, effects, controller, observer)
-    return _kernel(loop_source(plant, effects, names, lanes, controller, observer, recorded, lagged), lanes)
-
-
-def loop_parameters(plant: Plant, effects: Effects, controller: Any, observer: Any) -> tuple[str, ...]:
-    """Every number that a closed loop needs, in the order of `loop`'s parameter rows."""
-    rows = (*plant.parameters, *effects.parameters, *controller.parameters, *observer.parameters, *LAG)
-    return tuple(dict.fromkeys(rows))
 
 
 def lanes_for(scenarios: int) -> int:
@@ -242,7 +182,7 @@ def loop(
     (references, n) array a scenario, the same object where it is the same; start:
     (states, scenarios); memory: (controller memory, scenarios); actual: (scenarios,) the
     input at work at the start where the drive lags, None where it does not. Returns
-    recorded signals (rows, signals, scenarios), the observer's sums (sums, scenarios) and
+    recorded signals (rows, signals, scenarios), the observer's accumulators (accumulators, scenarios) and
     the final states (states, scenarios).
     """
     scenarios = parameters.shape[1]
@@ -258,7 +198,7 @@ def loop(
         L = kernel.lanes
         result = np.empty((rows, len(recorded), L))
         state = _lanes(start, group)
-        sums = np.repeat(np.asarray(observer.start, dtype=float), L)
+        accumulators = np.repeat(np.asarray(observer.start, dtype=float), L)
         kernel(
             kernel.constants(parameters[:, group]),
             _interleaved([references[j] for j in group]),
@@ -268,13 +208,13 @@ def loop(
             state,
             _lanes(memory, group),
             *([np.zeros(kept * L)] if kept else []),
-            sums,
+            accumulators,
             np.empty(L),
             np.zeros(L) if actual is None else _lanes(actual, group),
             np.empty(max(1, len(recorded)) * L),
             result.reshape(-1),
         )
-        return result, sums.reshape(-1, L), state.reshape(-1, L)
+        return result, accumulators.reshape(-1, L), state.reshape(-1, L)
 
     parts = _spread(work, _groups(scenarios, kernel.lanes), threads)
     out, totals, end = (_joined([part[i] for part in parts], scenarios) for i in range(3))

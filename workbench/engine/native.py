@@ -8,10 +8,9 @@ numba is the compiler, and llvmlite, its back end, the loader.
 A kernel's file is named after the hash of its whole text, of the compiler's version and of the processor. The text
 holds all physics, straight-line, so an edit of any equation gives another name and can never meet an old binary.
 
-This relies on what numba does not promise: the names and the order of a function's arguments in LLVM.
-`compile_function` compares both with what `_caller` passes, before anything is called; `PROBE` is a function whose
-result is known, and each process loads and calls it first. Where the probe or a kernel does not come out as expected
-(a numba that is newer than the tested ones), numba itself compiles and calls the functions, in every process anew.
+This relies on what numba does not promise: the names, types and order of a function's arguments in LLVM.
+`_check_convention` compares them with what `_load` passes before anything is called. Where they differ (a numba that is
+newer than the tested ones), numba itself compiles and calls the functions, in every process anew.
 WORKBENCH_ENGINE=numba asks for that, to compare or to get on.
 
 The types of a function's arguments are given by letters: `a` flat array of float64, `f` float64, `i` int64; it returns
@@ -50,32 +49,85 @@ OUTSIDE = {"sin", "cos", "exp", "sqrt", "floor", "memcpy", "memset", "memmove"}
 # elements, bytes of one, data, shape, strides).
 _ARRAY = (("0", "ptr"), ("1", "ptr"), ("2", "i64"), ("3", "i64"), ("4", "ptr"), ("5.0", "i64"), ("6.0", "i64"))
 _MEMBERS = {"a": _ARRAY, "f": (("", "double"),), "i": (("", "i64"),)}
+_CTYPES = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64, "double": ctypes.c_double}
 
-PROBE = """
-from numba import njit
-
-@njit(nogil=True, error_model="numpy", _nrt=False)
-def probe(a, x, n, b):
-    for i in range(b.shape[0]):
-        b[i] = a[i] * x + n + i
-    return 100 * a.shape[0] + n
-"""
-PROBE_LETTERS = {"probe": "afia"}
-
+Functions = dict[str, Callable[..., int]]
 _engines: list[Any] = []  # they own the loaded code, for the life of the process
-_linking = threading.Lock()
+_loading = threading.Lock()  # two threads that want one kernel compile it once
+_loaded: dict[str, Functions] = {}
 _names = itertools.count()
+_said: set[str] = set()
 
 
 class NotNativeError(RuntimeError):
-    """numba or llvmlite do not behave as this module expects; `numba_function` still serves."""
+    """numba or llvmlite do not behave as this module expects; numba's own call still serves."""
 
 
-def compile_function(function: Any, letters: str) -> bytes:
-    """Object code of a function that numba has jitted without its runtime (`_nrt=False`).
+def load_functions(text: str, letters: Mapping[str, str]) -> Functions:
+    """The functions of a generated module that `letters` names, by their argument letters.
 
-    It defines one symbol, `entry`. NotNativeError where numba passes arguments in another way than `load_function`
-    does, or where the code would call into Python or numba.
+    They come from the disk where they were compiled before, else they are compiled and kept there; on a full disk they
+    are compiled and not kept. Where object code does not serve, numba calls them; a warning says why, once.
+    """
+    key = json.dumps([dict(letters), text], sort_keys=True)
+    with _loading:
+        if key not in _loaded:
+            _loaded[key] = _native_functions(text, letters) or {
+                name: _called_by_numba(function, letters[name])
+                for name, function in _module(text).items()
+                if name in letters
+            }
+        return _loaded[key]
+
+
+def _native_functions(text: str, letters: Mapping[str, str]) -> Functions | None:
+    """From object code; None, with a warning, where numba or llvmlite are not as this module knows them."""
+    if os.environ.get("WORKBENCH_ENGINE") == "numba":
+        return None
+    try:
+        said = json.dumps(["zip", dict(host()), dict(letters), text], sort_keys=True)  # the form of the file, too
+        path = cache_folder() / f"{hashlib.sha256(said.encode()).hexdigest()[:24]}.kernel"
+        codes = kept = _read(path)
+        if codes is None or codes.keys() != letters.keys():
+            module = _module(text)
+            codes = {name: _compiled(module[name], types) for name, types in letters.items()}
+        functions = {name: _load(codes[name], types) for name, types in letters.items()}
+        if codes is not kept:
+            _write(path, codes)
+        return functions
+    except Exception as error:  # whatever a private interface does once it has changed
+        from importlib.metadata import version
+
+        _say(
+            logging.WARNING,
+            f"kernels cannot be kept as object code with numba {version('numba')} and llvmlite {version('llvmlite')} "
+            f"({type(error).__name__}: {error}); numba compiles them in every process instead: the results are the "
+            "same, each start takes some seconds more",
+        )
+        return None
+
+
+def _say(level: int, sentence: str) -> None:
+    """Once in a process."""
+    first = sentence.partition(" with numba")[0]
+    if first not in _said:
+        _said.add(first)
+        log.log(level, sentence)
+
+
+def _module(text: str) -> dict[str, Any]:
+    """The names of a generated module, its functions not compiled yet."""
+    _say(logging.INFO, "compiling the simulation for this computer (once; some seconds) ...")
+    module: dict[str, Any] = {"__name__": "workbench_kernel"}
+    exec(compile(text, "<generated kernel>", "exec"), module)
+    return module
+
+
+def _compiled(function: Any, letters: str) -> bytes:
+    """Object code of a function that numba has jitted without its runtime (`_nrt=False`); its one symbol is `entry`.
+
+    NotNativeError where numba passes arguments in another way than `_load` does, or where the code would call into
+    Python or numba.
     """
     import llvmlite.binding as llvm
 
@@ -88,7 +140,7 @@ def compile_function(function: Any, letters: str) -> bytes:
     for item in itertools.chain(module.functions, module.global_variables):
         if not item.is_declaration:
             item.linkage = "external" if item.name == native else "internal"
-    target = _target(llvm)
+    target = _target()
     options = llvm.PipelineTuningOptions(speed_level=3)
     options.loop_vectorization = True
     builder = llvm.create_pass_builder(target, options)
@@ -104,8 +156,21 @@ def _signature(letters: str) -> str:
     return f"int64({', '.join(TYPES[letter] for letter in letters)})"
 
 
+def _apart(text: str, name: str) -> str:
+    """LLVM text with the arrays of function `name` declared not to overlap.
+
+    numba does not say so, and LLVM then vectorises a loop over lanes only behind a check at run time, which it holds
+    not worth while below 16 of them.
+    """
+    lines = text.split("\n")
+    for i, line in enumerate(lines):
+        if line.startswith("define") and f"@{name}(" in line:
+            lines[i] = re.sub(r"ptr ([^%]*)(%arg\.\w+\.4)\b", r"ptr noalias \1\2", line)
+    return "\n".join(lines)
+
+
 def _check_convention(function: Any, letters: str) -> None:
-    """NotNativeError where a function's result or arguments are not those that `_caller` passes.
+    """NotNativeError where a function's result or arguments are not those that `_load` passes.
 
     Where `_apart` found no arrays to declare apart, the code is right and slower; that is logged.
     """
@@ -123,45 +188,21 @@ def _check_convention(function: Any, letters: str) -> None:
         log.warning("LLVM's text has changed: loops over lanes are not vectorised, and simulations take longer")
 
 
-def _apart(text: str, name: str) -> str:
-    """LLVM text with the arrays of function `name` declared not to overlap.
-
-    numba does not say so, and LLVM then vectorises a loop over lanes only behind a check
-    at run time, which it holds not worth while below 16 of them.
-    """
-    lines = text.split("\n")
-    for i, line in enumerate(lines):
-        if line.startswith("define") and f"@{name}(" in line:
-            lines[i] = re.sub(r"ptr ([^%]*)(%arg\.\w+\.4)\b", r"ptr noalias \1\2", line)
-    return "\n".join(lines)
-
-
-def load_function(code: bytes, letters: str) -> Callable[..., int]:
-    """The function behind object code of `compile_function`, called with arrays and numbers.
-
-    It lets go of the interpreter lock while it runs. Arrays are contiguous float64 and are
-    neither copied nor checked here.
-    """
+def _load(code: bytes, letters: str) -> Callable[..., int]:
+    """The function behind object code of `_compiled`, by numba's calling convention: result, exception, then arrays as
+    their seven members, numbers as they are. It lets go of the interpreter lock while it runs."""
     import llvmlite.binding as llvm
 
-    with _linking:
-        llvm.load_library_permanently("")  # the process itself: its C library
-        empty = llvm.parse_assembly("")
-        empty.name = f"kernel{next(_names)}"
-        engine = llvm.create_mcjit_compiler(empty, _target(llvm))
-        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-        engine.finalize_object()
-        _engines.append(engine)
-        address = engine.get_function_address("entry")
-    return _caller(address, letters)
-
-
-def _caller(address: int, letters: str) -> Callable[..., int]:
-    """numba's calling convention: result, exception, then arrays as their seven members, numbers as they are."""
-    members = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)
-    kinds = {"a": (*members, ctypes.c_int64), "f": (ctypes.c_double,), "i": (ctypes.c_int64,)}
-    flat = [kind for letter in letters for kind in kinds[letter]]
-    function = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, *flat)(address)
+    llvm.load_library_permanently("")  # the process itself: its C library
+    empty = llvm.parse_assembly("")
+    empty.name = f"kernel{next(_names)}"
+    engine = llvm.create_mcjit_compiler(empty, _target())
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    _engines.append(engine)
+    flat = [_CTYPES[kind] for letter in letters for _, kind in _MEMBERS[letter]]
+    prototype = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, *flat)
+    function = prototype(engine.get_function_address("entry"))
 
     def call(*arguments: Any) -> int:
         result, exception = ctypes.c_int64(0), ctypes.c_void_p(None)
@@ -180,29 +221,17 @@ def _caller(address: int, letters: str) -> Callable[..., int]:
     return call
 
 
-def numba_function(function: Any, letters: str) -> Callable[..., int]:
+def _called_by_numba(function: Any, letters: str) -> Callable[..., int]:
     """The same function called by numba itself: right with any numba, and compiled in every process."""
     function.compile(_signature(letters))
 
     def call(*arguments: Any) -> int:
-        values: list[Any] = []
         for letter, argument in zip(letters, arguments, strict=True):
             if letter == "a":
                 _check(argument)
-                values.append(argument)
-            else:
-                values.append(float(argument) if letter == "f" else int(argument))
-        return int(function(*values))
+        return int(function(*arguments))
 
     return call
-
-
-def check_probe(probe: Callable[..., int]) -> None:
-    """NotNativeError where the function of `PROBE` computes anything but what it says."""
-    a, b = np.array([1.0, -2.0, 0.5]), np.zeros(2)
-    returned = probe(a, 4.0, 7, b)
-    if returned != 307 or b.tolist() != [11.0, 0.0] or a.tolist() != [1.0, -2.0, 0.5]:
-        raise NotNativeError(f"a probe returned {returned} and {b.tolist()}, expected 307 and [11.0, 0.0]")
 
 
 def _check(array: Any) -> None:
@@ -221,25 +250,18 @@ def host() -> Mapping[str, str]:
     return {"cpu": llvm.get_host_cpu_name(), "features": features, "triple": triple, "numba": version("numba")}
 
 
-def _target(llvm: Any) -> Any:
+def _target() -> Any:
+    import llvmlite.binding as llvm
+
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=llvm.get_host_cpu_features().flatten(),
-        opt=3,
-        jit=True,
-        codemodel="jitdefault",
-    )
+    cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    machine = llvm.Target.from_default_triple().create_target_machine
+    return machine(cpu=cpu, features=features, opt=3, jit=True, codemodel="jitdefault")
 
 
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _MOST_BYTES = 100_000_000
-_loading = threading.Lock()  # two threads that want one kernel compile it once
-_loaded: dict[str, dict[str, Callable[..., int]]] = {}
-_said = False
-_native: bool | None = None  # whether the probe came out right; None before it was tried
-Functions = dict[str, Callable[..., int]]
 
 
 def cache_folder() -> Path:
@@ -247,124 +269,37 @@ def cache_folder() -> Path:
 
     Kernels are code: a folder that somebody else owns or can write to is not used, whoever named it.
     """
-    chosen = os.environ.get("WORKBENCH_CACHE")
+    chosen, usual = os.environ.get("WORKBENCH_CACHE"), os.environ.get("XDG_CACHE_HOME")
     with contextlib.suppress(OSError, RuntimeError):  # RuntimeError: a user without a home
-        usual = os.environ.get("XDG_CACHE_HOME")
-        base = Path(chosen) if chosen else (Path(usual) if usual else Path.home() / ".cache") / "workbench"
-        base.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if _is_own(base):
-            with tempfile.TemporaryFile(dir=base):
-                return base
-        _warn_of(base)
+        folder = Path(chosen) if chosen else (Path(usual) if usual else Path.home() / ".cache") / "workbench"
+        if _serves(folder):
+            return folder
+        _say(logging.WARNING, f"{folder} belongs to another user: kernels are code, so they go to a temporary folder")
     return _fallback_folder()
-
-
-def _is_own(folder: Path) -> bool:
-    """Whether it is this user's alone to write to; a folder of theirs is made so."""
-    if not hasattr(os, "getuid"):
-        return True
-    status = folder.stat()
-    if status.st_uid != os.getuid():
-        return False
-    if status.st_mode & _OTHERS_WRITE:
-        folder.chmod(stat.S_IMODE(status.st_mode) & ~_OTHERS_WRITE)
-    return not folder.stat().st_mode & _OTHERS_WRITE
-
-
-@cache
-def _warn_of(folder: Path) -> None:
-    log.warning("%s belongs to another user: kernels are code, so they are kept in a temporary folder instead", folder)
 
 
 @cache
 def _fallback_folder() -> Path:
     """The user's own folder among the temporary ones; a new one where somebody else has taken its name."""
-    owner = os.getuid() if hasattr(os, "getuid") else None
-    folder = Path(tempfile.gettempdir()) / f"workbench-{'kernels' if owner is None else owner}"
+    owner = os.getuid() if hasattr(os, "getuid") else "kernels"
+    folder = Path(tempfile.gettempdir()) / f"workbench-{owner}"
     with contextlib.suppress(OSError):
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not folder.is_symlink() and _is_own(folder):
-            with tempfile.TemporaryFile(dir=folder):
-                return folder
+        if not folder.is_symlink() and _serves(folder):
+            return folder
     return Path(tempfile.mkdtemp(prefix="workbench-"))
 
 
-def load_functions(text: str, letters: Mapping[str, str]) -> Functions:
-    """The functions of a generated module that `letters` names, by their argument letters; see `native`.
-
-    They come from the disk where they were compiled before, else they are compiled and
-    kept there; on a full disk they are compiled and not kept. Where object code does not
-    serve, numba calls them; a warning says why, and nothing is kept.
-    """
-    key = json.dumps([dict(letters), text], sort_keys=True)
-    with _loading:
-        if key not in _loaded:
-            functions = _native_functions(text, letters) if _is_native() else None
-            _loaded[key] = functions or _numba_functions(text, letters)
-        return _loaded[key]
-
-
-def _is_native() -> bool:
-    """Whether object code serves in this process; tried once."""
-    global _native
-    if os.environ.get("WORKBENCH_ENGINE") == "numba":
-        return False
-    if _native is None:
-        functions = _native_functions(PROBE, PROBE_LETTERS, ".probe")
-        try:
-            _native = functions is not None
-            if functions:
-                check_probe(functions["probe"])
-        except RuntimeError as error:
-            _native = False
-            _warn(error)
-    return _native
-
-
-def _native_functions(text: str, letters: Mapping[str, str], suffix: str = ".kernel") -> Functions | None:
-    """From object code; None, with a warning, where numba or llvmlite are not as `native` knows them."""
-    try:
-        path = cache_folder() / f"{_digest(text, letters)}{suffix}"
-        codes = _read(path)
-        if codes is None or codes.keys() != letters.keys():
-            module = _module(text, quiet=suffix != ".kernel")
-            codes = {name: compile_function(module[name], types) for name, types in letters.items()}
-            _write(path, codes)
-        return {name: load_function(codes[name], types) for name, types in letters.items()}
-    except Exception as error:  # whatever a private interface does once it has changed
-        _warn(error)
-        return None
-
-
-def _numba_functions(text: str, letters: Mapping[str, str]) -> Functions:
-    module = _module(text)
-    return {name: numba_function(module[name], types) for name, types in letters.items()}
-
-
-def _warn(error: Exception) -> None:
-    from importlib.metadata import version
-
-    log.warning(
-        "kernels cannot be kept as object code with numba %s and llvmlite %s (%s: %s); numba compiles them in every "
-        "process instead: the results are the same, each start takes some seconds more",
-        version("numba"), version("llvmlite"), type(error).__name__, error,
-    )  # fmt: skip
-
-
-def _digest(text: str, letters: Mapping[str, str]) -> str:
-    key = json.dumps(["zip", dict(host()), dict(letters), text], sort_keys=True)  # the form of the file, too
-    return hashlib.sha256(key.encode()).hexdigest()[:24]
-
-
-def _module(text: str, quiet: bool = False) -> dict[str, Any]:
-    """The names of a generated module, its functions not compiled yet."""
-    global _said
-    if not (_said or quiet):
-        _said = True
-        log.info("compiling the simulation for this computer (once; some seconds) ...")
-    module: dict[str, Any] = {"__name__": "workbench_kernel"}
-    exec(compile(text, "<generated kernel>", "exec"), module)
-    return module
+def _serves(folder: Path) -> bool:
+    """Makes a folder; whether it is this user's alone to write to, after it was made so. OSError where none can be."""
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if hasattr(os, "getuid"):
+        status = folder.stat()
+        if status.st_uid != os.getuid():
+            return False
+        if status.st_mode & _OTHERS_WRITE:
+            folder.chmod(stat.S_IMODE(status.st_mode) & ~_OTHERS_WRITE)
+    with tempfile.TemporaryFile(dir=folder):
+        return True
 
 
 def _write(path: Path, codes: Mapping[str, bytes]) -> None:
@@ -383,20 +318,16 @@ def _write(path: Path, codes: Mapping[str, bytes]) -> None:
 
 
 def _read(path: Path) -> dict[str, bytes] | None:
-    """The codes in a file; None where it is not there, not whole (a full disk, a careless hand) or not one's own."""
+    """The codes in a file; None where it is not there, not whole (a full disk, a careless hand) or no regular file of
+    this user's; a pipe under that name is not waited for."""
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
     try:
-        with zipfile.ZipFile(io.BytesIO(own_bytes(path))) as kept:
-            return {name: kept.read(name) for name in kept.namelist()}
+        with os.fdopen(os.open(path, flags), "rb") as file:
+            status = os.fstat(file.fileno())
+            own = not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & _OTHERS_WRITE)
+            if not (own and stat.S_ISREG(status.st_mode) and status.st_size <= _MOST_BYTES):
+                return None
+            with zipfile.ZipFile(io.BytesIO(file.read())) as kept:
+                return {name: kept.read(name) for name in kept.namelist()}
     except (OSError, zipfile.BadZipFile):
         return None
-
-
-def own_bytes(path: Path) -> bytes:
-    """A regular file of this user's. OSError for anything else; a pipe under that name is not waited for."""
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
-    with os.fdopen(os.open(path, flags), "rb") as file:
-        status = os.fstat(file.fileno())
-        own = not hasattr(os, "getuid") or (status.st_uid == os.getuid() and not status.st_mode & _OTHERS_WRITE)
-        if not (own and stat.S_ISREG(status.st_mode) and status.st_size <= _MOST_BYTES):
-            raise PermissionError(path)
-        return file.read()

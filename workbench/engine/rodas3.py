@@ -21,7 +21,6 @@ from workbench.symbolic.derive import derivative
 from workbench.symbolic.expr import Expr, Scalar, fma
 
 GAMMA = 0.5
-Increment = tuple[list[Scalar], list[Scalar]]  # of positions and of speeds
 Pair = tuple[list[Scalar], list[Scalar]]
 Rates = Callable[[Scalar, Sequence[Scalar], Sequence[Scalar], Scalar], Sequence[Scalar]]
 
@@ -49,7 +48,7 @@ def rodas3_step(
         [((1.0 / GAMMA) * per_h if i == j else 0.0) - f_y[i][j] - (g_q[i][j] if j < n else 0.0) for j in range(m)]
         for i in range(m)
     ]
-    apply = _block_solver(matrix, kept)
+    apply = _solver(matrix, kept)
 
     def solve(rq: Sequence[Scalar], ry: Sequence[Scalar]) -> Pair:
         uy = apply([_sum_of_products(g_q[i], rq, ry[i]) for i in range(m)])
@@ -88,35 +87,26 @@ def _sum_of_products(a: Sequence[Scalar], b: Sequence[Scalar], total: Scalar) ->
     return total
 
 
-def _solver(a: list[list[Scalar]]) -> Callable[[Sequence[Scalar]], list[Scalar]]:
-    """right -> x of a x = right.
+def _solver(a: list[list[Scalar]], last: int = 0) -> Callable[[Sequence[Scalar]], list[Scalar]]:
+    """right -> x of a x = right, without pivoting: the diagonal of I/(h gamma) - J dominates.
 
-    Up to three unknowns by the inverse: nine products side by side, where elimination
-    goes one after the other. The diagonal dominates, so nothing is lost by it.
+    Up to three unknowns by the inverse: nine products side by side, where elimination goes one after the other. Of
+    more, the `last` ones (three, if not said) are eliminated first. What effects keep then leaves the plant's own
+    equations as they are, to the last bit, where it does not act on them (its column in their rows is zero).
     """
-    if len(a) > 3:
-        lu = _factorise(a)
-        return lambda right: _substitute(lu, right)
-    inverse = _inverse(a)
-    return lambda right: [_sum_of_products(row, right, 0.0) for row in inverse]
-
-
-def _block_solver(a: list[list[Scalar]], kept: int) -> Callable[[Sequence[Scalar]], list[Scalar]]:
-    """`_solver`, with the last `kept` unknowns eliminated first.
-
-    What effects keep then leaves the plant's own equations as they are, to the last bit,
-    where it does not act on them (its column in their rows is zero).
-    """
-    n = len(a) - kept
-    if kept == 0 or n == 0:
-        return _solver(a)
-    last = _solver([row[n:] for row in a[n:]])
-    columns = [last([row[j] for row in a[n:]]) for j in range(n)]  # of D^-1 C
+    if not 0 < last < len(a):
+        last = 3 if len(a) > 3 else 0
+    n = len(a) - last
+    if last == 0:
+        inverse = _inverse(a)
+        return lambda right: [_sum_of_products(row, right, 0.0) for row in inverse]
+    behind = _solver([row[n:] for row in a[n:]])
+    columns = [behind([row[j] for row in a[n:]]) for j in range(n)]  # of D^-1 C
     beside = [row[n:] for row in a[:n]]  # B
     first = _solver([[a[i][j] - _sum_of_products(beside[i], columns[j], 0.0) for j in range(n)] for i in range(n)])
 
     def apply(right: Sequence[Scalar]) -> list[Scalar]:
-        z = last(right[n:])
+        z = behind(right[n:])
         x = first([r - _sum_of_products(b, z, 0.0) for r, b in zip(right[:n], beside, strict=True)])
         return [*x, *(w - _sum_of_products([c[k] for c in columns], x, 0.0) for k, w in enumerate(z))]
 
@@ -142,32 +132,3 @@ def _inverse(a: list[list[Scalar]]) -> list[list[Scalar]]:
 def _minor(a: list[list[Scalar]], rows: tuple[int, int], columns: tuple[int, int]) -> Scalar:
     (i, j), (k, n) = rows, columns
     return a[i][k] * a[j][n] - a[i][n] * a[j][k]
-
-
-def _factorise(a: list[list[Scalar]]) -> list[list[Scalar]]:
-    """LU without pivoting; the diagonal holds the inverses of the pivots.
-
-    The diagonal of I/(h gamma) - J dominates for the damped systems made here.
-    """
-    m = len(a)
-    lu = [list(row) for row in a]
-    for k in range(m):
-        lu[k][k] = 1.0 / lu[k][k]
-        for i in range(k + 1, m):
-            lu[i][k] = lu[i][k] * lu[k][k]
-            for j in range(k + 1, m):
-                lu[i][j] = lu[i][j] - lu[i][k] * lu[k][j]
-    return lu
-
-
-def _substitute(lu: list[list[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:
-    m = len(lu)
-    x = list(right)
-    for i in range(m):
-        for j in range(i):
-            x[i] = x[i] - lu[i][j] * x[j]
-    for i in reversed(range(m)):
-        for j in range(i + 1, m):
-            x[i] = x[i] - lu[i][j] * x[j]
-        x[i] = x[i] * lu[i][i]
-    return x

@@ -14,11 +14,16 @@ the embedded error of every lane is within the tolerance, and doubled again afte
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
+from workbench.core.run import Array
+from workbench.engine.native import load_functions
 from workbench.engine.preamble import PREAMBLE
 from workbench.engine.rodas3 import rodas3_step
 from workbench.machines import NO_EFFECTS, Effects, Plant
@@ -100,7 +105,7 @@ class KernelText:
             f"w_late = (1.0 - part) * {self.at('line', '(k - back) & newest_row')} + part * {older}",
         )
 
-    def finish(self, name: str, arguments: Mapping[str, str]) -> KernelSource:
+    def finish(self, name: str, arguments: Mapping[str, str]) -> Kernel:
         """The kernel whole; arguments: name -> letter of its type (see `native`)."""
         prepare = [
             "def prepare(parameters, c):",
@@ -113,24 +118,37 @@ class KernelText:
         jit = '@njit(nogil=True, error_model="numpy", _nrt=False)'
         body = [f"def run({', '.join(arguments)}):", *self.lines]
         text = "\n".join([f"# Generated: {name}.", PREAMBLE, jit, *prepare, "", "", jit, *body, ""])
-        return KernelSource(text, "".join(arguments.values()), len(self.parameters), max(1, len(self.rows)))
+        functions = load_functions(text, {"prepare": "aa", "run": "".join(arguments.values())})
+        return Kernel(self.lanes, self.parameters, max(1, len(self.rows)), functions["prepare"], functions["run"])
 
 
 @dataclass(frozen=True)
-class KernelSource:
-    """A module with `prepare(parameters, c)` and `run`; letters: of run's arguments; the rows of both arrays."""
+class Kernel:
+    """One compiled loop for a fixed number of lanes; `run` takes flat arrays of rows of lanes.
 
-    text: str
-    letters: str
-    parameters: int
+    parameters: the names of the rows that `constants` takes; rows: how many it gives.
+    """
+
+    lanes: int
+    parameters: tuple[str, ...]
     rows: int
+    prepare: Callable[..., int]
+    run: Callable[..., int]
+
+    def constants(self, parameters: Array) -> Array:
+        """parameters: (names, lanes) -> what the steps read of them, once a scenario."""
+        if parameters.shape != (len(self.parameters), self.lanes):  # compiled code reads what it is told to, and beyond
+            raise ValueError(f"{parameters.shape[0]} rows of parameters, the kernel takes {len(self.parameters)}")
+        c = np.empty(self.rows * self.lanes)
+        self.prepare(np.ascontiguousarray(parameters, dtype=float).reshape(-1), c)
+        return c
+
+    def __call__(self, *arguments: Any) -> int:
+        return self.run(*arguments)
 
 
-def _bound(plant: Plant, effects: Effects, p: Any) -> Any:
-    def rates(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar) -> Sequence[Scalar]:
-        return plant.rates(t, q, y, u, p, effects)
-
-    return rates
+def bound(plant: Plant, effects: Effects, p: Any) -> Callable[..., Sequence[Scalar]]:
+    return lambda t, q, y, u: plant.rates(t, q, y, u, p, effects)
 
 
 def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, Any]) -> None:
@@ -160,16 +178,17 @@ def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, 
     k.add(2, "if m > 1 and largest < 0.1 * tolerance:", f"{INDENT}m //= 2")
 
 
-def replay_source(plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int) -> KernelSource:
+@cache
+def replay_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
     """Kernel `replay`: the plant under an input given at samples, linear between them.
 
     times, inputs: (n, lanes); state: (states, lanes), advanced in place; out: (n, positions,
     speeds and the effects' memory, lanes).
     """
-    k = KernelText(lanes, parameters)
+    k = KernelText(lanes, (*plant.parameters, *effects.parameters))
     q, y = state_symbols(plant, effects)
     t, h, u, u_rate = (symbol(s) for s in ("t", "h", "u", "u_rate"))
-    model = _bound(plant, effects, parameter_symbols(parameters, plant.parameters))
+    model = bound(plant, effects, parameter_symbols(k.parameters, plant.parameters))
     q1, y1, _, errors = rodas3_step(model, t, h, q, y, u, u_rate, len(effects.memory))
     states = [e.args[0] for e in (*q, *y)]
     k.add(1, "n = times.shape[0] // %d" % lanes, "m = 1", "steps = 0")
@@ -192,7 +211,8 @@ def replay_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     return k.finish("replay", {**arrays, "tolerance": "f", "most": "i", "out": "a"})
 
 
-def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lanes: int) -> KernelSource:
+@cache
+def driven_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
     """Kernel `driven`: the first coordinate moves as measured, the rest follows; out: the input it takes.
 
     times, angles, speeds, accelerations: (n, lanes) of the driven coordinate. Between
@@ -200,9 +220,8 @@ def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     a = a|u=0 + (da/du) u, so the input that gives the measured acceleration is
     (a - a|u=0) / (da/du). out: (n, 1 + rest, lanes), the input, then the other states.
     """
-    k = KernelText(lanes, parameters)
-    p = parameter_symbols(parameters, plant.parameters)
-    rates = _bound(plant, effects, p)
+    k = KernelText(lanes, (*plant.parameters, *effects.parameters))
+    rates = bound(plant, effects, parameter_symbols(k.parameters, plant.parameters))
     q, y = state_symbols(plant, effects)
     t, h, u = symbol("t"), symbol("h"), symbol("u")
     start, angle, speed, alpha = (symbol(s) for s in ("t0", "angle0", "speed0", "alpha"))
@@ -247,16 +266,16 @@ def driven_source(plant: Plant, effects: Effects, parameters: Sequence[str], lan
     return k.finish("driven", {**arrays, "tolerance": "f", "most": "i", "out": "a"})
 
 
-def loop_source(
-    plant: Plant,
-    effects: Effects,
-    parameters: Sequence[str],
-    lanes: int,
-    controller: Any,
-    observer: Any,
-    recorded: Sequence[str],
-    lagged: bool,
-) -> KernelSource:
+def loop_parameters(plant: Plant, effects: Effects, controller: Any, observer: Any) -> tuple[str, ...]:
+    """Every number that a closed loop needs, in the order of its kernel's parameter rows."""
+    rows = (*plant.parameters, *effects.parameters, *controller.parameters, *observer.parameters, *LAG)
+    return tuple(dict.fromkeys(rows))
+
+
+@cache
+def loop_kernel(
+    plant: Plant, effects: Effects, lanes: int, controller: Any, observer: Any, recorded: tuple[str, ...], lagged: bool
+) -> Kernel:
     """Kernel `loop`: a sampled controller on the plant, its output held between samples.
 
     At each sample: read the signals, step the controller, feed the observer's
@@ -266,23 +285,23 @@ def loop_source(
     (`lag_start`, `lag_slope` of the difference).
     references: (n, controller's references, lanes); actual: (lanes,) the input at work; line: see `delayed`.
     """
-    k = KernelText(lanes, parameters)
-    p = parameter_symbols(parameters, plant.parameters)
-    rates = _bound(plant, effects, p)
+    k = KernelText(lanes, loop_parameters(plant, effects, controller, observer))
+    p = parameter_symbols(k.parameters, plant.parameters)
+    rates = bound(plant, effects, p)
     q, y = state_symbols(plant, effects)
     t, h, u, dt = symbol("t"), symbol("h"), symbol("u"), symbol("dt")
     states = [e.args[0] for e in (*q, *y)]
     memory = [symbol(f"x{i}") for i in range(len(controller.memory))]
-    sums = [symbol(f"a{i}") for i in range(observer.size)]
+    accumulators = [symbol(f"a{i}") for i in range(observer.size)]
     reference = SimpleNamespace(**{name: symbol(f"r{i}") for i, name in enumerate(controller.references)})
     measured = SimpleNamespace(t=t, late=symbol("w_late"), **plant.shown(t, q, y, u if lagged else 0.0, p, effects))
     command, memory1 = controller.step(p, memory, reference, measured, dt)
     at_work = u if lagged else command
     shown = plant.shown(t, q, y, at_work, p, effects)
     signals = {**shown, plant.input: at_work, "time_s": t, **vars(reference)}
-    sums1 = observer.update(sums, signals, p, dt)
+    accumulators1 = observer.update(accumulators, signals, p, dt)
     L, nr = lanes, len(controller.references)
-    memory_names, sum_names = [e.args[0] for e in memory], [e.args[0] for e in sums]
+    memory_names, accumulator_names = [e.args[0] for e in memory], [e.args[0] for e in accumulators]
 
     k.add(1, f"n = references.shape[0] // {nr * L}", "h = dt / substeps", "row = 0")
     k.add(1, "for k in range(n):", f"{INDENT}now = k * dt", f"{INDENT}for l in range({L}):", f"{INDENT * 2}t = now")
@@ -294,14 +313,14 @@ def loop_source(
         (result,) = k.block(3, [u * controller.left(p, t, dt)])
         k.add(3, f"u = {result}", "actual[l] = u")
     k.load(3, "memory", memory_names)
-    k.load(3, "sums", sum_names)
+    k.load(3, "accumulators", accumulator_names)
     if controller.sensed is not None:
         k.delayed(3, controller.sensed(p, memory, measured, dt))
-    results = k.block(3, [command, *memory1, *sums1, *(signals[name] for name in recorded)])
+    results = k.block(3, [command, *memory1, *accumulators1, *(signals[name] for name in recorded)])
     k.add(3, f"held[l] = {results[0]}")
     k.store(3, "memory", results[1 : 1 + len(memory)])
-    k.store(3, "sums", results[1 + len(memory) : 1 + len(memory) + len(sums)])
-    k.store(3, "shown", results[1 + len(memory) + len(sums) :])
+    k.store(3, "accumulators", results[1 + len(memory) : 1 + len(memory) + len(accumulators)])
+    k.store(3, "shown", results[1 + len(memory) + len(accumulators) :])
     size = len(recorded) * L
     k.add(2, "if k % every == 0:", f"{INDENT}for j in range({size}):")
     k.add(4, f"out[row * {size} + j] = shown[j]")
@@ -321,5 +340,5 @@ def loop_source(
     k.add(1, "return row")
     numbers = {"c": "a", "references": "a", "dt": "f", "substeps": "i", "every": "i"}
     late = () if controller.sensed is None else ("line",)
-    arrays = dict.fromkeys(("state", "memory", *late, "sums", "held", "actual", "shown", "out"), "a")
+    arrays = dict.fromkeys(("state", "memory", *late, "accumulators", "held", "actual", "shown", "out"), "a")
     return k.finish("loop", {**numbers, **arrays})

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.engine.native import load_functions
 from workbench.engine.rodas3 import rodas3_step
-from workbench.engine.source import LAG, KernelSource, KernelText, delay_rows, parameter_symbols, state_symbols
+from workbench.engine.source import LAG, Kernel, KernelText, bound, delay_rows, parameter_symbols, state_symbols
 from workbench.machines import Effects, Plant
 from workbench.symbolic.expr import symbol
 
 MEASURED = ("t", "speed_motor_rad_s", "angle_motor_rad")
 
 
-def step_source(controller: Any, parameters: Sequence[str]) -> KernelSource:
+@cache
+def step_kernel(controller: Any, parameters: tuple[str, ...]) -> Kernel:
     """Kernel `step`: (references, measured) at sample k -> the command in `out`, the memory advanced in place."""
     k = KernelText(1, parameters)
     p = parameter_symbols(parameters)
@@ -44,40 +44,24 @@ def step_source(controller: Any, parameters: Sequence[str]) -> KernelSource:
     return k.finish("step", {"c": "a", "k": "i", "dt": "f", **arrays})
 
 
-def observe_source(observer: Any, signals: Sequence[str]) -> KernelSource:
-    """Kernel `observe`: the observer's sums over samples (n, signals) that each last until the next one, dt."""
+@cache
+def observe_kernel(observer: Any, signals: tuple[str, ...]) -> Kernel:
+    """Kernel `observe`: the observer's accumulators over samples (n, signals) that each last until the next one, dt."""
     k = KernelText(1, observer.parameters)
     p = parameter_symbols(observer.parameters)
-    sums = [symbol(f"a{i}") for i in range(observer.size)]
+    accumulators = [symbol(f"a{i}") for i in range(observer.size)]
     given = {name: symbol(f"s{i}") for i, name in enumerate(signals)}
-    sums1 = observer.update(sums, given, p, symbol("dt"))
+    accumulators1 = observer.update(accumulators, given, p, symbol("dt"))
     k.add(1, "l = 0", "for k in range(n):")
     k.add(2, *(f"s{i} = samples[k * {len(signals)} + {i}]" for i in range(len(signals))))
-    k.load(2, "sums", [e.args[0] for e in sums])
-    k.store(2, "sums", k.block(2, sums1))
+    k.load(2, "accumulators", [e.args[0] for e in accumulators])
+    k.store(2, "accumulators", k.block(2, accumulators1))
     k.add(1, "return n")
-    return k.finish("observe", {"c": "a", "samples": "a", "n": "i", "dt": "f", "sums": "a"})
+    return k.finish("observe", {"c": "a", "samples": "a", "n": "i", "dt": "f", "accumulators": "a"})
 
 
-@cache
-def _functions(source: KernelSource) -> Mapping[str, Any]:
-    return load_functions(source.text, {"prepare": "aa", "run": source.letters})
-
-
-def _constants(source: KernelSource, names: Sequence[str], p: Any) -> Array:
-    c = np.empty(source.rows)
-    _functions(source)["prepare"](np.array([float(getattr(p, name)) for name in names] or [0.0]), c)
-    return c
-
-
-@cache
-def _step(controller: Any, parameters: tuple[str, ...]) -> KernelSource:
-    return step_source(controller, parameters)
-
-
-@cache
-def _observe(observer: Any, signals: tuple[str, ...]) -> KernelSource:
-    return observe_source(observer, signals)
+def _constants(kernel: Kernel, p: Any) -> Array:
+    return kernel.constants(np.array([float(getattr(p, name)) for name in kernel.parameters]).reshape(-1, 1))
 
 
 class Step:
@@ -85,9 +69,8 @@ class Step:
 
     def __init__(self, controller: Any, p: Any, memory: Sequence[float], sample_time_s: float):
         names = tuple(sorted(vars(p)))  # a feed-forward reads the machine's own values
-        source = _step(controller, names)
-        self._run, self._dt = _functions(source)["run"], sample_time_s
-        self._c = _constants(source, names, p)
+        kernel = step_kernel(controller, names)
+        self._run, self._dt, self._c = kernel.run, sample_time_s, _constants(kernel, p)
         self._memory = np.array(memory, dtype=float)
         self._references, self._measured = np.zeros(len(controller.references)), np.zeros(len(MEASURED))
         self._line = np.zeros(1 if controller.sensed is None else delay_rows(p.late))
@@ -105,17 +88,17 @@ class Step:
 
 
 def observe(observer: Any, p: Any, signals: Mapping[str, Array], sample_time_s: float) -> list[float]:
-    """The observer's sums over signals (n,) taken at every sample; `time_s` among them."""
+    """The observer's accumulators over signals (n,) taken at every sample; `time_s` among them."""
     names = tuple(sorted(signals))
-    source = _observe(observer, names)
+    kernel = observe_kernel(observer, names)
     samples = np.ascontiguousarray(np.stack([signals[name] for name in names], axis=-1), dtype=float)
-    sums = np.array(observer.start, dtype=float)
-    run = _functions(source)["run"]
-    run(_constants(source, observer.parameters, p), samples.reshape(-1), len(samples), sample_time_s, sums)
-    return [float(x) for x in sums]
+    accumulators = np.array(observer.start, dtype=float)
+    kernel.run(_constants(kernel, p), samples.reshape(-1), len(samples), sample_time_s, accumulators)
+    return [float(x) for x in accumulators]
 
 
-def live_source(plant: Plant, effects: Effects, parameters: Sequence[str], shown: Sequence[str]) -> KernelSource:
+@cache
+def live_kernel(plant: Plant, effects: Effects, parameters: tuple[str, ...], shown: tuple[str, ...]) -> Kernel:
     """Kernel `live`: the plant over `dt` in `substeps` equal steps under a held input, behind the drive's lag.
 
     state: positions, speeds, memory of the effects, advanced in place; actual: (1,) the input at work, which nears the
@@ -128,15 +111,12 @@ def live_source(plant: Plant, effects: Effects, parameters: Sequence[str], shown
     t, h, u, u_rate = (symbol(name) for name in ("t", "h", "u", "u_rate"))
     states = [e.args[0] for e in (*q, *y)]
 
-    def rates(time: Any, q: Any, y: Any, u: Any) -> Any:
-        return plant.rates(time, q, y, u, p, effects)
-
     k.add(1, "l = 0", "h = dt / substeps", "for s in range(substeps):")
     k.load(2, "state", states)
     left, start, slope = (k.parameter(name) for name in LAG)
     k.add(2, "t = start_s + s * h", "gap = actual[0] - held", f"actual[0] = held + gap * {left}")
     k.add(2, f"u = held + gap * {start}", f"u_rate = gap * {slope}")
-    q1, y1, _, _ = rodas3_step(rates, t, h, q, y, u, u_rate, len(effects.memory))
+    q1, y1, _, _ = rodas3_step(bound(plant, effects, p), t, h, q, y, u, u_rate, len(effects.memory))
     k.store(2, "state", k.block(2, [*q1, *y1]))
     k.add(1, "t = start_s + dt", "u = actual[0]")
     k.load(1, "state", states)
@@ -147,25 +127,18 @@ def live_source(plant: Plant, effects: Effects, parameters: Sequence[str], shown
     return k.finish("live", {"c": "a", **numbers, **dict.fromkeys(("state", "actual", "out"), "a")})
 
 
-@cache
-def _source(plant: Plant, effects: Effects, parameters: tuple[str, ...], shown: tuple[str, ...]) -> KernelSource:
-    return live_source(plant, effects, parameters, shown)
-
-
 class LiveStep:
     """A plant that is stepped from outside. Numbers may change between two steps."""
 
     def __init__(self, plant: Plant, effects: Effects, parameters: Sequence[str], shown: Sequence[str]) -> None:
-        source = _source(plant, effects, tuple(parameters), tuple(shown))
-        functions = load_functions(source.text, {"prepare": "aa", "run": source.letters})
-        self._prepare, self._run = functions["prepare"], functions["run"]
-        self._c = np.empty(source.rows)
+        self._kernel = live_kernel(plant, effects, tuple(parameters), tuple(shown))
+        self._run, self._c = self._kernel.run, np.empty(0)
         self._out = np.empty(len(shown))
         self._actual = np.zeros(1)
 
     def numbers(self, values: Array) -> None:
         """The parameters from the next step on, (parameters,)."""
-        self._prepare(np.ascontiguousarray(values, dtype=float), self._c)
+        self._c = self._kernel.constants(np.reshape(values, (-1, 1)))
 
     def step(self, start_s: float, dt: float, substeps: int, held: float, state: Array, actual: float) -> float:
         """Advances `state` in place; returns the input at work at the end."""

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
+import numpy as np
+
 from workbench.core.errors import InputError, nearest
 from workbench.logs.formats.declared import Channel
 from workbench.machines import TIME, Axis, Hoist, kind_of
@@ -69,12 +71,15 @@ _WORDS = {
 _WISHED = re.compile(r"soll|set ?point|setpoint|\bref|_ref|reference|cmd|command|target|wanted|demand", re.IGNORECASE)
 _NOT = re.compile(r"error|fehler|abweich|deviation|limit|grenz|max|min\b|temp|status", re.IGNORECASE)
 NOMINAL = "%nominal"
+PLAUSIBLE = (0.1, 3.0)  # times the nominal value: what a log of a machine at work reaches
+UNSAID = ("rpm", "knm", "kn", "mm/s")  # units that logs often leave out, beside per cent of nominal
 LEAST = 2  # of the score, that a proposal takes
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """signal = factor * column. others: columns that fit as well. guessed_unit: the file says none, SI is taken."""
+    """signal = factor * column. others: columns that fit as well. guessed_unit: the file says none, SI is taken, or
+    by_size, the unit in which the values are plausible."""
 
     signal: str
     column: str
@@ -82,6 +87,7 @@ class Proposal:
     factor: float
     others: tuple[str, ...] = ()
     guessed_unit: bool = False
+    by_size: str = ""
 
 
 @dataclass(frozen=True)
@@ -118,7 +124,7 @@ def propose(
             continue
         points, best = fitting[0]
         alike = tuple(channel.name for other, channel in fitting[1:] if other == points)
-        chosen[signal] = _proposal(signal, best, alike)
+        chosen[signal] = by_size(machine, _proposal(signal, best, alike), best)
         left = [channel for channel in left if channel is not best]
     for group in wanted.needed:
         if not any(all(name == TIME or name in chosen for name in alternative) for alternative in group):
@@ -135,6 +141,26 @@ def propose(
 def _proposal(signal: str, channel: Channel, others: tuple[str, ...] = ()) -> Proposal:
     known = unit_of(channel.unit)
     return Proposal(signal, channel.name, channel.unit, known[1] if known else 1.0, others, known is None)
+
+
+def by_size(machine: Hoist | Axis, proposal: Proposal, channel: Channel) -> Proposal:
+    """The proposal in the one unit in which the column's values are what the machine does, where the file names none
+    and SI is not that: 99 % of them within PLAUSIBLE, in nominal torque, force or speed."""
+    if not proposal.guessed_unit or not np.isfinite(channel.values).any():
+        return proposal
+    try:
+        nominal = _nominal(machine, proposal.signal)
+    except InputError:
+        return proposal
+    size = float(np.nanquantile(np.abs(channel.values), 0.99)) / nominal
+    quantity = quantity_of(proposal.signal)
+    factors = {unit: UNITS[unit][1] for unit in UNSAID if UNITS[unit][0] == quantity}
+    factors |= {NOMINAL: nominal / 100.0, "": 1.0}
+    fitting = {factor: unit for unit, factor in factors.items() if PLAUSIBLE[0] <= factor * size <= PLAUSIBLE[1]}
+    if 1.0 in fitting or len(fitting) != 1:
+        return proposal
+    ((factor, unit),) = fitting.items()
+    return replace(proposal, factor=factor, by_size=unit)
 
 
 def _mapped(

@@ -39,7 +39,7 @@ def metrics() -> tuple[Metric, ...]:
 
 def set_of(kind: str) -> MetricSet:
     """The metrics of a kind of machine, by its name."""
-    return _hoist_set(metrics()) if kind == HOIST.name else axis.SETS[kind]
+    return _hoist_set(added()) if kind == HOIST.name else axis.SETS[kind]
 
 
 def sets() -> tuple[MetricSet, ...]:
@@ -95,9 +95,9 @@ def observer() -> Observer:
 
 
 @lru_cache(maxsize=8)
-def _hoist_set(metrics: tuple[Metric, ...]) -> MetricSet:
+def _hoist_set(added: tuple[Metric, ...]) -> MetricSet:
     return MetricSet(
-        metrics=metrics,
+        metrics=(*hoist.METRICS, *added),
         parameters=hoist.PARAMETERS,
         peak="peak_torque_motor_nm",
         above="peak_torque_above_static_nm",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
@@ -40,8 +40,17 @@ class Profile:
         return sum(end - start for start, end in self.move_windows)
 
 
+def sample_times(sample_time_s: float, duration_s: float) -> Array:
+    """0, T, 2T, … up to the first that is not before `duration_s`."""
+    if not (math.isfinite(sample_time_s) and sample_time_s > 0.0):
+        raise InputError(f"{sample_time_s:g} s, expected a positive time", place="sample_time_s")
+    # The small number keeps 49.76 s / 0.001 s from growing a sample by rounding.
+    samples = math.ceil(duration_s / sample_time_s - 1e-9) + 1
+    return np.arange(samples, dtype=np.float64) * np.float64(sample_time_s)
+
+
 class Plan(Protocol):
-    """A motion of the carriage that is exact and not yet sampled."""
+    """A motion of what moves that is exact and not yet sampled."""
 
     @property
     def kind(self) -> str: ...
@@ -52,25 +61,35 @@ class Plan(Protocol):
     @property
     def duration_s(self) -> float: ...
     @property
-    def move_windows(self) -> tuple[tuple[float, float], ...]: ...
+    def move_windows(self) -> tuple[tuple[float, float], ...]:
+        """Start and end of each move (s)."""
+
     @property
-    def acceleration_m_s2(self) -> float: ...
-    def at(self, time_s: Array) -> tuple[Array, Array, Array]: ...
+    def move_limits(self) -> tuple[Limits, ...]:
+        """Those used for each move; none of a recorded motion."""
+
+    @property
+    def acceleration_m_s2(self) -> float:
+        """The largest that is asked for."""
+
+    def at(self, time_s: Array) -> tuple[Array, Array, Array]:
+        """Height (m), speed (m/s) and acceleration (m/s²) at rising times (s)."""
+
     def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile: ...
     def __hash__(self) -> int: ...
 
 
-def sample_times(sample_time_s: float, duration_s: float) -> Array:
-    """0, T, 2T, … up to the first that is not before `duration_s`."""
-    if not (math.isfinite(sample_time_s) and sample_time_s > 0.0):
-        raise InputError(f"{sample_time_s:g} s, expected a positive time", place="sample_time_s")
-    # The small number keeps 49.76 s / 0.001 s from growing a sample by rounding.
-    samples = math.ceil(duration_s / sample_time_s - 1e-9) + 1
-    return np.arange(samples, dtype=np.float64) * np.float64(sample_time_s)
+class Sampling:
+    """Of every plan: its profile at a controller's samples."""
+
+    def sample(self: Plan, sample_time_s: float, duration_s: float | None = None) -> Profile:
+        """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
+        time_s = sample_times(sample_time_s, max(self.duration_s, duration_s or 0.0))
+        return Profile(self.kind, time_s, *self.at(time_s), self.move_windows, self.move_limits)
 
 
 @dataclass(frozen=True, eq=False)
-class MotionPlan:
+class MotionPlan(Sampling):
     """Moves at their start times: exact, not yet sampled."""
 
     kind: str
@@ -94,37 +113,21 @@ class MotionPlan:
         return tuple(windows)
 
     @property
+    def move_limits(self) -> tuple[Limits, ...]:
+        return tuple(shape.limits for _, shape in self.moves)
+
+    @property
     def acceleration_m_s2(self) -> float:
         """The largest acceleration limit that a move was planned with."""
         return max(shape.limits.acceleration_m_s2 for _, shape in self.moves)
 
     def at(self, time_s: Array) -> tuple[Array, Array, Array]:
-        """Height (m), speed (m/s) and acceleration (m/s²) at any times (s)."""
-        position = np.full(time_s.shape, self.start_position_m)
-        speed, acceleration = np.zeros_like(time_s), np.zeros_like(time_s)
-        for start_s, shape in self.moves:
-            p, v, a = shape.at(time_s - start_s)
-            position += p
-            speed += v
-            acceleration += a
-        return position, speed, acceleration
-
-    def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile:
-        """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
-        time_s = sample_times(sample_time_s, max(self.duration_s, duration_s or 0.0))
+        """Height (m), speed (m/s) and acceleration (m/s²) at rising times (s)."""
         position = np.full(time_s.shape, self.start_position_m)
         speed, acceleration = np.zeros_like(time_s), np.zeros_like(time_s)
         for start_s, shape in self.moves:
             shape.add_to(time_s - start_s, position, speed, acceleration)
-        return Profile(
-            kind=self.kind,
-            time_s=time_s,
-            position_m=position,
-            speed_m_s=speed,
-            acceleration_m_s2=acceleration,
-            move_windows=self.move_windows,
-            move_limits=tuple(shape.limits for _, shape in self.moves),
-        )
+        return position, speed, acceleration
 
 
 def plan_motion(
@@ -318,7 +321,7 @@ def _stays_on_rail(shape: Shape, here: float, rail_m: tuple[float, float], place
 
 
 @dataclass(frozen=True, eq=False)
-class StoppedPlan:
+class StoppedPlan(Sampling):
     """A plan up to `stop_s`; from then on its speed falls by `deceleration_m_s2` (positive) to rest, and stays there.
 
     The jerk of a stop is not limited. After `stop_s` the plan's own motion does not count.
@@ -363,6 +366,10 @@ class StoppedPlan:
         return tuple((start, end if end <= self.stop_s else self.rest_s) for start, end in begun)
 
     @property
+    def move_limits(self) -> tuple[Limits, ...]:
+        return self.plan.move_limits
+
+    @property
     def acceleration_m_s2(self) -> float:
         return max(self.plan.acceleration_m_s2, self.deceleration_m_s2)
 
@@ -380,16 +387,3 @@ class StoppedPlan:
         late = time_s >= self.stop_s
         p, v, a = (np.where(late, after, old) for after, old in zip(stopping, before, strict=True))
         return p, v, a
-
-    def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile:
-        """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
-        time_s = sample_times(sample_time_s, max(self.duration_s, duration_s or 0.0))
-        position, speed, acceleration = self.at(time_s)
-        return replace(
-            self.plan.sample(sample_time_s, time_s[-1]),
-            time_s=time_s,
-            position_m=position,
-            speed_m_s=speed,
-            acceleration_m_s2=acceleration,
-            move_windows=self.move_windows,
-        )

@@ -10,7 +10,8 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.references.plan import Profile, sample_times
+from workbench.references.limits import Limits
+from workbench.references.plan import Sampling
 
 # Below this part of its largest speed a set-point is at rest.
 AT_REST = 0.01
@@ -21,7 +22,7 @@ SHORTEST = 0.001
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedPlan:
+class RecordedPlan(Sampling):
     """A recorded speed of the carriage, followed again.
 
     time_s, speed_recorded_m_s: (n,), up positive, any sampling; linear in between, at rest before and
@@ -46,6 +47,7 @@ class RecordedPlan:
     lead_s: float = 0.0
     settle_s: float = 0.0
     smoothing_s: float = 0.0
+    move_limits: tuple[Limits, ...] = ()
 
     def __post_init__(self) -> None:
         speed, low, high = self.speed_recorded_m_s, *self.rail_m
@@ -133,17 +135,3 @@ class RecordedPlan:
             speed = np.interp(t, recorded, self.speed_recorded_m_s, left=0.0, right=0.0)
         acceleration = np.gradient(speed, time_s) if len(time_s) > 1 else np.zeros_like(speed)
         return self.start_position_m + travel, speed, acceleration
-
-    def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile:
-        """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
-        time_s = sample_times(sample_time_s, max(self.duration_s, duration_s or 0.0))
-        position, speed, acceleration = self.at(time_s)
-        return Profile(
-            kind=self.kind,
-            time_s=time_s,
-            position_m=position,
-            speed_m_s=speed,
-            acceleration_m_s2=acceleration,
-            move_windows=self.move_windows,
-            move_limits=(),
-        )

@@ -19,7 +19,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.effects import Active, Part, logged_input, moved_by, true_run
+from workbench.effects import Active, Part, logged_input, moved_by, true_input, true_run
 from workbench.engine import kernels
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
 from workbench.simulate.impacts import GUARD_S, beside, bridged
@@ -214,6 +214,20 @@ class InverseSimulation:
         time_s, motion = self.runs[j].time_s, self.motions[j]
         at = time_s + earlier_s
         return Motion(*(np.interp(at, time_s, x) for x in (motion.position, motion.speed, motion.acceleration)))
+
+    def starts(self) -> Array:
+        """(states, runs): where each run begins, with the load held."""
+        points = [start_point(self.plant, run, motion) for run, motion in zip(self.runs, self.motions, strict=True)]
+        clocks = [float(run.time_s[0]) for run in self.runs]
+        return self.model.starts([x for x, _ in points], [w for _, w in points], clocks, self.base)[0]
+
+    def true_inputs(self) -> list[Array]:
+        """The true input (n,) of each run, recovered from the logged one."""
+        gain, offset = sensor(self.machine)
+        return [
+            true_input(self.model.active, run.time_s, (logged - offset) / gain)
+            for run, logged in zip(self.runs, self.inputs, strict=True)
+        ]
 
     def _judged(self, j: int, true: Run) -> np.ndarray:
         """(n,) bool: the samples that residuals are judged by: moving, and so in a late log too; no impact beside."""

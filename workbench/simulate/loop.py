@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import enum
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, cast
@@ -12,12 +13,13 @@ import numpy as np
 
 from workbench.control import (
     BRAKE,
-    PI,
     Controller,
     Events,
     PiSettings,
     Settings,
-    full_pi,
+    cascade,
+    cascade_values,
+    hoist_loop,
     lag_step,
     loop_values,
     losing_a_motor,
@@ -28,17 +30,25 @@ from workbench.core.run import Array, Run
 from workbench.core.shown import Brief, Shown
 from workbench.effects import joined, of
 from workbench.engine import kernels
-from workbench.machines import HOIST as HOIST_KIND
-from workbench.machines import NO_EFFECTS, AnyKind, Drive, Effects, Hoist, kind_of
+from workbench.machines import NO_EFFECTS, AnyKind, Drive, Hoist, kind_of
 from workbench.metrics import set_of
-from workbench.simulate import axis_loop
-from workbench.simulate.outcome import BOUNDLESS, Outcome
+from workbench.metrics.axis import SETTLED
+from workbench.references.library.wire import through_shaper
 from workbench.simulate.plant_model import PlantModel
 
 NO_EVENTS = Events()
 RAIL_PLAY = 0.01  # m, that a stop at the end of the rail may overshoot
 
-RECORDED = HOIST_KIND.looped.recorded
+BOUNDLESS = 1e9  # a state beyond it, in m, rad or per second, belongs to no machine
+
+
+class Outcome(enum.Enum):
+    """How a simulation ended, as a sentence for the user."""
+
+    COMPLETED = "completed"
+    DIVERGED = "the state grew without bound: the loop is unstable or the load ran away"
+    LEFT_THE_RAIL = "the carriage left the rail"
+    NOT_SOLVED = "the multi-body model was not solved"
 
 
 @dataclass(frozen=True, repr=False)
@@ -98,82 +108,86 @@ def simulate_loop(
     return [results[j] for j in range(len(cases))]
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """What is a kind's own in a closed-loop run; each function takes the case first.
-
-    recorded: signals that a run keeps. beside: effects that events bring. numbers(case, hold): by symbol. references:
-    (references, n). more(case, time, input): further signals of a run. outcome(machine, time, signals, end, metrics).
-    """
-
-    recorded: Callable[[LoopCase], tuple[str, ...]]
-    controller: Callable[[LoopCase], Controller]
-    beside: Callable[[LoopCase], Effects]
-    numbers: Callable[[LoopCase, float], dict[str, float]]
-    references: Callable[[LoopCase], Array]
-    more: Callable[[LoopCase, Array, Array], dict[str, Array]]
-    outcome: Callable[..., tuple[Outcome, str]]
+def _cascaded(case: LoopCase) -> bool:
+    """Whether a position loop stands over the speed loop: an axis' cascade."""
+    return kind_of(case.machine).looped.position_loop
 
 
-def hoist_controller(case: LoopCase) -> Controller:
-    """The plain loop where nothing beside it is asked for, else the full one; of a motor that fails where one does."""
-    assert isinstance(case.controller, PiSettings)
-    drive, settings = case.machine.drive, case.controller
-    plain = settings.plain and not (drive.encoder_counts_per_turn or drive.speed_filter_s or drive.speed_delay_s)
-    loop = PI if plain else full_pi(drive.speed_delay_s > 0.0, settings.feed_forward.through_the_wire)
+def loop_controller(case: LoopCase) -> Controller:
+    """An axis' cascade. Of a hoist the plain loop where nothing beside it is asked for, else the full one; of a motor
+    that fails where one does."""
+    if _cascaded(case):
+        return cascade(kind_of(case.machine).looped, case.machine.drive.speed_delay_s > 0.0)
+    loop = hoist_loop(cast(PiSettings, case.controller), case.machine.drive)
     return loop if case.events.motor_fails_s is None else losing_a_motor(loop)
 
 
-def _hoist_numbers(case: LoopCase, hold: float) -> dict[str, float]:
-    assert isinstance(case.controller, PiSettings)
+def loop_numbers(case: LoopCase, hold: float, step_s: float) -> dict[str, float]:
+    """Numbers of loop, drive, events and metrics by symbol; hold: the input that holds the load at the start."""
+    lag = lag_step(case.machine.drive.torque_lag_s, step_s)
+    of_drive = {"lag_left": lag.left, "lag_start": lag.start, "lag_slope": lag.slope_per_s, "lag_mean": lag.mean}
+    if not _cascaded(case):
+        settings = cast(PiSettings, case.controller)
+        return {
+            **loop_values(settings, case.machine.drive, hold, case.payload_kg),
+            **case_limits(case),
+            **case.events.values(),
+            **of_drive,
+        }
+    machine, drive = case.machine, case.machine.drive
     return {
-        **loop_values(case.controller, case.machine.drive, hold),
-        **case_limits(case),
-        **case.events.values(),
+        **cascade_values(case.controller, drive, case.start_position_m),
+        "hold": hold,
+        "before": weight_before(drive.torque_lag_s, case.controller.sample_time_s),
+        "settled": SETTLED * float(np.ptp(_position_reference(case))),
+        "v_scale": kind_of(machine).looped.speed_scale(machine),
+        "u_nominal": NEVER if drive.nominal is None else drive.nominal,
+        **of_drive,
     }
 
 
-_HOIST = Recipe(
-    recorded=lambda case: RECORDED,
-    controller=hoist_controller,
-    beside=lambda case: BRAKE if case.events.brakes else NO_EFFECTS,
-    numbers=_hoist_numbers,
-    references=lambda case: np.asarray(case.speed_reference_rad_s, dtype=float)[None, :],
-    more=lambda case, time, torque: motor_torques(case, time, torque),
-    outcome=lambda *ended: loop_outcome(*ended),
-)
-_AXIS = Recipe(
-    recorded=lambda case: kind_of(case.machine).looped.recorded,
-    controller=axis_loop.controller_of,
-    beside=lambda case: NO_EFFECTS,
-    numbers=axis_loop.numbers,
-    references=axis_loop.references,
-    more=lambda case, time, torque: {},
-    outcome=axis_loop.outcome,
-)
+def _position_reference(case: LoopCase) -> Array:
+    """(n,): as the case has it or, for a speed loop alone, its speed summed up from the start."""
+    if case.position_reference is not None:
+        return np.asarray(case.position_reference, dtype=float)
+    speed = np.asarray(case.speed_reference_rad_s, dtype=float)
+    steps = 0.5 * (speed[1:] + speed[:-1]) * case.controller.sample_time_s
+    return np.asarray(case.start_position_m + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def _recipe(case: LoopCase) -> Recipe:
-    """An axis' where the loop has a position loop, else the hoist's."""
-    return _AXIS if kind_of(case.machine).looped.position_loop else _HOIST
+def _references(cases: Sequence[LoopCase]) -> list[Array]:
+    """One (references, n) array a case; cases that share a reference share the array."""
+    known: dict[tuple[Any, ...], Array] = {}
+    arrays = []
+    for case in cases:
+        # An axis' speed is summed up from where it starts.
+        start = case.start_position_m if _cascaded(case) and case.position_reference is None else 0.0
+        shaper = case.controller.input_shaper
+        key = id(case.speed_reference_rad_s), id(case.position_reference), start, shaper
+        if key not in known:
+            speed = np.asarray(case.speed_reference_rad_s, dtype=float)
+            rows = np.stack([_position_reference(case), speed] if _cascaded(case) else [speed])
+            known[key] = through_shaper(shaper, rows, case.controller.sample_time_s)
+            if not np.all(np.isfinite(known[key])):  # a limit would make a torque of it, and nobody would know
+                raise ValueError(f"case {case.name}: the speed reference is not finite throughout")
+        arrays.append(known[key])
+    return arrays
 
 
 def _kernel_key(case: LoopCase) -> tuple[Any, ...]:
     """The properties that all cases of one kernel call share, such as the length of the run."""
-    recipe = _recipe(case)
-    effects = joined(of(case.machine).effects, recipe.beside(case))
-    lagged = case.machine.drive.torque_lag_s > 0.0
-    controller, n = recipe.controller(case), len(case.speed_reference_rad_s)
-    return kind_of(case.machine).name, case.controller.sample_time_s, controller, lagged, effects, n
+    effects = joined(of(case.machine).effects, BRAKE if case.events.brakes else NO_EFFECTS)
+    lagged, n = case.machine.drive.torque_lag_s > 0.0, len(case.speed_reference_rad_s)
+    return kind_of(case.machine).name, case.controller.sample_time_s, loop_controller(case), lagged, effects, n
 
 
 def _simulate_alike(
     cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None
 ) -> list[LoopResult]:
     _, sample_time, controller, lagged, effects, n = _kernel_key(cases[0])
-    recipe, kind = _recipe(cases[0]), kind_of(cases[0].machine)
+    kind = kind_of(cases[0].machine)
     plant, watcher = kind.plant, set_of(kind.name).observer
-    recorded = recipe.recorded(cases[0]) if record_every else ()
+    recorded = kind.looped.recorded if record_every else ()
     substeps = max(1, math.ceil(sample_time / step_s - 1e-9))
     at_work = [PlantModel(plant, of(case.machine)) for case in cases]
     plain = [w.values(c.machine, c.payload_kg, c.start_time_s) for w, c in zip(at_work, cases, strict=True)]
@@ -182,18 +196,18 @@ def _simulate_alike(
     )
     values, memory = [], []
     for case, p, angle, hold in zip(cases, plain, start[0], holds, strict=True):
-        numbers = {**vars(p), **recipe.numbers(case, hold), **lag_values(case, sample_time / substeps)}
+        numbers = SimpleNamespace(**{**vars(p), **loop_numbers(case, hold, sample_time / substeps)})
         values.append(numbers)
-        memory.append(controller.start(SimpleNamespace(**numbers), hold, angle))
+        memory.append(controller.start(numbers, hold, angle))
     names = kernels.loop_parameters(plant, effects, controller, watcher)
     every = record_every or n + 1
-    out, sums, ends = kernels.loop(
+    out, accumulators, ends = kernels.loop(
         plant,
         controller,
         watcher,
         recorded,
-        np.array([[v[name] for v in values] for name in names]),
-        _references(cases, recipe),
+        np.array([[getattr(v, name) for v in values] for name in names]),
+        _references(cases),
         sample_time,
         start,
         np.array(memory).T,
@@ -203,42 +217,59 @@ def _simulate_alike(
         effects=effects,
         threads=threads,
     )
-    time = np.arange(out.shape[0]) * (sample_time * every)
-    return [
-        _result(case, time, dict(zip(recorded, out[:, :, j].T.copy(), strict=True)), sums[:, j], ends[:, j], holds[j],
-                values[j], n * sample_time)
-        for j, case in enumerate(cases)
-    ]  # fmt: skip
+    time = np.arange(out.shape[0]) * (sample_time * every) if record_every else np.zeros(0)
+    results = []
+    for j, case in enumerate(cases):
+        signals = dict(zip(recorded, out[:, :, j].T.copy(), strict=True))
+        metrics = watcher.finish(accumulators[:, j], values[j], n * sample_time)
+        results.append(loop_result(case, time, signals, metrics, ends[:, j], holds[j]))
+    return results
 
 
-def _references(cases: Sequence[LoopCase], recipe: Recipe) -> list[Array]:
-    """One (references, n) array a case; cases that share a reference share the array."""
-    known: dict[tuple[int, int, float], Array] = {}
-    arrays = []
-    for case in cases:
-        # An axis' speed is summed up from where it starts.
-        start = case.start_position_m if recipe is _AXIS and case.position_reference is None else 0.0
-        key = id(case.speed_reference_rad_s), id(case.position_reference), start
-        if key not in known:
-            known[key] = recipe.references(case)
-            if not np.all(np.isfinite(known[key])):  # a limit would make a torque of it, and nobody would know
-                raise ValueError(f"case {case.name}: the speed reference is not finite throughout")
-        arrays.append(known[key])
-    return arrays
+def loop_result(
+    case: LoopCase, time: Array, signals: dict[str, Array], metrics: dict[str, float], end: Array, hold: float
+) -> LoopResult:
+    """What came of a run; signals: as far as they were kept. end: the states at its end, positions first."""
+    plant = kind_of(case.machine).plant
+    if signals:
+        signals = {**signals, **_motor_torques(case, time, signals[plant.input])}
+    run = Run(case.name, time, signals, case.payload_kg, case.start_position_m, case.start_time_s)
+    outcome, at = _outcome(case.machine, time, signals, end, metrics)
+    return LoopResult(case, run, metrics, outcome, at, float(end[plant.placed]), hold)
 
 
-def torque_limit_nm(machine: Hoist) -> float:
-    """The largest torque of all motors together, at or below nominal speed."""
-    return machine.motor.nominal_torque_nm * machine.drive.overload / shares(machine)[0]
+def _motor_torques(case: LoopCase, time: Array, torque: Array) -> dict[str, Array]:
+    """The torque of the first and of the second motor (of equal ones: of each); after a failure the first works on."""
+    names = kind_of(case.machine).drive.parts
+    if not names:
+        return {}
+    n = case.machine.motor.count
+    first = case.machine.drive.torque_share if n == 2 else 1.0 / n
+    fails = case.events.motor_fails_s
+    failed = np.zeros(len(time), bool) if fails is None else time >= fails
+    left = 1.0 / max(n - 1, 1)
+    shares = (
+        np.where(failed, left, first),
+        np.where(failed, 0.0 if n == 2 else left, 1.0 - first if n == 2 else first),
+    )
+    return {name: torque * share for name, share in zip(names, shares, strict=True)}
 
 
-def shares(machine: Hoist) -> tuple[float, float]:
-    """The share of the torque that the more loaded motor gives: with all motors, and after one has failed."""
-    n = machine.motor.count
-    if n == 1:
-        return 1.0, 1.0
-    first = machine.drive.torque_share if n == 2 else 1.0 / n
-    return max(first, 1.0 - first) if n == 2 else first, 1.0 / (n - 1)
+def _outcome(
+    machine: Any, time: Array, signals: dict[str, Array], end: Array, metrics: dict[str, float]
+) -> tuple[Outcome, str]:
+    """How the run ended, judged at every sample of the controller; when, as far as signals were kept."""
+    if not np.all(np.abs(end) < BOUNDLESS):
+        bad = ~(np.abs(signals.get(kind_of(machine).looped.speed, np.zeros(0))) < BOUNDLESS)
+        return Outcome.DIVERGED, f"by {time[np.argmax(bad)]:.2f} s" if bad.any() else ""
+    if metrics.get("rail_margin_m", 0.0) >= -RAIL_PLAY:
+        return Outcome.COMPLETED, ""
+    heights, (low, high) = signals.get("position_carriage_m", np.zeros(0)), kind_of(machine).looped.rail(machine)
+    out = (heights < low - RAIL_PLAY) | (heights > high + RAIL_PLAY)
+    if out.any():
+        k = int(np.argmax(out))
+        return Outcome.LEFT_THE_RAIL, f"at {time[k]:.2f} s, at height {heights[k]:.2f} m"
+    return Outcome.LEFT_THE_RAIL, f"by {-metrics['rail_margin_m']:.2f} m"
 
 
 def overload_numbers(drive: Drive) -> dict[str, float]:
@@ -258,19 +289,12 @@ def kept_by_others(machine: Hoist) -> float:
     return machine.drive.torque_share if n == 2 else 1.0 - 1.0 / n
 
 
-def lag_values(case: LoopCase, step_s: float) -> dict[str, float]:
-    """The torque's lag over one step of the plant, by symbol."""
-    lag = lag_step(case.machine.drive.torque_lag_s, step_s)
-    return {"lag_left": lag.left, "lag_start": lag.start, "lag_slope": lag.slope_per_s, "lag_mean": lag.mean}
-
-
 def torque_limits(machine: Hoist) -> dict[str, float]:
     """By symbol: the torque of all motors (N m), after one failed, and the speed (rad/s) above which it falls."""
     one = machine.motor.nominal_torque_nm * machine.drive.overload
-    share, share_failed = shares(machine)
     return {
-        "u_all": one / share,
-        "u_one": one / share_failed if machine.motor.count > 1 else 0.0,
+        "u_all": one / machine.torque_share,
+        "u_one": one * (machine.motor.count - 1),
         "w_weak": machine.motor.nominal_speed_rad_s if machine.drive.field_weakening else NEVER,
     }
 
@@ -278,14 +302,13 @@ def torque_limits(machine: Hoist) -> dict[str, float]:
 def case_limits(case: LoopCase) -> dict[str, float]:
     """Torque limits, shares and ends of the rail by symbol. The harder-worked motor limits them all."""
     machine = cast(Hoist, case.machine)
-    share, share_failed = shares(machine)
     fails = case.events.motor_fails_s
     return {
         **torque_limits(machine),
         "t_fail": NEVER if fails is None else fails,
         "T_nominal": machine.motor.nominal_torque_nm,
-        "share": share,
-        "share_failed": share_failed,
+        "share": machine.torque_share,
+        "share_failed": 1.0 / max(machine.motor.count - 1, 1),
         "kept": kept_by_others(machine),
         "before": weight_before(machine.drive.torque_lag_s, case.controller.sample_time_s),
         "w_nominal": machine.motor.nominal_speed_rad_s,
@@ -294,55 +317,3 @@ def case_limits(case: LoopCase) -> dict[str, float]:
         "x_low": machine.rail.lowest_position_m,
         "x_high": machine.highest_position_m,
     }
-
-
-def _result(
-    case: LoopCase,
-    time: Array,
-    signals: dict[str, Array],
-    sums: Array,
-    end: Array,
-    hold: float,
-    values: dict[str, Any],
-    duration: float,
-) -> LoopResult:
-    recipe, kind = _recipe(case), kind_of(case.machine)
-    if signals:
-        signals |= recipe.more(case, time, signals[kind.plant.input])
-    else:
-        time = time[:0]
-    run = Run(case.name, time, signals, case.payload_kg, case.start_position_m, case.start_time_s)
-    metrics = set_of(kind.name).observer.finish(sums, SimpleNamespace(**values), duration)
-    outcome, at = recipe.outcome(case.machine, time, signals, end, metrics)
-    return LoopResult(case, run, metrics, outcome, at, float(end[kind.plant.placed]), hold)
-
-
-def motor_torques(case: LoopCase, time: Array, torque: Array) -> dict[str, Array]:
-    """The torque of the first and of the second motor (of equal ones: of each); after a failure the first works on."""
-    machine = cast(Hoist, case.machine)
-    n = machine.motor.count
-    first = machine.drive.torque_share if n == 2 else 1.0 / n
-    fails = case.events.motor_fails_s
-    failed = np.zeros(len(time), bool) if fails is None else time >= fails
-    left = 1.0 / max(n - 1, 1)
-    return {
-        "torque_motor1_nm": torque * np.where(failed, left, first),
-        "torque_motor2_nm": torque * np.where(failed, 0.0 if n == 2 else left, 1.0 - first if n == 2 else first),
-    }
-
-
-def loop_outcome(
-    machine: Hoist, time: Array, signals: dict[str, Array], end: Array, metrics: dict[str, float]
-) -> tuple[Outcome, str]:
-    """How the run ended, judged at every sample of the controller; when, as far as signals were kept."""
-    if not np.all(np.abs(end) < BOUNDLESS):
-        bad = ~(np.abs(signals["speed_motor_rad_s"]) < BOUNDLESS) if signals else np.zeros(0, bool)
-        return Outcome.DIVERGED, f"by {time[np.argmax(bad)]:.2f} s" if bad.any() else ""
-    if metrics["rail_margin_m"] >= -RAIL_PLAY:
-        return Outcome.COMPLETED, ""
-    heights = signals.get("position_carriage_m", np.zeros(0))
-    out = (heights < machine.rail.lowest_position_m - RAIL_PLAY) | (heights > machine.highest_position_m + RAIL_PLAY)
-    if out.any():
-        k = int(np.argmax(out))
-        return Outcome.LEFT_THE_RAIL, f"at {time[k]:.2f} s, at height {heights[k]:.2f} m"
-    return Outcome.LEFT_THE_RAIL, f"by {-metrics['rail_margin_m']:.2f} m"

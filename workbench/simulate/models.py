@@ -10,10 +10,9 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.effects import true_input
 from workbench.machines import STUDIED, Hoist, of_kind, studied
 from workbench.machines.multibody import Outcome, Shaft, move
-from workbench.simulate.driven import InverseSimulation, sensor, start_point
+from workbench.simulate.driven import InverseSimulation, start_point
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.loop import Outcome as LoopOutcome
 from workbench.simulate.multibody_loop import simulate_multibody_loop
@@ -91,17 +90,16 @@ def compare_models(
     if studied(machine) is None:
         raise InputError(f"is {of_kind(machine)}; the multi-body machine is of {STUDIED}", place="kind")
     bench = InverseSimulation(machine, runs)
-    simulate_replays(machine, InverseSimulation(machine, runs[:1]))  # compiles: no model's time
+    simulate_replays(InverseSimulation(machine, runs[:1]))  # compiles: no model's time
     out = []
     for j, run in enumerate(bench.runs):
         progress(run.name)
         alone = InverseSimulation(machine, [run])
         began = time.process_time()
-        (states,) = simulate_replays(machine, alone)
+        (states,) = simulate_replays(alone)
         lumped_s = time.process_time() - began
         lumped = simulated_run(bench.plant, run, states)
-        gain, offset = sensor(machine)
-        given = true_input(alone.model.active, run.time_s, (alone.inputs[0] - offset) / gain)
+        given = alone.true_inputs()[0]
         multibody, multibody_s = _replayed(machine, run, given, start_point(bench.plant, run, bench.motions[j]), step_s)
         measured = bench.motions[j].speed
         out.append(

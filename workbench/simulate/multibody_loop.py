@@ -9,23 +9,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from workbench.control import PiSettings, loop_values
-from workbench.core.run import Array, Run
+from workbench.control import refuse
+from workbench.core.run import Array
 from workbench.engine.stepped import Step, observe
 from workbench.machines import HOIST, Hoist
 from workbench.machines.multibody import Driven, MotionResult, Shaft, engine, move, switches_of
 from workbench.machines.multibody import Outcome as MotionOutcome
 from workbench.metrics import observer
-from workbench.simulate.loop import (
-    LoopCase,
-    LoopResult,
-    Outcome,
-    case_limits,
-    hoist_controller,
-    lag_values,
-    loop_outcome,
-    motor_torques,
-)
+from workbench.simulate.loop import LoopCase, LoopResult, Outcome, loop_controller, loop_numbers, loop_result
 
 
 def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: float = 0.001) -> LoopResult:
@@ -39,8 +30,9 @@ def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: f
     held: dict[str, Any] = {}
 
     def drive(hold_nm: float) -> Driven:
-        held["values"] = values = _values(case, hold_nm, sample_time / substeps)
-        return _drive(case, values, hold_nm)
+        plant = HOIST.plant.values(case.machine, case.payload_kg)
+        held["p"] = p = SimpleNamespace(**{**vars(plant), **loop_numbers(case, hold_nm, sample_time / substeps)})
+        return _drive(case, p, hold_nm)
 
     result = move(
         machine,
@@ -57,25 +49,14 @@ def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: f
     if result.hanging is None:
         run = replace(result.run, time_s=np.zeros(0), signals={})
         return LoopResult(case, run, {}, Outcome.NOT_SOLVED, said(result), case.start_position_m, 0.0)
-    return _result(case, result, SimpleNamespace(**held["values"]), record_every)
+    return _result(case, result, held["p"], record_every)
 
 
-def _values(case: LoopCase, hold_nm: float, step_s: float) -> dict[str, float]:
-    """The numbers of loop, drive, events and metrics by symbol."""
-    return {
-        **vars(HOIST.plant.values(case.machine, case.payload_kg)),
-        **loop_values(cast(PiSettings, case.controller), case.machine.drive, hold_nm),
-        **case_limits(case),
-        **case.events.values(),
-        **lag_values(case, step_s),
-    }
-
-
-def _drive(case: LoopCase, values: dict[str, float], hold_nm: float) -> Driven:
+def _drive(case: LoopCase, p: SimpleNamespace, hold_nm: float) -> Driven:
     """The sampled controller, its torque held between samples or behind a lag, and the brake of the events."""
+    refuse(case.controller, "the multi-body machine runs", "load_damping", "input_shaper")
     sample_time = case.controller.sample_time_s
-    controller = hoist_controller(case)
-    p = SimpleNamespace(**values)
+    controller = loop_controller(case)
     references = case.speed_reference_rad_s
     torque, command, taken = hold_nm, hold_nm, -1
     step: Step | None = None
@@ -106,21 +87,17 @@ def _result(case: LoopCase, result: MotionResult, p: Any, record_every: int) -> 
     signals["speed_reference_rad_s"] = np.asarray(case.speed_reference_rad_s, dtype=float)[:n]
     seen = {**signals, "time_s": samples.time_s}
     metrics = observer().finish(observe(observer(), p, seen, sample_time), p, n * sample_time)
-    last = {"position_carriage_m": signals["position_carriage_m"][-1]}
-    keep = slice(None, None, record_every or n + 1)
+    time = samples.time_s[::record_every] if record_every else samples.time_s[:0]
     kept: dict[str, Array] = {}
     if record_every:
-        kept = {name: values[keep].copy() for name, values in signals.items()}
+        kept = {name: values[::record_every].copy() for name, values in signals.items()}
         kept |= dict(result.reactions.signals) if result.reactions is not None else {}
-        kept |= motor_torques(case, samples.time_s[keep], kept["torque_motor_nm"])
-    time = samples.time_s[keep] if record_every else samples.time_s[:0]
-    run = Run(case.name, time, kept, case.payload_kg, case.start_position_m, case.start_time_s)
     hold = result.hanging.hold_torque_nm if result.hanging is not None else 0.0
+    end = np.array([signals["angle_motor_rad"][-1], 0.0, signals["position_carriage_m"][-1]])
+    made = loop_result(case, time, kept, metrics, end, hold)
     if result.outcome is not MotionOutcome.COMPLETED:
-        return LoopResult(case, run, metrics, Outcome.NOT_SOLVED, said(result), last["position_carriage_m"], hold)
-    end = np.array([signals["angle_motor_rad"][-1], 0.0, last["position_carriage_m"]])
-    outcome, at = loop_outcome(cast(Hoist, case.machine), time, kept, end, metrics)
-    return LoopResult(case, run, metrics, outcome, at, float(end[2]), hold)
+        return replace(made, outcome=Outcome.NOT_SOLVED, at=said(result))
+    return made
 
 
 def said(result: MotionResult) -> str:

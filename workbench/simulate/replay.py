@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.core.shown import Brief, Shown
-from workbench.effects import logged, true_input
+from workbench.effects import logged
 from workbench.engine import kernels
 from workbench.machines import Axis, Hoist, Plant
-from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms, sensor, start_point
+from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms
 from workbench.simulate.impacts import own_impacts
 
 RESTART_S = 2.0
@@ -66,78 +67,71 @@ def replay_runs(
 
     impacts: times of each run, s, beside which no residual is judged; those of the machine's own play without it.
     """
-    bench = InverseSimulation(
-        machine, runs, band_hz, impacts=own_impacts(machine, runs) if impacts is None else impacts
-    )
-    balances = bench.balances()
-    states = simulate_replays(machine, bench)
-    replays = []
+    given = own_impacts(machine, runs) if impacts is None else impacts
+    bench = InverseSimulation(machine, runs, band_hz, impacts=given)
+    balances, states, starts = bench.balances(), simulate_replays(bench), bench.starts()
+    replays, driven = [], bench.plant.speeds[0]
+
+    def percent(errors: Sequence[Array]) -> float:
+        return 100.0 * pooled_rms(errors) / bench.scale
+
     for j, (run, balance) in enumerate(zip(bench.runs, balances, strict=True)):
-        restarted = _restarted(machine, bench, j, balance)
-        speed = balance.motion.speed
         simulated = simulated_run(bench.plant, run, states[j])
-        open_loop = simulated[bench.plant.speeds[0]] - speed
+        restarted = _restarted(bench, j, balance, float(starts[0, j]))
+        measured = balance.motion.speed
         replays.append(
             Replay(
                 simulated,
                 restarted,
                 balance,
                 bench.scale,
-                100.0 * pooled_rms([open_loop]) / bench.scale,
-                100.0 * pooled_rms([restarted - speed]) / bench.scale,
+                percent([simulated[driven] - measured]),
+                percent([restarted - measured]),
                 pooled_rms([balance.residual[balance.inside]]),
                 pooled_rms([balance.residual[balance.moving]]),
             )
         )
-    return _together(bench, replays)
-
-
-def _together(bench: InverseSimulation, replays: Sequence[Replay]) -> ReplayResult:
-    balances = [r.balance for r in replays]
-    open_loop = [r.simulated[bench.plant.speeds[0]] - r.balance.motion.speed for r in replays]
     residual = pooled_rms([b.residual[b.inside] for b in balances])
     return ReplayResult(
         tuple(replays),
-        100.0 * pooled_rms(open_loop) / bench.scale,
-        100.0 * pooled_rms([r.restarted - r.balance.motion.speed for r in replays]) / bench.scale,
+        percent([r.simulated[driven] - r.balance.motion.speed for r in replays]),
+        percent([r.restarted - r.balance.motion.speed for r in replays]),
         residual,
         pooled_rms([b.residual[b.moving] for b in balances]),
         100.0 * residual / pooled_rms([b.measured[b.inside] for b in balances]),
         float(np.sqrt(np.mean([b.noise_rms**2 for b in balances]))),
         bench.band_hz,
-        bench.machine,
+        machine,
     )
 
 
-def simulate_replays(machine: Hoist | Axis, bench: InverseSimulation) -> list[Array]:
+def simulate_replays(bench: InverseSimulation) -> list[Array]:
     """States (n, states), positions first, of every run under its measured input, from its first sample."""
-    plant, m = bench.plant, len(bench.runs)
+    m, given = len(bench.runs), bench.true_inputs()
     n = max(len(run.time_s) for run in bench.runs)
     times = np.empty((n, m))
     inputs = np.empty((n, m))
     for j, run in enumerate(bench.runs):
         k = len(run.time_s)
-        times[:k, j], inputs[:k, j] = run.time_s, _true_input(machine, bench, j)
+        times[:k, j], inputs[:k, j] = run.time_s, given[j]
         if k < n:  # a shorter run goes on beside the longest, unlooked at
             times[k:, j] = run.time_s[-1] + run.sample_time_s * np.arange(1, n - k + 1)
             inputs[k:, j] = inputs[k - 1, j]
-    start, _ = _starts(bench)
-    out = kernels.replay(
-        plant,
-        bench.model.table(bench.base),
-        times,
-        inputs,
-        start,
-        bench.model.scales(bench.scale, bench.base),
-        effects=bench.model.effects,
-    )
-    return [out[: len(run.time_s), : 2 * len(plant.positions), j] for j, run in enumerate(bench.runs)]
+    out = _replayed(bench, bench.base, times, inputs, bench.starts())
+    return [out[: len(run.time_s), : 2 * len(bench.plant.positions), j] for j, run in enumerate(bench.runs)]
+
+
+def _replayed(
+    bench: InverseSimulation, values: Sequence[SimpleNamespace], times: Array, inputs: Array, start: Array
+) -> Array:
+    model, scales = bench.model, bench.model.scales(bench.scale, values)
+    return kernels.replay(bench.plant, model.table(values), times, inputs, start, scales, effects=model.effects)
 
 
 def own_log(machine: Hoist | Axis, runs: Sequence[Run]) -> list[Run]:
     """The runs as this machine would have logged them under the same logged input, at the same times, without noise."""
     bench = InverseSimulation(machine, runs)
-    states = simulate_replays(machine, bench)
+    states = simulate_replays(bench)
     made = []
     for run, of_run in zip(bench.runs, states, strict=True):
         moved = simulated_run(bench.plant, run, of_run)
@@ -146,18 +140,6 @@ def own_log(machine: Hoist | Axis, runs: Sequence[Run]) -> list[Run]:
         )
         made.append(replace(shown, signals={**shown.signals, bench.plant.input: run[bench.plant.input]}))
     return made
-
-
-def _starts(bench: InverseSimulation) -> tuple[Array, Array]:
-    points = [start_point(bench.plant, run, motion) for run, motion in zip(bench.runs, bench.motions, strict=True)]
-    clocks = [float(run.time_s[0]) for run in bench.runs]
-    return bench.model.starts([x for x, _ in points], [w for _, w in points], clocks, bench.base)
-
-
-def _true_input(machine: Hoist | Axis, bench: InverseSimulation, j: int) -> Array:
-    """The true input (n,) of run j, recovered from the logged one."""
-    gain, offset = sensor(machine)
-    return true_input(bench.model.active, bench.runs[j].time_s, (bench.inputs[j] - offset) / gain)
 
 
 def simulated_run(plant: Plant, run: Run, states: Array) -> Run:
@@ -174,7 +156,7 @@ def simulated_run(plant: Plant, run: Run, states: Array) -> Run:
     )
 
 
-def _restarted(machine: Hoist | Axis, bench: InverseSimulation, j: int, balance: Balance) -> Array:
+def _restarted(bench: InverseSimulation, j: int, balance: Balance, first_position: float) -> Array:
     """Simulated speed (n,) of run j, restarted every 2 s from the measured motion and the states that belong to it."""
     run, motion, plant = bench.runs[j], balance.motion, bench.plant
     n = len(run.time_s)
@@ -186,40 +168,21 @@ def _restarted(machine: Hoist | Axis, bench: InverseSimulation, j: int, balance:
     beyond = np.maximum(rows - (n - 1), 0)
     rows = np.minimum(rows, n - 1)
     times = run.time_s[rows] + beyond * run.sample_time_s
-    inputs = _true_input(machine, bench, j)[rows]
+    inputs = bench.true_inputs()[j][rows]
     rest_positions = len(plant.positions) - 1
-    angle = motion.position - motion.position[0] + _first_position(bench, j)
+    angle = motion.position - motion.position[0] + first_position
+    # The mean of five samples, so that the noise of one sample matters less.
+    speed = np.convolve(np.pad(motion.speed, 2, mode="edge"), np.full(5, 0.2), mode="valid")
     start = np.column_stack(
         [
             angle[first],
             balance.states[first][:, :rest_positions],
-            _smooth_speed(bench, j)[first],
+            speed[first],
             balance.states[first][:, rest_positions:],
         ]
     )
-    p = [bench.base[j]] * len(first)
-    out = kernels.replay(
-        plant,
-        bench.model.table(p),
-        times.T,
-        inputs.T,
-        start.T,
-        bench.model.scales(bench.scale, p),
-        effects=bench.model.effects,
-    )
-    speed = out[:, len(plant.positions), :]
+    out = _replayed(bench, [bench.base[j]] * len(first), times.T, inputs.T, start.T)[:, len(plant.positions), :]
     restarted = np.empty(n)
     for w, (a, b) in enumerate(zip(first, last, strict=True)):
-        restarted[a : b + 1] = speed[: b - a + 1, w]
+        restarted[a : b + 1] = out[: b - a + 1, w]
     return restarted
-
-
-def _first_position(bench: InverseSimulation, j: int) -> float:
-    return float(_starts(bench)[0][0, j])
-
-
-def _smooth_speed(bench: InverseSimulation, j: int) -> Array:
-    """The measured speed as a start value: the mean of five samples, so that the noise of one sample matters less."""
-    speed = bench.motions[j].speed
-    padded = np.pad(speed, 2, mode="edge")
-    return np.convolve(padded, np.full(5, 0.2), mode="valid")

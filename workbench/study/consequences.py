@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -27,11 +27,12 @@ from workbench.effects import effects_for, sizes_of
 from workbench.effects import find as find_effect
 from workbench.machines import HOIST, LOOPED, Axis, Hoist, Kind, kind_of, looped
 from workbench.metrics import Metric, find, set_of
-from workbench.references import LimitPair, Limits, Step, allowed_carriage_speed_m_s, motion_time_s
+from workbench.references import LimitPair, Limits, Step, motion_time_s
 from workbench.study.conclude import NO_CHANGE
 from workbench.study.grid import RunSpec
 from workbench.study.labels import listed
 from workbench.study.load import Study, changed, plan_study
+from workbench.study.rows import Row
 from workbench.study.run import run_specs
 from workbench.study.scenario import Scenario
 
@@ -137,34 +138,16 @@ def study_of(study: Study) -> SmallStudy:
 
 
 @dataclass(frozen=True)
-class RunFigures:
-    """One run, metrics as in the index of a study: those of `metrics_for` its kind.
-
-    All NaN but the move time where the run failed; `reason` says why.
-    """
-
-    reason: str
-    values: Mapping[str, float]
-
-    def __getitem__(self, metric: str) -> float:
-        return self.values[metric]
-
-    @property
-    def ok(self) -> bool:
-        return not self.reason
-
-
-@dataclass(frozen=True)
 class Change:
     """One payload under one reference: as given, refitted without the effects, corrected without (before) and with
     (after) them, all else equal. refitted: None where there is no such machine."""
 
     payload_kg: float
     reference: str
-    given: RunFigures
-    refitted: RunFigures | None
-    before: RunFigures
-    after: RunFigures
+    given: Row
+    refitted: Row | None
+    before: Row
+    after: Row
 
     @property
     def ok(self) -> bool:
@@ -345,31 +328,34 @@ def _rows(
     study: SmallStudy, given: Hoist | Axis, refitted: Hoist | Axis | None, was: Hoist | Axis, now: Hoist | Axis
 ) -> tuple[Change, ...]:
     """One row for each case, with the runs of all machines; equal machines are run once."""
-    known: list[tuple[Hoist | Axis, list[RunFigures]]] = []
+    known: list[tuple[Hoist | Axis, list[Row]]] = []
 
-    def runs(machine: Hoist | Axis) -> list[RunFigures]:
+    def runs(machine: Hoist | Axis) -> list[Row]:
         for other, figures in known:
             if other == machine:
                 return figures
         known.append((machine, _runs(study, machine)))
         return known[-1][1]
 
-    nothing: list[RunFigures | None] = [None] * len(runs(given))
+    nothing: list[Row | None] = [None] * len(runs(given))
     of_refitted = [*runs(refitted)] if refitted is not None else nothing
     cases = [(spec.payload_kg, spec.reference) for spec in study.specs(given)]
     columns = zip(cases, runs(given), of_refitted, runs(was), runs(now), strict=True)
     return tuple(Change(*case, as_given, fitted, before, after) for case, as_given, fitted, before, after in columns)
 
 
-def _runs(study: SmallStudy, machine: Hoist | Axis) -> list[RunFigures]:
-    """The runs of a machine; if it has values that differ from run to run, such as a phase, the worst of several."""
+def _runs(study: SmallStudy, machine: Hoist | Axis) -> list[Row]:
+    """The runs of a machine; if it has values that differ from run to run, such as a phase, the worst of several.
+
+    A failed run has no figure but its move time.
+    """
     # Machine by machine: as many runs at a time, so that one compiled kernel serves all.
     rows = [[row for row, _ in run_specs(study.specs(at_phase))] for at_phase in _at_phases(machine)]
     names, figures = metrics_for(study.kind), []
     for alike in zip(*rows, strict=True):
-        reason = next((row.reason for row in alike if not row.ok), "")
-        worst = {name: find(name).worst([row[name] for row in alike]) if not reason else math.nan for name in names}
-        figures.append(RunFigures(reason, worst | {"move_time_s": alike[0]["move_time_s"]}))
+        row = next((row for row in alike if not row.ok), alike[0])
+        worst = {name: find(name).worst([row[name] for row in alike]) if row.ok else None for name in names}
+        figures.append(replace(row, metrics=worst | {"move_time_s": alike[0]["move_time_s"]}))
     return figures
 
 
@@ -468,115 +454,79 @@ def small_study(
 ) -> SmallStudy:
     """From a campaign's runs: payloads (lightest, middle, heaviest), fastest speed and acceleration, travel.
 
-    Speed and acceleration of the carriage are the largest means over a quarter of a second; the jerk limit
-    builds the acceleration up in two thirds of a ramp. Without runs that move: nine tenths of nominal speed,
-    ramps of 1.2 s, five seconds' way from the lower part of the rail, payloads of none, half and one carriage
-    mass. The controller is the rule's for 2.5 Hz where none is given. Of an axis see `_axis_study`.
-    """
-    if kind_of(machine).looped.position_loop:
-        return _axis_study(cast(Axis, machine), runs, controller)
-    machine = cast(Hoist, machine)
-    nominal = allowed_carriage_speed_m_s(
-        machine.motor.nominal_speed_rad_s, machine.gearbox.ratio, machine.winch.drum_diameter_m
-    )
-    low, high = machine.rail.lowest_position_m, machine.highest_position_m
-    bottom, top = low + END_OF_RAIL * (high - low), high - END_OF_RAIL * (high - low)
-    motions = [motion for run in runs if (motion := _motion(machine, run)) and motion[0] > LEAST_SPEED * nominal]
-    if motions:
-        speed = min(max(motion[0] for motion in motions), 0.99 * nominal)
-        acceleration = min(max(motion[1] for motion in motions), speed / 0.2)
-        start = max(min(motion[2] for motion in motions), bottom)
-        end = min(max(motion[3] for motion in motions), top)
-    else:
-        speed, acceleration = 0.9 * nominal, 0.9 * nominal / 1.2
-        start = low + 0.25 * (high - low)
-        end = start + min(0.5 * (high - low), 5.0 * speed)
-    if end - start < 0.02 * (top - bottom):  # as far as nothing, or a height that is not this rail's
-        start, end = bottom, 0.5 * (bottom + top)
-    speed, acceleration = _digits(speed), _digits(acceleration)
-    return SmallStudy(
-        payloads_kg=_payloads(machine, runs) if payloads_kg is None else tuple(sorted(set(payloads_kg))),
-        start_position_m=_digits(start),
-        travel_m=_digits(min(end - start, LONGEST_S * speed)),
-        limits=Limits(speed, acceleration, _digits(1.5 * acceleration**2 / speed)),
-        controller=usual_controller(machine) if controller is None else controller,
-        from_runs=bool(motions),
-        controller_given=controller is not None,
-    )
-
-
-def _axis_study(machine: Axis, runs: Sequence[Run], controller: Settings | None) -> SmallStudy:
-    """From a campaign's runs: fastest speed and acceleration as means over AXIS_WINDOW_S, from lowest to highest place.
-
-    Without runs that move: nine tenths of the speed scale, ramps of 0.2 s, three ramps' way from 0. Limits keep
-    to the drive's top speed, and ramps to half of its force limit beside friction and load.
+    Speed and acceleration are the largest means over a quarter of a second (of an axis 50 ms); the jerk limit builds
+    the acceleration up in two thirds of a ramp. Without runs that move: nine tenths of nominal speed and ramps of 1.2 s
+    (0.2 s), five seconds' way from the lower part of the rail (three ramps' way from 0), payloads of none, half and one
+    carriage mass. An axis' ramps keep to half of its force limit beside friction and load. The controller is the rule's
+    where none is given.
     """
     kind = kind_of(machine)
-    loop = kind.looped
-    scale = min(loop.top_speed(machine).speed, loop.speed_scale(machine))
-    motions = [motion for run in runs if (motion := _axis_motion(machine, run)) and motion[0] > 0.0]
+    loop, axis = kind.looped, kind.looped.position_loop
+    top = loop.top_speed(machine).speed
+    motions = [motion for run in runs if (motion := _motion(machine, run)) is not None]
+    motions = [motion for motion in motions if motion[0] > (0.0 if axis else LEAST_SPEED * top)]
+    shortest, usual = (0.02, 0.2) if axis else (0.2, 1.2)  # s of a ramp
     if motions:
-        speed = min(max(motion[0] for motion in motions), 0.99 * loop.top_speed(machine).speed)
-        acceleration = min(max(motion[1] for motion in motions), speed / 0.02)
+        speed = min(max(motion[0] for motion in motions), 0.99 * top)
+        acceleration = min(max(motion[1] for motion in motions), speed / shortest)
         start, end = min(motion[2] for motion in motions), max(motion[3] for motion in motions)
     else:
-        speed, acceleration = 0.9 * scale, 0.9 * scale / 0.2
+        speed = 0.9 * (min(top, loop.speed_scale(machine)) if axis else top)
+        acceleration = speed / usual
         start, end = 0.0, 0.6 * speed
-    steady = max(machine.role("coulomb_forward"), machine.role("coulomb_backward")) + machine.role("viscous") * speed
-    steady += abs(machine.role("gravity_constant")) + abs(machine.role("gravity_sine"))
-    room = 0.5 * (loop.input_limit(machine) - steady)
-    if 0.0 < room < math.inf:
-        acceleration = min(acceleration, room / loop.total_inertia(machine, 0.0))
+    if isinstance(machine, Hoist):
+        low, high = machine.rail.lowest_position_m, machine.highest_position_m
+        bottom, ceiling = low + END_OF_RAIL * (high - low), high - END_OF_RAIL * (high - low)
+        if not motions:
+            start = low + 0.25 * (high - low)
+            end = start + min(0.5 * (high - low), 5.0 * speed)
+        start, end = max(start, bottom) if motions else start, min(end, ceiling) if motions else end
+        if end - start < 0.02 * (ceiling - bottom):  # as far as nothing, or a height that is not this rail's
+            start, end = bottom, 0.5 * (bottom + ceiling)
+    else:
+        steady = max(machine.role("coulomb_forward"), machine.role("coulomb_backward"))
+        steady += machine.role("viscous") * speed
+        steady += abs(machine.role("gravity_constant")) + abs(machine.role("gravity_sine"))
+        room = 0.5 * (loop.input_limit(machine) - steady)
+        if 0.0 < room < math.inf:
+            acceleration = min(acceleration, room / loop.total_inertia(machine, 0.0))
     speed, acceleration = _digits(speed), _digits(acceleration)
+    loads = _payloads(machine, runs) if isinstance(machine, Hoist) else (0.0,)
+    usual_one = usual_controller(machine) if isinstance(machine, Hoist) else usual_settings(machine)[0]
     return SmallStudy(
-        payloads_kg=(0.0,),
+        payloads_kg=loads if payloads_kg is None or axis else tuple(sorted(set(payloads_kg))),
         start_position_m=_digits(start),
         travel_m=_digits(min(max(end - start, 1e-6), LONGEST_S * speed)),
         limits=Limits(speed, acceleration, _digits(1.5 * acceleration**2 / speed)),
-        controller=usual_settings(machine)[0] if controller is None else controller,
+        controller=usual_one if controller is None else controller,
         from_runs=bool(motions),
         controller_given=controller is not None,
         kind=kind,
     )
 
 
-def _axis_motion(machine: Axis, run: Run) -> tuple[float, float, float, float] | None:
-    """(fastest speed, largest acceleration, lowest and highest place) of an axis' run, m or rad and seconds."""
-    t = run.time_s
-    if len(t) < 3:
-        return None
-    if machine.position_signal in run:
-        place = run[machine.position_signal]
+def _motion(machine: Hoist | Axis, run: Run) -> tuple[float, float, float, float] | None:
+    """(fastest speed, largest acceleration, lowest and highest place) of a run, m or rad and seconds; the first two as
+    means over a window. None of a run that is too short or has no speed."""
+    if isinstance(machine, Hoist):
+        speed, place, per, window = "speed_motor_rad_s", "position_carriage_m", machine.lift_m_per_rad, WINDOW_S
     else:
-        v = run[machine.speed_signal]
-        place = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
-    return _fastest(run, place, AXIS_WINDOW_S)
-
-
-def _fastest(run: Run, way: Array, window_s: float) -> tuple[float, float, float, float] | None:
-    """Speed and acceleration as means over a window; the lowest and the highest place. None of too short a run."""
-    t = run.time_s
-    window = max(window_s, 4.0 * run.sample_time_s)
-    if run.duration_s < 3.0 * window:
+        speed, place, per, window = machine.speed_signal, machine.position_signal, 1.0, AXIS_WINDOW_S
+    t, window = run.time_s, max(window, 4.0 * run.sample_time_s)
+    logged = not isinstance(machine, Hoist) and place in run
+    if len(t) < 3 or run.duration_s < 3.0 * window or not (logged or speed in run):
         return None
+    if logged:
+        way = run[place]
+    else:
+        v = run[speed] * per
+        way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    here = run.signals.get(place, run.start_position_m + way) if isinstance(machine, Hoist) else way
     at = np.arange(t[0], t[-1] - 2.0 * window, 0.2 * window)
     marks = [np.interp(at + k * window, t, way) for k in range(3)]
     first, second = ((marks[k + 1] - marks[k]) / window for k in range(2))
     fastest = max(_largest(first), _largest(second))
-    return fastest, _largest((second - first) / window), float(np.min(way)), float(np.max(way))
-
-
-def _motion(machine: Hoist, run: Run) -> tuple[float, float, float, float] | None:
-    """(fastest speed m/s, largest acceleration m/s², lowest and highest carriage height m) of a run."""
-    if "speed_motor_rad_s" not in run or len(run.time_s) < 3:
-        return None
-    t, v = run.time_s, run["speed_motor_rad_s"] * machine.lift_m_per_rad
-    way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
-    motion = _fastest(run, way, WINDOW_S)
-    if motion is None:
-        return None
-    height = run.signals.get("position_carriage_m", run.start_position_m + way)
-    return motion[0], motion[1], float(np.min(height)), float(np.max(height))
+    return fastest, _largest((second - first) / window), float(np.min(here)), float(np.max(here))
 
 
 def _largest(values: Array) -> float:
@@ -819,8 +769,8 @@ def as_json(c: Consequences) -> dict[str, Any]:
         said = {name: value for name, value in record.items() if name != "payload_kg"}
         return {f"position_{kind.moved.unit}" if name == "height_m" else name: value for name, value in said.items()}
 
-    def run(figures: RunFigures | None) -> dict[str, Any] | None:
-        return None if figures is None else {"reason": figures.reason, **figures.values}
+    def run(row: Row | None) -> dict[str, Any] | None:
+        return None if row is None else {"reason": row.reason, **{name: row.get(name) for name in metrics_for(kind)}}
 
     def gains(own: Gains) -> dict[str, Any]:
         return {**dict(zip(own.names, (own.kp, own.ki), strict=True)), "reason": own.reason}

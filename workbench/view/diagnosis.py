@@ -18,7 +18,7 @@ from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS
-from workbench.diagnose.unexplained.words import OVER, over_what
+from workbench.diagnose.unknown import OVER, over_what
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
 from workbench.machines import kind_of, plant_of, save_machine
@@ -583,7 +583,7 @@ def _unknown(d: Diagnosis) -> Section:
     if d.unknown is not None and d.unknown.curves:
         ports = kind_of(d.campaign.machine).ports
         units = [ports[curve.acts_on].unit for curve in d.unknown.curves]  # N at the guide and on a linear axis
-        figure = draw.curves(d.unknown.curves, direction_names(d.campaign.machine), OVER, units)
+        figure = draw.curves(d.unknown.curves, direction_names(d.campaign.machine), OVER, units, d.unknown.law_levels)
         note = "A level for each direction, with a band of two standard errors; positive opposes the motion."
         drawn = [(figure, note)]
     return Section("What is known of the unknown cause", unknown_sentences(d), (), (), drawn)
@@ -653,6 +653,9 @@ def write_diagnosis(run: Callable[[], Diagnosis], folder: Path, say: Callable[[s
             say(STAGES[Stage.WRITE])
         write_json(hidden / "diagnosis.json", to_json(diagnosis))
         save_machine(diagnosis.corrected, hidden / "machine.yaml")
+        if diagnosis.unknown is not None and diagnosis.unknown.law is not None:
+            (hidden / "law.py").write_text(diagnosis.unknown.law.source, encoding="utf-8")
+            (hidden / "machine_law.yaml").write_text(diagnosis.unknown.law.machine, encoding="utf-8")
         save_diagnosis_page(diagnosis, hidden / "diagnose.html")
     return diagnosis
 

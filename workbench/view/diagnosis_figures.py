@@ -13,7 +13,7 @@ from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.location.profiles import Profile
 from workbench.diagnose.residual_tests import ResidualTest
-from workbench.diagnose.unexplained.records import Curve
+from workbench.diagnose.tables import Curve
 from workbench.machines import plant_of
 from workbench.view.panels import ranges_below_names
 from workbench.view.replay import run_grid, runs_figure, stretches, torque_residual
@@ -276,9 +276,15 @@ def _scales(
 
 
 def curves(
-    shown: Sequence[Curve], ways: tuple[str, str], words: Mapping[str, tuple[str, str]], units: Sequence[str]
+    shown: Sequence[Curve],
+    ways: tuple[str, str],
+    words: Mapping[str, tuple[str, str]],
+    units: Sequence[str],
+    law: Array | None = None,
 ) -> Figure:
     """A panel a curve: the unknown cause's force against the motion, both ways, with a band of two standard errors.
+
+    law: (2 points,) a law in a formula over the first curve's points, forward, then backward.
 
     words: variable -> (what it is called, its unit). units: of each curve's force (N) or torque (N m).
     """
@@ -291,6 +297,10 @@ def curves(
         for way, (values, error) in enumerate(both):
             data.append(_band(curve.at, values, 2.0 * error, way, number))
             data.append(_line(curve.at, values, ways[way], way, of, number, number == 1))
+        if law is not None and number == 1:
+            for way, values in enumerate(np.split(law, 2)):
+                said = _line(curve.at, values, f"law, {ways[way]}", way, of, number, True)
+                data.append(said | {"mode": "lines", "line": said["line"] | {"dash": "dot", "width": 3}})
         _panel(layout, number, box, f"{name} ({unit})" if unit else name)
         layout[f"yaxis{number}"]["title"] = {
             "text": f"{'force' if of == 'N' else 'torque'} at the {curve.acts_on} ({of})"

@@ -25,6 +25,7 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
 
 def _answer(d: Diagnosis) -> dict[str, Any]:
     v, g, where, w = d.verdict, d.gap, d.where, words_of(d.campaign.machine)
+    law = None if d.unknown is None else d.unknown.law
     exact = probabilities([row.probability for row in v.ranking])
     said = {
         "format": 1,
@@ -67,6 +68,15 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
             "validated": list(map(vars, d.delivered.validated)),
         },
         "steps": list(map(vars, v.steps)),
+        "law": law
+        and {
+            "equation": law.equation,
+            "acts_on": law.acts_on,
+            "unit": law.unit,
+            "values": {name: {"value": a, "std_error": error, "unit": unit} for name, a, error, unit in law.values},
+            **_of(law, "before after explains rms"),
+        },
+        "unlisted": {} if d.unknown is None else d.unknown.effects,
     }
     # Times of windows have their own rounding: milliseconds.
     return plain(said, DIGITS) | {"where": _kept_times(plain(said["where"], DIGITS), said["where"])}

@@ -99,7 +99,8 @@ def mapping_table(proposed: Proposed) -> Table:
         remark = ""
         if p.guessed_unit:
             said = f"its unit '{p.unit}' is not known" if p.unit else "its unit is not said"
-            remark = f"{said}: taken as SI; name the unit in the mapping, or a scale"
+            taken = f"by its size {p.by_size}" if p.by_size else "taken as SI"
+            remark = f"{said}: {taken}; name the unit in the mapping, or a scale"
         if p.others:
             remark = "; ".join(part for part in (remark, f"also fits: {', '.join(p.others)}") if part)
         rows.append([p.signal, p.column, p.unit or "–", f"{p.factor:.6g}", remark])

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.analysis.family import Member, Weakest, weakest
+from workbench.analysis.loop import StepResponse, load_step, position_answer, step_response
 from workbench.analysis.margins import Margins
-from workbench.analysis.step import StepResponse, load_step, position_answer, step_response
 from workbench.control import Cascade
 from workbench.core.json_records import rounded
 from workbench.core.names import powers

@@ -16,7 +16,7 @@ from workbench.core import shown as core_shown
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.table import Column, Table, words
-from workbench.machines import kind_of
+from workbench.machines import AnyKind, kind_of
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.conclude import (
     QUANTILES,
@@ -39,6 +39,7 @@ from workbench.study.scenario import Scenario
 from workbench.study.store import Finished
 from workbench.view.page import Section, save_page
 from workbench.view.study_figures import (
+    QUANTITIES,
     axis_overview,
     changing,
     curves_over_time,
@@ -465,13 +466,13 @@ def _curves(result: Result) -> list[Noted]:
     figures = [(start_figure(result), what)]
     if kind_of(result.machine).looped.position_loop:
         return [*figures, (runs_figure(result), what)]
-    motor, limit = result.machine.motor, peak_limit(result.machine)
-    plane = torque_speed_plane(
-        runs, motor.nominal_torque_nm, limit, motor.nominal_speed_rad_s, result.machine.drive.field_weakening
-    )
     shaded = "Where a fall of wire is slack the panel of its tension is shaded."
     within = "Within the continuous line for as long as one likes, up to the peak line for a while."
-    return [*figures, (runs_figure(result), f"{what} {shaded}".strip()), (plane, f"{what} {within}".strip())]
+    return [
+        *figures,
+        (runs_figure(result), f"{what} {shaded}".strip()),
+        (plane(runs, result.machine), f"{what} {within}".strip()),
+    ]
 
 
 def runs_figure(result: Result) -> Figure:
@@ -485,14 +486,32 @@ def start_figure(result: Result) -> Figure:
 
 
 def _over_time(result: Result, title: str, window_s: tuple[float, float] | None) -> Figure:
-    runs, machine = chosen_runs(result)[0], result.machine
+    runs = chosen_runs(result)[0]
     if not runs:
         raise InputError("there is nothing to draw: it takes a run that ends and keeps its signals")
+    return over_time(runs, result.machine, title, window_s, QUANTITIES[: 3 if window_s else 4])
+
+
+def over_time(
+    runs: Sequence[tuple[str, Run]],
+    machine: AnyKind,
+    title: str = "",
+    window_s: tuple[float, float] | None = None,
+    quantities: Sequence[str] = QUANTITIES,
+    height: int = 780,
+) -> Figure:
+    """Named runs over time, against the limits of a machine. quantities: of a hoist."""
     kind, limit = kind_of(machine), peak_limit(machine)
     if kind.looped.position_loop:
-        return axis_overview(runs, kind, limit, machine.drive.nominal, title, window_s)
-    shown_rows = ("speed", "error", "torque", *(() if window_s else ("tension",)))
-    return overview(runs, machine.motor.nominal_torque_nm, limit, title, window_s, shown_rows)
+        return axis_overview(runs, kind, limit, machine.drive.nominal, title, window_s, height)
+    return overview(runs, machine.motor.nominal_torque_nm, limit, title, window_s, quantities, height)
+
+
+def plane(runs: Sequence[tuple[str, Run]], machine: AnyKind, height: int = 560) -> Figure:
+    """Torque over speed of one motor of a hoist, in its envelopes."""
+    motor, drive = machine.motor, machine.drive
+    return torque_speed_plane(runs, motor.nominal_torque_nm, peak_limit(machine), motor.nominal_speed_rad_s,
+                              drive.field_weakening, height)  # fmt: skip
 
 
 def start_of_move(result: Result) -> tuple[float, float]:

@@ -22,6 +22,7 @@ from workbench.study.loop_design import DesignCase, Tuning
 from workbench.view import loop
 from workbench.view.loop import drive_sentence, effect_sentences, event_words, least_sentence, load_sentence
 from workbench.view.numbers import figures
+from workbench.view.words import listed
 
 COLUMNS = (
     words("what"), Column("kp"), Column("ki"), Column("weight"), Column("tracking", "%"), Column("peak", "%"),
@@ -92,6 +93,8 @@ def sentences(case: DesignCase, tuned: Tuned, weights: Weights) -> list[str]:
         f"{asked}, at {n} {points}. {drive} "
         f"The widest bandwidth that this allows is {rounded_down(tuned.attainable_hz)} Hz.",
         _objective(tuned, weights),
+        _active(tuned),
+        *_compared(tuned),
         f"Chosen of {len(tuned.tried)} candidates: against the shaped gains tracking error "
         f"{_change(start.score.tracking_percent, win.score.tracking_percent)}, {kind.drive.quantity} peak "
         f"{_change(start.score.peak_percent, win.score.peak_percent)}.",
@@ -123,6 +126,44 @@ def _objective(tuned: Tuned, weights: Weights) -> str:
         f"{1.0 - GIVEN_AWAY:.0%} of it, down to {figures(GIVEN_AWAY * ki, 4)}, for the rest of the sum; the winner has "
         f"{figures(chosen, 4)}, so the error after a load step integrates to {ki / chosen:.2f} times the least."
     )
+
+
+def _active(tuned: Tuned) -> str:
+    """Which of the limits the winner is at, within 1 %."""
+    win, goal, worst = tuned.winner, tuned.goal, weakest(tuned.members).margins
+    limits = {f"Ms {worst.ms:.3f} of {goal.ms_limit:g}": worst.ms > 0.99 * goal.ms_limit}
+    if goal.bandwidth_hz is None:
+        floor = GIVEN_AWAY * tuned.shaped.settings.ki
+        limits[f"ki at {GIVEN_AWAY:.0%} of the largest"] = win.settings.ki < 1.01 * floor
+    else:
+        limits[f"Mt {worst.mt:.3f} of {goal.ms_limit:g}"] = worst.mt > 0.99 * goal.ms_limit
+        limits["the bandwidth asked for"] = win.bandwidth_hz < 1.01 * goal.bandwidth_hz
+        limits[f"{WIDER - 1.0:.0%} above it"] = win.bandwidth_hz > 0.99 * WIDER * goal.bandwidth_hz
+    active = [name for name, there in limits.items() if there]
+    return f"Active limits: {listed(active)}." if active else "No limit is active: the sum itself has its least there."
+
+
+def _compared(tuned: Tuned) -> list[str]:
+    """What was also tuned: the choice, beside the loop without it."""
+    lines = []
+    if (rows := getattr(tuned.winner.settings, "gain_schedule", None)) is not None:
+        gains = ", ".join(f"{g.payload_kg:g} kg: kp {figures(g.kp_nm_s_per_rad, 4)}, ki {figures(g.ki_nm_per_rad, 4)}"
+                          for g in rows)  # fmt: skip
+        lines.append(f"Gains by payload: {gains}.")
+    for term, best, what in (("notch", max, "largest ki"), ("shaper", min, "cost of the winner")):
+        results = {one.value: one.result for one in tuned.compared if one.term == term}
+        if not results:
+            continue
+        value = best(results, key=lambda one: results[one])
+        others = f"of {len(results)} tried, {what} {figures(results[value], 4)}"
+        if value is None:
+            lines.append(f"No {term} is better than none: {others}.")
+        else:
+            without = f", without {figures(results[None], 4)}" if None in results else ""
+            own = ", ".join(f"{name} {x if isinstance(x, str) else f'{x:g}'}" for name, x in value.model_dump().items())
+            later = "; each move takes up to a swing longer" if term == "shaper" else ""
+            lines.append(f"{term.capitalize()}: {own}; {others}{without}{later}.")
+    return lines
 
 
 def warning(machine: Hoist | Axis) -> str | None:

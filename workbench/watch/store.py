@@ -25,7 +25,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from workbench.core.errors import InputError
-from workbench.core.input_file import open_input
+from workbench.core.input_file import open_input, readable_file
 from workbench.machines import Axis, Hoist
 from workbench.watch.estimate import Estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Judged, Rules
@@ -150,6 +150,8 @@ class Store:
             raise
 
     def _open(self) -> None:
+        if self._now.exists():
+            readable_file(self._now, "table")
         with self._sound():
             self._db = sqlite3.connect(self._now, isolation_level=None, timeout=5.0, check_same_thread=False)
             self._db.execute("PRAGMA journal_mode=WAL")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,16 +13,15 @@ import streamlit as st
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import Document, dumps, load
 from workbench.dashboard import session
-from workbench.dashboard.job_cards import cards
-from workbench.dashboard.jobs import INPUTS, Job, jobs_of, poll, result_folder, start
-from workbench.dashboard.machines import chosen_machine
-from workbench.dashboard.widgets import Number, chart, numbers, plain, problem, table
-from workbench.dashboard.work import CSV, REPORT
+from workbench.dashboard.chosen import chosen_machine
+from workbench.dashboard.desk import shipped_scenarios
+from workbench.dashboard.jobs import INPUTS, Job, Teller, cards, jobs_of, poll, result_folder, start
+from workbench.dashboard.widgets import Number, chart, held, numbers, plain, points, problem, table
 from workbench.machines import save_machine
 from workbench.study.labels import run_in_words, swept_axes
 from workbench.study.load import Study, load_study, read_standalone
 from workbench.study.rows import INDEX, Row, metrics_of, read_table, rows_of
-from workbench.study.store import Finished, read_finished
+from workbench.study.store import Finished, Progress, place_for, read_finished, run_batch
 from workbench.view.style import label
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ MOST_RUNS = 100_000
 MOST_RUNS_WITH_SIGNALS = 1_000  # some hundred kilobytes each
 MOST_LINES = 1_000  # of the index, on the page
 SCENARIO, MACHINE, ON_MACHINE = "scenario.yaml", "machine.yaml", "on_machine.yaml"
+CSV, REPORT = "index.csv", "report.html"
 
 
 @dataclass(frozen=True)
@@ -71,12 +72,30 @@ def show() -> None:
             problem(error)
 
 
-def shipped() -> dict[str, Path]:
-    """The scenarios that come with the program, or lie in the folder where it was started, by name."""
-    for folder in (Path(__file__).resolve().parents[3] / "scenarios", Path.cwd() / "scenarios"):
-        if files := {file.stem: file for file in sorted(folder.glob("*.yaml"))}:
-            return files
-    return {}
+def work(out: Path, tell: Teller, scenario: str) -> None:
+    """In the worker: runs the scenario of that file; beside the result its index as CSV and its report come to lie.
+
+    Goes on where an earlier call was stopped. InputError for a scenario that cannot be run.
+    """
+    from pyarrow.csv import write_csv
+
+    from workbench.view.study import write_study_report
+
+    begun = time.monotonic()
+
+    def told(progress: Progress) -> None:
+        seconds, made = time.monotonic() - begun, progress.done - progress.kept
+        tell("runs", progress.done, progress.runs, progress.failed, made / seconds if seconds > 0.1 else 0.0)
+
+    study = load_study(scenario)
+    place = place_for(study, out)
+    if not place.finished:
+        run_batch(study, place, tell=told)
+    failed = read_finished(out).manifest["runs"]["failed"]
+    tell("writing the report", 0, 1, failed)
+    write_csv(read_table(out / INDEX), out.parent / CSV)
+    write_study_report(read_finished(out), out.parent / REPORT)
+    tell("runs", len(study.specs), len(study.specs), failed)
 
 
 def _new() -> None:
@@ -98,17 +117,17 @@ def _new() -> None:
         st.code(choice.file.read_text(encoding="utf-8"), language="yaml")
     if st.button("Start", key="batches start", type="primary", icon=":material/play_arrow:"):
         file = f"{INPUTS}/{choice.file.name}" if choice.file.name in choice.inputs else str(choice.file)
-        call, folder = "workbench.dashboard.work:batch", session.new_work_folder()
-        job = start(KIND, call, {"scenario": file}, folder, study.scenario.name, choice.inputs)
+        folder = session.new_work_folder()
+        job = start(KIND, f"{__name__}:work", {"scenario": file}, folder, study.scenario.name, choice.inputs)
         session.put(OPEN, job.id)
         st.rerun()
 
 
 def _chosen() -> Choice | None:
     """The study that the controls name; None as long as a file is to be uploaded. InputError for a bad one."""
-    ships = shipped()
+    ships = shipped_scenarios()
     usual = "payloads" if "payloads" in ships else next(iter([*ships, UPLOAD]))
-    name = st.selectbox("Scenario", [*ships, UPLOAD], key=session.held("batches scenario", usual))
+    name = st.selectbox("Scenario", [*ships, UPLOAD], key=held("batches scenario", usual))
     inputs: dict[str, Path] = {}
     file = ships.get(name)
     if file is None:
@@ -123,8 +142,8 @@ def _chosen() -> Choice | None:
         read_standalone(document, machine, known)  # what other files it names are not sought among the server's
         inputs |= extended(document, known)
     if machine is not None:
-        save_machine(machine, inputs.setdefault(MACHINE, session.file_in_workspace(MACHINE)))
-        over = session.file_in_workspace(ON_MACHINE)
+        save_machine(machine, inputs.setdefault(MACHINE, session.workspace() / MACHINE))
+        over = session.workspace() / ON_MACHINE
         # Beside its copy where the scenario is uploaded, in its own place where it ships.
         base = SCENARIO if name == UPLOAD else str(file)
         over.write_text(dumps({"extends": base, "machine": MACHINE}), encoding="utf-8")
@@ -142,7 +161,7 @@ def extended(document: Document, known: Mapping[str, Path]) -> dict[str, Path]:
     """Copies in the session's folder, beside the upload, of the scenarios that ship and that a document extends."""
     copies: dict[str, Path] = {}
     while isinstance(document.data, dict) and (name := str(document.data.get("extends", "")).rpartition("/")[2]):
-        copies[name] = session.file_in_workspace(name)
+        copies[name] = session.workspace() / known[name].name
         copies[name].write_bytes(known[name].read_bytes())
         document = load(copies[name])
     return copies
@@ -173,19 +192,27 @@ def _results(job: Job) -> None:
     count = len(result.rows)
     st.subheader(f"{result.name} · {count:,} run{'s' if count != 1 else ''}")
     _numbers(result)
-    _downloads(job, folder, result.name)
-    said, drawn, runs, how = st.tabs(["Conclusions", "Figures", "Runs", "What was run"])
-    with said:
+    with st.container(horizontal=True):
+        for words, path, ending, kind in (
+            ("Report", job.file(REPORT), "html", "text/html"),
+            ("Index (CSV)", job.file(CSV), "csv", "text/csv"),
+            ("Index (Parquet)", folder / INDEX, "parquet", "application/vnd.apache.parquet"),
+            ("Scenario", folder / SCENARIO, "yaml", "application/yaml"),
+        ):
+            st.download_button(words, path.read_bytes, f"{result.name}.{ending}", kind, on_click="ignore",
+                               key=f"batches download {words}", icon=":material/download:")  # fmt: skip
+    told, drawn, runs, how = st.tabs(["Conclusions", "Figures", "Runs", "What was run"])
+    with told:
         if description := str(result.scenario.get("description") or ""):
             st.markdown(plain(description))
-        st.markdown("\n".join(f"- {plain(sentence)}" for sentence in conclusions(result)))
+        points(conclusions(result))
     with drawn:
         _figures(job, figures)
     with runs:
         _runs(folder, count)
     with how:
         table(what_was_run(result))
-        st.code((folder / "scenario.yaml").read_text(encoding="utf-8"), language="yaml")
+        st.code((folder / SCENARIO).read_text(encoding="utf-8"), language="yaml")
 
 
 def _numbers(result: Finished) -> None:
@@ -195,48 +222,27 @@ def _numbers(result: Finished) -> None:
         return
     axes, judged = swept_axes(good), metrics_of(good)
     tracking = next((m for name, m in judged.by_name.items() if name.startswith("tracking_error_max")), None)
-    ends: list[tuple[str, Row, str, float, str]]
     if tracking is None:
-        ends = [
-            ("Largest torque peak", _most(good, "peak_torque_percent"), "peak_torque_percent", 1.0, "%"),
-            ("Largest speed error", _most(good, "speed_error_max_rad_s"), "speed_error_max_rad_s", 1.0, "rad/s"),
-            ("Least wire tension", _least(good, "min_wire_tension_n"), "min_wire_tension_n", 1e-3, "kN"),
+        wanted = [
+            ("Largest torque peak", max, "peak_torque_percent", 1.0, "%"),
+            ("Largest speed error", max, "speed_error_max_rad_s", 1.0, "rad/s"),
+            ("Least wire tension", min, "min_wire_tension_n", 1e-3, "kN"),
         ]
     else:
-        ends = [
-            (f"Largest {judged.input_words} peak", _most(good, judged.peak), judged.peak, 1.0, judged.input_unit),
-            (tracking.title, _most(good, tracking.name), tracking.name, tracking.scale, tracking.shown_unit),
+        wanted = [
+            (f"Largest {judged.input_words} peak", max, judged.peak, 1.0, judged.input_unit),
+            (tracking.title, max, tracking.name, tracking.scale, tracking.shown_unit),
         ]
-    ends.append(("Shortest move time", _least(good, "move_time_s"), "move_time_s", 1.0, "s"))
-    help_ = {"%": "% of nominal torque"}
-    numbers([Number(what, scale * row[name], unit, help=help_.get(unit)) for what, row, name, scale, unit in ends])
-    runs = {what: run_in_words(row, axes) for what, row, *_ in ends}
+    ends: list[tuple[str, Row, float, str]] = []
+    for what, end, name, scale, unit in [*wanted, ("Shortest move time", min, "move_time_s", 1.0, "s")]:
+        row = end(good, key=lambda row: row[name])
+        ends.append((what, row, scale * row[name], unit))
+    numbers([Number(what, value, unit, help="% of nominal torque" if unit == "%" else None)
+             for what, _, value, unit in ends])  # fmt: skip
+    runs = {what: run_in_words(row, axes) for what, row, _, _ in ends}
     sentence = "; ".join(f"{what.lower()} in {run}" for what, run in runs.items())
     said = f"{sentence[0].upper()}{sentence[1:]}." if len(set(runs.values())) > 1 else f"All in {runs[ends[0][0]]}."
     st.caption(plain(said))
-
-
-def _most(rows: Sequence[Row], name: str) -> Row:
-    return max(rows, key=lambda row: row[name])
-
-
-def _least(rows: Sequence[Row], name: str) -> Row:
-    return min(rows, key=lambda row: row[name])
-
-
-def _downloads(job: Job, folder: Path, name: str) -> None:
-    files = [
-        ("Report", job.file(REPORT), f"{name}.html", "text/html"),
-        ("Index (CSV)", job.file(CSV), f"{name}.csv", "text/csv"),
-        ("Index (Parquet)", folder / INDEX, f"{name}.parquet", "application/vnd.apache.parquet"),
-        ("Scenario", folder / "scenario.yaml", f"{name}.yaml", "application/yaml"),
-    ]
-    with st.container(horizontal=True):
-        for words, path, called, kind in files:
-            st.download_button(
-                words, path.read_bytes, called, kind, key=f"batches download {words}", icon=":material/download:",
-                on_click="ignore",
-            )  # fmt: skip
 
 
 def _figures(job: Job, figures: Sequence[Noted]) -> None:

@@ -3,33 +3,76 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import streamlit as st
 
 from workbench.core.errors import InputError
-from workbench.core.table import Column, Table, words
+from workbench.core.names import powers
+from workbench.core.table import Column, Table
+from workbench.core.table import words as head
 from workbench.dashboard import session
-from workbench.dashboard.campaigns import campaign_or_none, is_own, last_name, offered, prefer, uploaded
-from workbench.dashboard.job_cards import cards
-from workbench.dashboard.jobs import INPUTS, Job, jobs_of, poll, result_folder, start
-from workbench.dashboard.machines import keep_machine
-from workbench.dashboard.widgets import beside, chart, is_dark, notes, numbers, plain, problem, said, table
-from workbench.dashboard.work import VIEW, View, read_view, shown
+from workbench.dashboard.chosen import (
+    campaign_or_none,
+    choose_campaign,
+    is_own,
+    keep_machine,
+    last_name,
+    offered,
+    uploaded,
+)
+from workbench.dashboard.jobs import (
+    INPUTS,
+    VIEW,
+    Job,
+    Teller,
+    cards,
+    jobs_of,
+    poll,
+    read_view,
+    result_folder,
+    start,
+    without_folder,
+    write_view,
+)
+from workbench.dashboard.widgets import (
+    Number,
+    beside,
+    chart,
+    held,
+    is_dark,
+    notes,
+    numbers,
+    plain,
+    points,
+    problem,
+    said,
+    table,
+)
 from workbench.effects import check, effects_for
-from workbench.figures.place import for_dark_ground
-from workbench.logs import Campaign
+from workbench.logs import Campaign, read_campaign
 from workbench.machines import kind_of, load_machine, plant_of
 from workbench.view.page import Section
+from workbench.view.place import for_dark_ground
+from workbench.view.words import words_of
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+    from workbench.diagnose.diagnose import Diagnosis
 
 KIND = "gap"
 LISTED, ALL, OWN = "the listed effects", "all effects, the unlisted too", "my own choice"
-OPEN, OF, SHOWN, TAB = "gap open", "gap open of", "gap shown", "gap tab"
+SHOWN, TAB = "gap shown", "gap tab"
 STAGES = (
     "Read the logs", "Search the effects", "Weigh the verdict", "Find the place", "What can be told apart",
     "How far it shrinks", "What the study says", "Write the report",
 )  # fmt: skip
+PARTS = 800  # that a diagnosis is counted in
+NEARLY = 0.05  # of the gap: what explains so little less may explain it more plainly
 TALL = 340  # px: what the first tab has room for on a screen of 800
 BADGES = {
     "named": ":blue-badge[:material/search_check: cause named]",
@@ -54,6 +97,27 @@ TABS: dict[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
+class View:
+    """What the page shows of one diagnosis. lead: what the verdict's probability means, what is alike.
+
+    meaning: what each named effect is. numbers: those that decide. sections: the report's, by what they are about.
+    plain: the verdict in plain words. place: a drawing of the machine with the gap's place marked, SVG.
+    """
+
+    campaign: str
+    machine: str
+    verdict: str
+    sentence: str
+    lead: Sequence[str]
+    meaning: Sequence[str]
+    warnings: Sequence[str]
+    numbers: Sequence[Number]
+    sections: Mapping[str, Section]
+    plain: Sequence[str] = ()
+    place: str = ""
+
+
+@dataclass(frozen=True)
 class Asked:
     """name: what the campaign's select box calls it. candidates: None for the listed ones."""
 
@@ -66,8 +130,8 @@ class Asked:
 def show() -> None:
     """Draws the page."""
     jobs = jobs_of(session.work_folder(), KIND)
-    if jobs and jobs[0].title in offered() | uploaded():  # after a reload
-        prefer(jobs[0].title)
+    if jobs and not last_name() and jobs[0].title in offered() | uploaded():  # after a reload
+        choose_campaign(jobs[0].title)
     question: Asked | None = None
     bad: InputError | None = None
     with st.sidebar:
@@ -82,12 +146,12 @@ def show() -> None:
         return
     if wanted and question is not None:
         try:
-            _open(begin(question).id)
+            begin(question)
         except InputError as error:
             problem(error)
         jobs = jobs_of(session.work_folder(), KIND)
     with st.sidebar:
-        opened = _choice(jobs, _opened(jobs))
+        opened = _chosen(jobs)
     if opened is None:
         if question is not None:
             _before(question.campaign)
@@ -106,19 +170,19 @@ def _asked() -> Asked | None:
     if campaign is None:
         return None
     most = st.segmented_control(
-        "Missing at once, at most", [1, 2], required=True, key=session.held("gap most effects", 2),
+        "Missing at once, at most", [1, 2], required=True, key=held("gap most effects", 2),
         format_func=lambda count: f"{count} effect{'s' if count > 1 else ''}",
         help="Two at once takes longer, for pairs are weighed too.",
     )  # fmt: skip
     effects = effects_for(plant_of(campaign.machine).kind)
     listed = [name for name, effect in effects.items() if effect.listed]
     which = st.selectbox(
-        "Candidates", [LISTED, ALL, OWN], key=session.held("gap candidates", LISTED),
+        "Candidates", [LISTED, ALL, OWN], key=held("gap candidates", LISTED),
         help=f"What may be missing: {len(listed)} of the library's {len(effects)} effects are listed.",
     )  # fmt: skip
     candidates = None if which == LISTED else tuple(effects)
     if which == OWN:
-        key = session.held(f"gap own {campaign.machine.kind}", listed[:1])
+        key = held(f"gap own {campaign.machine.kind}", listed[:1])
         candidates = tuple(st.multiselect("Effects to weigh", list(effects), key=key))
     return Asked(campaign, last_name(), int(most or 2), candidates)
 
@@ -135,35 +199,19 @@ def begin(question: Asked) -> Job:
         "candidates": None if question.candidates is None else list(question.candidates),
     }
     inputs = {"campaign": campaign.path} if own else {}
-    return start(
-        KIND, "workbench.dashboard.work:diagnosis", arguments, session.new_work_folder(), question.name, inputs
-    )
+    return start(KIND, f"{__name__}:work", arguments, session.new_work_folder(), question.name, inputs)
 
 
-def _open(number: str | None) -> None:
-    session.put(OPEN, number)
-    session.put(OF, last_name())
-
-
-def _opened(jobs: Sequence[Job]) -> Job | None:
-    """The one that was opened last; the newest after a reload, and the campaign's newest once another is chosen."""
-    if OF not in st.session_state:
-        _open(jobs[0].id if jobs else None)
-    elif st.session_state[OF] != last_name():
-        _open(next((job.id for job in jobs if job.title == last_name()), None))
-    return next((job for job in jobs if job.id == st.session_state[OPEN]), None)
-
-
-def _choice(jobs: Sequence[Job], opened: Job | None) -> Job | None:
-    """A list of the diagnoses of this session, where there are several."""
-    if not jobs or (len(jobs) == 1 and opened is not None):
-        return opened
+def _chosen(jobs: Sequence[Job]) -> Job | None:
+    """The campaign's newest diagnosis, or the one that is chosen of a list, where there are several."""
+    newest = next((job.id for job in jobs if job.title == last_name()), None)
     known = {job.id: f"{job.title}, {time.strftime('%H:%M', time.localtime(job.begun_s))}" for job in jobs}
-    st.session_state[SHOWN] = None if opened is None else opened.id
-    number = st.selectbox(
-        "Diagnoses", list(known), key=SHOWN, index=None, placeholder="choose one", format_func=known.__getitem__,
-        on_change=lambda: _open(st.session_state[SHOWN]),
-    )  # fmt: skip
+    number = newest
+    if len(jobs) > 1 or (jobs and newest is None):
+        number = st.selectbox(
+            "Diagnoses", list(known), key=held(SHOWN, newest, [None, *known]), index=None, placeholder="choose one",
+            format_func=known.__getitem__,
+        )  # fmt: skip
     return next((job for job in jobs if job.id == number), None)
 
 
@@ -176,7 +224,7 @@ def _before(campaign: Campaign) -> None:
         icon=":material/troubleshoot:",
     )
     payload = kind_of(campaign.machine).payload
-    columns = [words("run"), *([Column("payload", "kg")] if payload else []), Column("length", "s"), Column("samples")]
+    columns = [head("run"), *([Column("payload", "kg")] if payload else []), Column("length", "s"), Column("samples")]
     rows = [
         [run.name, *([f"{run.payload_kg:g}"] if payload else []), f"{run.duration_s:.1f}", str(len(run.time_s))]
         for run in campaign.runs
@@ -189,7 +237,7 @@ def _results(job: Job) -> None:
     """Everything about a diagnosis that is done. InputError where its result is damaged."""
     last = session.get("gap view", tuple, ())
     if not last or last[0] != job.id:  # read once for as long as it is the one that is open
-        session.put("gap view", last := (job.id, read_view(View, job.file(VIEW))))
+        session.put("gap view", last := (job.id, read_view(View, job)))
     view: View = last[1]
     with st.sidebar:
         _take_away(job, view)
@@ -257,10 +305,10 @@ def _verdict(job: Job, view: View) -> None:
     for column, (name, section) in zip(columns, (("verdict", ranked), ("answer", answer)), strict=False):
         with column:
             _figures(job, name, section, TALL if answer.figures else None)
-    _points(view.meaning)
+    points(view.meaning)
     if ranked.points:
         st.markdown(said(ranked.sentences[-1]))
-        _points(ranked.points)
+        points(ranked.points)
     for shown_table in answer.tables:
         table(shown_table)
     with st.expander("All candidates"):
@@ -275,19 +323,16 @@ def _section(job: Job, name: str, section: Section) -> None:
     if sentences and name != "isolability":
         st.markdown(head + said(sentences[0]))
     _figures(job, name, section)
-    _points([*(sentences[1:] if name != "isolability" else []), *section.points])
+    points([*(sentences[1:] if name != "isolability" else []), *section.points])
     for shown_table in section.tables:
         table(shown_table)
 
 
-def _points(points: Sequence[str]) -> None:
-    if points:
-        st.markdown("\n".join(f"- {said(point)}" for point in points))
-
-
 def _figures(job: Job, name: str, section: Section, height: int | None = None) -> None:
+    import plotly.graph_objects as go
+
     for number, (figure, note) in enumerate(section.figures):
-        drawn = shown(figure)
+        drawn = go.Figure(figure)
         if height is not None:
             for part in (drawn.layout.title, drawn.layout.legend):  # as far from the top as before
                 if part.y is not None:
@@ -296,3 +341,105 @@ def _figures(job: Job, name: str, section: Section, height: int | None = None) -
         chart(drawn, f"gap {job.id} {name} {number}", note or None)
         if note:
             st.caption(said(note))
+
+
+# ---- in the worker's process -----------------------------------------------------------------------------------------
+
+
+def work(
+    out: Path, tell: Teller, folder: str, name: str, most_effects: int, candidates: Sequence[str] | None = None
+) -> None:
+    """In the worker: diagnoses the campaign in `folder`, called `name`. InputError for one that cannot be diagnosed."""
+    from workbench.diagnose.diagnose import diagnose
+    from workbench.diagnose.progress import Progress, Stage
+    from workbench.view.diagnosis import progress_words, write_diagnosis
+
+    def said(progress: Progress) -> None:
+        tell(progress_words(progress), round(PARTS * progress.share_done), PARTS)
+
+    def written(sentence: str) -> None:  # the last stage, which a diagnosis leaves to whoever writes it down
+        tell(sentence, round(PARTS * Progress(Stage.WRITE).share_done), PARTS)
+
+    def diagnosed() -> Diagnosis:
+        campaign = replace(read_campaign(folder, confined=True, check_effects=check), name=name)
+        return diagnose(campaign, candidates=candidates, most_effects=most_effects, tell=said)
+
+    with without_folder(folder):
+        found = write_diagnosis(diagnosed, out, written)
+    write_view(view_of(found), out.parent / VIEW)
+
+
+def view_of(d: Diagnosis) -> View:
+    """The runs are replayed for the figures."""
+    from workbench.view import diagnosis as words
+    from workbench.view.diagnosis import sections_of
+    from workbench.view.place import marked_machine
+
+    sections = sections_of(d)
+    for figure, _ in sections["verdict"].figures:  # for a place of half the page's width
+        figure.update_traces(y=[name.replace(" + ", " +<br>") for name in figure.data[0].y]).update_layout(
+            title_text="Probability"
+        )
+    return View(
+        d.campaign.name,
+        d.campaign.machine.name,
+        d.verdict.word,
+        d.verdict.sentence,
+        [sentence for sentence in (words.probability_sentence(d), words.alike_sentence(d)) if sentence],
+        words.effect_sentences(d),
+        d.warnings,
+        _numbers(d),
+        sections | {"answer": replace(sections["answer"], figures=_how_it_shows(d))},
+        words.plain_summary(d),
+        "" if d.where is None else marked_machine(d.campaign.machine, d.where.subsystem, d.shrink),
+    )
+
+
+def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
+    """The gap over the one variable that explains it best, for a place of half the page's width."""
+    from workbench.view import diagnosis_figures as diagnose_where
+    from workbench.view.words import direction_names
+
+    profiles = [] if d.where is None else [p for p in d.where.profiles if diagnose_where.worth_a_panel(p)]
+    if not profiles:
+        return []
+    most = max(profile.explains for profile in profiles)
+    # A mean shows more than a spectrum that explains hardly more.
+    best = max(
+        (profile for profile in profiles if profile.explains >= most - NEARLY),
+        key=lambda profile: (not diagnose_where.is_spectrum(profile), profile.explains),
+    )
+    machine = d.campaign.machine
+    figure = diagnose_where.profiles([best], words_of(machine).unit, direction_names(machine))
+    figure.update_traces(showlegend=False, selector={"legendgroup": "share"})
+    figure.update_layout(title_text="How the gap shows", margin_t=92).layout.annotations = ()
+    explains = round(100.0 * best.explains)
+    note = f"{best.label[0].upper()}{best.label[1:]}: explains {explains} % of the gap. Grey: the share of its energy."
+    return [(figure, note)]
+
+
+def _numbers(d: Diagnosis) -> list[Number]:
+    from workbench.view import diagnosis as words
+
+    s, w = d.shrink, words_of(d.campaign.machine)
+    corrected = d.verdict.word != "no_gap"
+    low, high = s.ci95
+    band = f"below {s.band_hz:.3g} Hz, on runs that were held out of the fit"
+    was = powers(f"; before the correction {s.before:.3g} {s.unit}") if corrected else ""
+    numbers = [
+        Number(
+            f"{w.quantity.capitalize()} residual", s.after, s.unit, s.after - s.before if corrected else None, "lower",
+            help=f"rms of measured minus predicted {w.quantity} {band}{was}",
+        ),
+        Number("Noise floor", s.noise, s.unit, help=f"rms of what a machine without a gap would leave, {band}"),
+    ]  # fmt: skip
+    if corrected:
+        said = f"of the {w.quantity} residual, held out; 95 % interval {low:.3g} to {high:.3g}"
+        numbers.append(Number("Shrinks by", s.factor, "×", help=said))
+    if s.speed_rmse_percent_after <= words.RUN_AWAY:
+        by = s.speed_rmse_percent_after - s.speed_rmse_percent_before
+        said = f"rms of the speed replayed open loop, in % of {w.scale}; adds up every bias from the first sample on"
+        numbers.append(
+            Number("Speed error", s.speed_rmse_percent_after, "%", by if corrected else None, "lower", help=said)
+        )
+    return numbers

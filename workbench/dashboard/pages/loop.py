@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import streamlit as st
 
@@ -16,9 +16,21 @@ from workbench.analysis.usual import usual_heights, usual_settings
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
 from workbench.dashboard import session
-from workbench.dashboard.machines import controller, session_machine, set_controller, taken_over
-from workbench.dashboard.pages.study_desk import Desk, with_gains
-from workbench.dashboard.widgets import Number, beside, chart, guarded, numbers, plain, problem, table
+from workbench.dashboard.chosen import session_machine
+from workbench.dashboard.desk import controller, current, set_controller, with_gains
+from workbench.dashboard.widgets import (
+    Field,
+    Number,
+    beside,
+    chart,
+    guarded,
+    held,
+    number,
+    numbers,
+    plain,
+    problem,
+    table,
+)
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.machines.files import machine_text
 from workbench.study.loop_design import MOST, DesignCase
@@ -34,19 +46,6 @@ BANDWIDTH, REJECTION = "bandwidth", "best rejection of load steps"
 TUNED = "loop tuned"
 
 
-@dataclass(frozen=True)
-class Question:
-    """What the side bar asks, beside the gains."""
-
-    machine: Hoist | Axis
-    payloads_kg: tuple[float, ...]
-    heights_m: tuple[float, ...]
-    motion: Motion
-    ms_limit: float
-    rad_s: bool
-    goal: Goal | None
-
-
 @dataclass(frozen=True, eq=False)
 class TunedCase:
     """A tuning, with the case that it was asked for and the machine's text."""
@@ -60,55 +59,50 @@ def show() -> None:
     """Draws the page."""
     bad: list[InputError] = []
     with st.sidebar:
-        asked, settings = _side_bar(bad)
-    st.markdown(f"#### {_loop_words(asked.machine)} · {plain(asked.machine.name)}")
+        case, motion, unit, ms, goal = _side_bar(bad)
+    machine = case.machine
+    kind = kind_of(machine)
+    st.markdown(f"#### {'Position and s' if kind.looped.position_loop else 'S'}peed loop · {plain(machine.name)}")
     if bad:  # after every control is drawn: each shows what the session keeps
         problem(bad[0])
         return
-    case = DesignCase(asked.machine, settings, "on this page", asked.payloads_kg, asked.heights_m, None)
     top = st.container()
-    _tune(case, asked)
+    if goal is not None:
+        _tune(case, goal)
+    left, right = beside("loop")
+    with left:
+        settings = _crossover(case)
+    case = DesignCase(machine, settings, case.origin, case.payloads_kg, case.heights_m, None)
     with guarded():
-        members = loops(case, asked.motion)
-        before = loops(_by_rule(case), asked.motion)
+        members = loops(case, motion)
+        before = loops(_by_rule(case), motion)
     with top:
         _numbers(case, members, before)
-    unit = RAD_S if asked.rad_s else HZ
-    left, right = beside("loop")
     with left:  # the colours are Nyquist's, whose legend stands for both
         figure = bode(members, height=600, unit=unit).update_layout(showlegend=False, margin={"t": 50})
         chart(figure, "loop bode", "Bode diagram of the open loop")
     with right:
-        figure = nyquist(members, asked.ms_limit, height=600)
+        figure = nyquist(members, ms, height=600)
         below = {"orientation": "h", "x": 0.0, "y": -0.14, "yanchor": "top", "yref": "paper", "font": {"size": 12}}
         figure.update_layout(legend=below, margin={"l": 60, "r": 10, "t": 50})
         chart(figure, "loop nyquist", "Nyquist diagram with the circle of Ms")
     _tuned_before(case)
     st.markdown(plain(" ".join(report.sentences(case, members))))
-    if _on_rigid_bodies() and kind_of(case.machine).payload:
+    if kind.payload and current(machine).scenario.plant == "multibody":
         st.caption("Study runs on the multi-body machine; this loop is that of the lumped one, which is linearised.")
     chart(steps(members, height=760), "loop steps", "Step responses of the closed loop")
-    chart(gang_of_four(members, asked.ms_limit, height=640, unit=unit), "loop gang", "Gang of four")
+    chart(gang_of_four(members, ms, height=640, unit=unit), "loop gang", "Gang of four")
     st.markdown("##### Margins")
     table(report.table(members))
 
 
-def _loop_words(machine: Hoist | Axis) -> str:
-    return "Position and speed loop" if kind_of(machine).looped.position_loop else "Speed loop"
-
-
-def _on_rigid_bodies() -> bool:
-    """Whether the session's study runs on the multi-body machine."""
-    desk = st.session_state.get("study desk")
-    return isinstance(desk, Desk) and desk.values.get("plant") == "multibody"
-
-
-def _side_bar(bad: list[InputError]) -> tuple[Question, Settings]:
-    """Draws every control. bad: takes what was entered and cannot be used."""
+def _side_bar(bad: list[InputError]) -> tuple[DesignCase, Motion, Any, float, Goal | None]:
+    """Draws every control: the loop, its motion, the unit of frequency, the limit of Ms, what to tune for. bad: takes
+    what was entered and cannot be used."""
 
     def typed(words: str, usual: str, key: str, what: str) -> tuple[float, ...]:
         try:
-            return numbers_in(st.text_input(words, key=session.held(key, usual)), what)
+            return numbers_in(st.text_input(words, key=held(key, usual)), what)
         except InputError as error:
             bad.append(error)
             return numbers_in(usual, what)
@@ -128,55 +122,68 @@ def _side_bar(bad: list[InputError]) -> tuple[Question, Settings]:
     left, right = st.columns(2)
     called = {way: kind.looped.motion_words[motion].replace("_", " ") for way, motion in MOTIONS.items()}
     motion = left.selectbox(
-        "Motion", list(MOTIONS), key=session.held("loop motion", "hoisting"), format_func=called.__getitem__,
+        "Motion", list(MOTIONS), key=held("loop motion", "hoisting"), format_func=called.__getitem__,
         help=f"At rest the {'guide' if kind.payload else 'friction'} damps: it flatters.",
     )  # fmt: skip
-    unit = right.selectbox("Frequency", ["Hz", "rad/s"], key=session.held("loop unit", "Hz"))
-    ms = st.slider("Limit of Ms", 1.1, 2.5, step=0.05, key=session.held("loop ms", 1.4),
+    unit = right.selectbox("Frequency", ["Hz", "rad/s"], key=held("loop unit", "Hz"))
+    ms = st.slider("Limit of Ms", 1.1, 2.5, step=0.05, key=held("loop ms", 1.4),
                    help="The circle that L must stay out of.")  # fmt: skip
     settings = _gains(machine, bad)
-    goal = st.radio("Tune for", [BANDWIDTH, REJECTION], key=session.held("loop goal", BANDWIDTH))
+    goal = st.radio("Tune for", [BANDWIDTH, REJECTION], key=held("loop goal", BANDWIDTH))
     # A position loop under its kv needs a speed loop that is wider than it: an axis begins with a wider one.
     start, own = (8.0, f" {kind.name}") if kind.looped.position_loop else (4.0, "")
-    hertz = st.number_input("Bandwidth (Hz)", 0.2, 500.0, step=0.5, key=session.held(f"loop hertz{own}", start),
+    hertz = st.number_input("Bandwidth (Hz)", 0.2, 500.0, step=0.5, key=held(f"loop hertz{own}", start),
                             disabled=goal != BANDWIDTH)  # fmt: skip
     pressed = st.button("Tune", type="primary", width="stretch", icon=":material/tune:", key="loop tune")
     wanted = Goal(hertz if goal == BANDWIDTH else None, ms) if pressed else None
-    return Question(machine, payloads, heights, MOTIONS[motion], ms, unit == "rad/s", wanted), settings
+    case = DesignCase(machine, settings, "on this page", payloads, heights, None)
+    return case, MOTIONS[motion], RAD_S if unit == "rad/s" else HZ, ms, wanted
 
 
 def _gains(machine: Hoist | Axis, bad: list[InputError]) -> Settings:
-    """The session's one controller. The sliders stand at it, also where another page or a tuning has set it; what they
-    are moved to is it from then on."""
-    rule = rule_settings(machine)
-    now = controller(machine) or rule
-    of = f"{kind_of(machine).name} {machine.name if not kind_of(machine).payload else ''}"
-    anew = taken_over("loop", machine) is not None or session.get("loop gains of", str, of) != of
-    session.put("loop gains of", of)
-    shown = {"kp": now.kp, "ki": now.ki, "weight": now.set_point_weight, "sample": 1e3 * now.sample_time_s}
-    by_rule, names = {"kp": rule.kp, "ki": rule.ki}, {"kp": rule.GAINS[0], "ki": rule.GAINS[1]}
-    units = dict(zip(names, rule.UNITS, strict=True))
-    if isinstance(now, Cascade) and isinstance(rule, Cascade):
-        shown, by_rule = {"kv": now.kv_per_s, **shown}, {"kv": rule.kv_per_s, **by_rule}
-        names, units = {"kv": "kv_per_s", **names}, {"kv": "1/s", **units}
-    for name, value in shown.items():
-        st.session_state[f"loop {name}"] = value if anew else st.session_state.get(f"loop {name}", value)
-    values: dict[str, Any] = {
-        names[name]: _slider(f"{name} ({units[name]})", f"loop {name}", gain_steps(name, gain), 1e-6 * (name == "kp"))
-        for name, gain in by_rule.items()
-    }
-    values["set_point_weight"] = st.slider("Set-point weight", 0.0, 1.0, step=0.01, key="loop weight")
+    """The session's one controller, as its sliders stand."""
+    now, rule = controller(machine), rule_settings(machine)
+    gains = {name: (key, unit) for name, key, unit in zip(("kp", "ki"), rule.GAINS, rule.UNITS, strict=True)}
+    if isinstance(now, Cascade):
+        gains = {"kv": ("kv_per_s", "1/s"), **gains}
+    values: dict[str, Any] = {}
+    for name, (key, unit) in gains.items():
+        by_rule = getattr(rule, key)
+        least = 1e-6 if name == "kp" else 0.0
+        field = Field(f"{name} ({unit})", (key,), least, 1e9, most=1e9, steps=gain_steps(name, by_rule))
+        values[key] = number(field, getattr(now, key), f"loop {name}")
+    values["set_point_weight"] = st.slider(
+        "Set-point weight", 0.0, 1.0, step=0.01, key=held("loop weight", now.set_point_weight)
+    )
     values["sample_time_s"] = 1e-3 * st.number_input(
-        "Sample time (ms)", 0.1, 50.0, step=0.5, key="loop sample", format="%g"
+        "Sample time (ms)", 0.1, 50.0, step=0.5, key=held("loop sample", 1e3 * now.sample_time_s), format="%g"
     )
     try:
         settings = with_gains(now, values)
     except InputError as error:
         bad.append(error)
         return now
-    set_controller("loop", settings, machine)
-    if also := _also(settings):
+    set_controller(settings, machine)
+    parts = {"a notch": settings.notch is not None, "a low-pass": settings.low_pass_hz is not None,
+             "feed-forward": settings.feed_forward != type(settings.feed_forward)()}  # fmt: skip
+    if any(parts.values()):
+        also = ", ".join(word for word, there in parts.items() if there)
         st.caption(f"Also in this loop, as set on Study: {also}.")
+    return settings
+
+
+def _crossover(case: DesignCase) -> Settings:
+    """A slider above the Bode plot that moves its crossover: kp, and ki with its square, so that the damping stays."""
+    settings, rule = case.settings, rule_settings(case.machine)
+    now = settings.kp / rule.kp
+    field = Field("Crossover, times the rule's", (), 0.01, 1e4, most=1e4, steps=gain_steps("kp", 1.0), form="%.3g")
+    wanted = number(field, float(f"{now:.4g}"), "loop crossover")
+    factor = wanted / now
+    if abs(factor - 1.0) > 1e-3:
+        kp, ki = settings.GAINS
+        moved = with_gains(settings, {kp: settings.kp * factor, ki: settings.ki * factor**2})
+        set_controller(moved, case.machine)
+        st.rerun()  # the gains stand in the side bar and are drawn already
     return settings
 
 
@@ -185,42 +192,11 @@ def rule_settings(machine: Hoist | Axis) -> Settings:
     return usual_settings(machine)[0]
 
 
-def _also(settings: Settings) -> str:
-    """What of the controller no slider of this page shows."""
-    said = []
-    if settings.notch is not None:
-        said.append(f"a notch at {settings.notch.frequency_hz:g} Hz")
-    if settings.low_pass_hz is not None:
-        said.append(f"a low-pass at {settings.low_pass_hz:g} Hz")
-    if settings.feed_forward != type(settings.feed_forward)():
-        said.append("feed-forward")
-    return ", ".join(said)
-
-
 def gain_steps(name: str, rule: float) -> list[float]:
     """Even in the logarithm, from the gain by rule, itself a step, down and up; kv = 0 is a speed loop alone."""
     down, up = (math.log(reach) / math.log(STEP) for reach in REACH[name])
     by_rule = [float(f"{rule * STEP**k:.4g}") for k in range(math.floor(down), math.ceil(up) + 1)]
     return [0.0, *by_rule] if name == "kv" else by_rule
-
-
-def _slider(label: str, key: str, options: Sequence[float], least: float) -> float:
-    """A slider with a field beside it, in which any value may be typed; it is then a step of its own."""
-    now = st.session_state[key] = float(st.session_state[key])
-    typed = f"{key} typed"
-    st.session_state[typed] = now
-
-    def take() -> None:
-        st.session_state[key] = float(st.session_state[typed])
-
-    left, right = st.columns([1.5, 1.0], vertical_alignment="bottom")
-    right.number_input(
-        f"{label}, typed", least, 1e9, key=typed, step=None, format="%.4g", on_change=take,
-        label_visibility="collapsed",
-    )  # fmt: skip
-    # As the field beside it shows it: 121300, not 1.213e+05.
-    form = lambda value: f"{float(f'{value:.4g}'):.10g}"  # noqa: E731
-    return float(left.select_slider(label, sorted({*options, now}), key=key, format_func=form))
 
 
 def loops(case: DesignCase, motion: Motion) -> list[Member]:
@@ -255,9 +231,9 @@ def _numbers(case: DesignCase, members: Sequence[Member], before: Sequence[Membe
         return
     same = case.settings == _by_rule(case).settings
 
-    def number(what: str, new: float | None, old: float | None, unit: str, better: Any) -> Number:
-        compared = then.stable and not same and new is not None and old is not None
-        return Number(what, new, unit, new - old if compared else None, better)  # type: ignore[operator]
+    def one(what: str, new: float | None, old: float | None, unit: str, better: Literal["lower", "higher"]) -> Number:
+        by = None if new is None or old is None or same or not then.stable else new - old
+        return Number(what, new, unit, by, better)
 
     def decibels(said: str) -> float | None:
         first = said.partition("/")[0]
@@ -267,11 +243,11 @@ def _numbers(case: DesignCase, members: Sequence[Member], before: Sequence[Membe
     up, up_before = (decibels(report.gain_text(m)) for m in (now, then))
     numbers(
         [
-            number("Largest Ms", now.ms, then.ms, "", "lower"),
-            number("Phase margin", now.phase_deg, then.phase_deg, "°", "higher"),
-            number("Gain margin", up, up_before, "dB", "higher"),
-            number("Delay margin", 1e3 * now.delay_s, 1e3 * then.delay_s, "ms", "higher"),
-            number("Slowest bandwidth", slow, slow_before, "Hz", "higher"),
+            one("Largest Ms", now.ms, then.ms, "", "lower"),
+            one("Phase margin", now.phase_deg, then.phase_deg, "°", "higher"),
+            one("Gain margin", up, up_before, "dB", "higher"),
+            one("Delay margin", 1e3 * now.delay_s, 1e3 * then.delay_s, "ms", "higher"),
+            one("Slowest bandwidth", slow, slow_before, "Hz", "higher"),
         ]
     )
     rule = "" if same else f"; below, the difference to gains {usual_settings(case.machine)[1].replace(': ', ', ')}"
@@ -279,10 +255,8 @@ def _numbers(case: DesignCase, members: Sequence[Member], before: Sequence[Membe
     st.caption(f"{over}{rule}.")
 
 
-def _tune(case: DesignCase, asked: Question) -> None:
+def _tune(case: DesignCase, goal: Goal) -> None:
     """Tunes for a goal, which sets the session's controller, and draws the page anew."""
-    if asked.goal is None:
-        return
     bar, stop = st.empty(), st.empty()
     stop.button("Cancel", icon=":material/cancel:", key="loop cancel")
 
@@ -292,14 +266,14 @@ def _tune(case: DesignCase, asked: Question) -> None:
 
     try:
         points = operating_points(case.machine, case.payloads_kg, case.heights_m)
-        tuned = tune(case.machine, case.settings, points, case.trial(), asked.goal, Weights(), tell=told)
+        tuned = tune(case.machine, case.settings, points, case.trial(), goal, Weights(), tell=told)
     except InputError as error:  # the loop under the present gains is still worth seeing
         bar.empty()
         stop.empty()
         problem(error)
         return
     session.put(TUNED, TunedCase(case, tuned, machine_text(case.machine)))
-    set_controller("tuning", tuned.winner.settings, case.machine)
+    set_controller(tuned.winner.settings, case.machine)
     st.rerun()
 
 

@@ -6,33 +6,22 @@ from dataclasses import dataclass, replace
 
 import streamlit as st
 
-from workbench.analysis.usual import usual_controller
-from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.dashboard import session
-from workbench.dashboard.campaigns import last_campaign
-from workbench.dashboard.machines import controller, hoist_of_session
+from workbench.dashboard.chosen import hoist_of_session, last_campaign
+from workbench.dashboard.desk import current
 from workbench.dashboard.pages.compare import kept
-from workbench.dashboard.widgets import guarded, is_dark, plain
-from workbench.figures.film import HEIGHT, film
-from workbench.figures.scene import scene_of
-from workbench.machines import STUDIED, Hoist, load_of, of_kind, studied
-from workbench.machines.files import machine_text
-from workbench.references import (
-    Limits,
-    Step,
-    allowed_carriage_speed_m_s,
-    motor_speed_rad_s,
-    plan_motion,
-    planned_kinds,
-)
-from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
+from workbench.dashboard.pages.study import results
+from workbench.dashboard.widgets import guarded, held, is_dark, plain
+from workbench.machines import STUDIED, Hoist, of_kind, studied
+from workbench.references import planned_kinds
+from workbench.study.load import changed
+from workbench.view.film import HEIGHT, film, scene_of
 from workbench.view.style import label
 
 LARGE = 900
 ALONE = "no other"
-QUICK, STUDY, MEASURED = "a quick move", "a run kept from Study", "a run of the campaign"
+QUICK, STUDY, MEASURED = "the move of Study", "a run kept from Study", "a run of the campaign"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +37,7 @@ def show() -> None:
     """Draws the page."""
     with st.sidebar, guarded():
         shown = _chosen()
-        large = st.toggle("Large", key=session.held("machine large", False), help="For a large screen or a projector.")
+        large = st.toggle("Large", key=held("machine large", False), help="For a large screen or a projector.")
     with guarded():
         scenes = [replace(scene_of(drawn.machine, drawn.run), name=drawn.name) for drawn in shown]
     machine, height = shown[0].machine, LARGE if large else HEIGHT
@@ -66,10 +55,8 @@ def _chosen() -> list[Shown]:
     campaign = last_campaign()
     studies = {name: study for name, study in kept().items() if studied(study.machine) is not None}
     there = [QUICK, *([STUDY] if studies else []), *([MEASURED] if campaign is not None else [])]
-    if st.session_state.get("machine source") not in there:
-        st.session_state["machine source"] = QUICK
-    what = st.radio("Run", there, key=session.held("machine source", QUICK))
-    if what == QUICK or (what == MEASURED and campaign is None):
+    what = st.radio("Run", there, key=held("machine source", QUICK, there))
+    if what == QUICK:
         return _quick()
     if what == MEASURED and campaign is not None:
         machine = studied(campaign.machine)
@@ -93,39 +80,20 @@ def _chosen() -> list[Shown]:
 
 
 def _quick() -> list[Shown]:
+    """The move that Study asks for, at one payload, under one reference or two. InputError where it fails."""
     machine = hoist_of_session("machine machine")
-    payload = st.slider("Payload (kg)", 0, 12000, step=250, key=session.held("machine payload", 4500))
+    payload = st.slider("Payload (kg)", 0, 12000, step=250, key=held("machine payload", 4500))
     kinds = list(planned_kinds())
-    reference = st.selectbox("Reference", kinds, key=session.held("machine reference", kinds[0]), format_func=label)
+    reference = st.selectbox("Reference", kinds, key=held("machine reference", kinds[0]), format_func=label)
+    others = [ALONE, *(kind for kind in kinds if kind != reference)]
     beside = st.selectbox(
-        "Beside it", [ALONE, *(kind for kind in kinds if kind != reference)], key="machine beside",
+        "Beside it", others, key=held("machine beside", ALONE, others),
         format_func=lambda kind: kind if kind == ALONE else label(kind),
     )  # fmt: skip
-    ramp = st.slider("Ramp time (s)", 0.3, 3.0, step=0.1, key=session.held("machine ramp", 1.2),
-                     help="From rest to full speed.")  # fmt: skip
-    now = controller(machine)
-    settings = now if isinstance(now, PiSettings) else usual_controller(machine)
-    said = f"{machine_text(machine)}{settings.model_dump_json()}"
     both = [reference] if beside == ALONE else [reference, beside]
-    return [
-        Shown(f"{label(kind)}, {payload:g} kg", machine, _moved(said, payload, kind, ramp, machine, settings))
-        for kind in both
-    ]
-
-
-@st.cache_resource(max_entries=50, show_spinner=False)
-def _moved(said: str, payload_kg: float, reference: str, ramp_s: float, _machine: Hoist, _settings: PiSettings) -> Run:
-    """Up over half of the rail and down again at nine tenths of nominal speed; `said`: machine and controller."""
-    low, high = _machine.rail.lowest_position_m, min(_machine.highest_position_m, 0.95 * _machine.wire.segment_length_m)
-    ratio, drum = _machine.gearbox.ratio, _machine.winch.drum_diameter_m
-    speed = 0.9 * allowed_carriage_speed_m_s(_machine.motor.nominal_speed_rad_s, ratio, drum)
-    start, way = low + 0.2 * (high - low), 0.5 * (high - low)
-    limits = Limits(speed, speed / ramp_s, 2.0 * speed / ramp_s**2)
-    steps = [Step(by_m=way), Step(dwell_s=1.5), Step(by_m=-way)]
-    load = load_of(_machine, payload_kg)
-    plan = plan_motion(reference, steps, start, limits, (low, high), lead_s=1.0, settle_s=2.0, load=load)
-    motor = motor_speed_rad_s(plan.sample(_settings.sample_time_s, plan.duration_s).speed_m_s, ratio, drum)
-    (result,) = simulate_loop([LoopCase(reference, _machine, payload_kg, start, _settings, motor)])
-    if result.outcome is Outcome.DIVERGED:
-        raise InputError(f"{result.outcome.value}, {result.at}; try a lighter payload", place="payload")
-    return result.run
+    asked = {"payloads_kg": (float(payload),), "references": tuple(both), "plant": "lumped"}
+    result = results(changed(current(machine).scenario, asked), machine)
+    rows = {row.reference: row for row in result.rows}
+    if failed := [row for row in rows.values() if not row.ok]:
+        raise InputError(f"{failed[0].reason}; try a lighter one", place="payload")
+    return [Shown(f"{label(kind)}, {payload:g} kg", machine, result.runs[rows[kind].run_id]) for kind in both]

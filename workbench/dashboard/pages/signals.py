@@ -13,12 +13,11 @@ import streamlit as st
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Array, Run
 from workbench.core.table import Column, Table
-from workbench.dashboard import session
-from workbench.dashboard.campaigns import chosen_campaign
-from workbench.dashboard.widgets import chart, guarded, notes, plain, problem, table, text
-from workbench.figures.signals import Stretch, browser, start_of_move
+from workbench.dashboard.chosen import chosen_campaign
+from workbench.dashboard.widgets import chart, guarded, held, notes, plain, problem, table, text
 from workbench.logs import Campaign
 from workbench.logs.signal_files import FORMS, Labelled
+from workbench.view.signals import Stretch, browser, start_of_move
 
 WHOLE, RAMP = "whole runs", "start of the first move"
 FEW_RUNS, MOST_SIGNALS = 3, 10
@@ -56,15 +55,15 @@ def _chosen(campaign: Campaign) -> tuple[list[Run], list[str]]:
     """The side bar's runs and signals; ends the page where there are none."""
     names = [run.name for run in campaign.runs]
     which = f"{campaign.path} {campaign.name}"
-    chosen = st.multiselect("Runs", names, key=session.held(f"signals runs {which}", names[:FEW_RUNS]))
+    chosen = st.multiselect("Runs", names, key=held(f"signals runs {which}", names[:FEW_RUNS]))
     known = list(dict.fromkeys(name for run in campaign.runs for name in run.signals))
     usual = [name for name in known if name.startswith(FIRST)][:4] or known[:3]
     signals = st.multiselect(
-        "Signals", known, key=session.held(f"signals names {which}", usual), max_selections=MOST_SIGNALS,
+        "Signals", known, key=held(f"signals names {which}", usual), max_selections=MOST_SIGNALS,
         help="A row for each, in this order.",
     )  # fmt: skip
     said = st.text_input(
-        "Computed signal", key=session.held(f"signals computed {which}", ""), max_chars=200,
+        "Computed signal", key=held(f"signals computed {which}", ""), max_chars=200,
         placeholder="power_w = torque_motor_nm * speed_motor_rad_s",
         help=f"name = expression of signals, with + - * / **, ddt(…) for the slope and {', '.join(FUNCTIONS)}. "
         "The name's end is its unit.",
@@ -120,7 +119,7 @@ def _value(node: ast.expr, run: Run) -> Array | float:
 
 def _stretches(runs: Sequence[Run]) -> list[Stretch]:
     """The stretch of time that is asked for, of each run."""
-    what = st.segmented_control("Stretch", (WHOLE, RAMP), key=session.held("signals stretch", WHOLE), required=True,
+    what = st.segmented_control("Stretch", (WHOLE, RAMP), key=held("signals stretch", WHOLE), required=True,
                                 label_visibility="collapsed", width="stretch")  # fmt: skip
     if what == RAMP:
         starts = [(run, start_of_move(run)) for run in runs]
@@ -132,7 +131,7 @@ def _stretches(runs: Sequence[Run]) -> list[Stretch]:
     begin = min(float(run.time_s[0]) for run in runs)
     low, high = (
         column.number_input(
-            words, begin, end, step=1.0, key=session.held(f"signals {words} {begin:g} {end:g}", value), format="%.4g"
+            words, begin, end, step=1.0, key=held(f"signals {words} {begin:g} {end:g}", value), format="%.4g"
         )
         for column, words, value in zip(st.columns(2), ("From (s)", "To (s)"), (begin, end), strict=True)
     )

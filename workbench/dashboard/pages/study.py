@@ -20,21 +20,20 @@ from workbench.core.names import powers, words_of
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
 from workbench.dashboard import session
-from workbench.dashboard.machines import session_machine, set_controller
-from workbench.dashboard.pages import compare
-from workbench.dashboard.pages.study_desk import (
+from workbench.dashboard.chosen import session_machine
+from workbench.dashboard.desk import (
     ADDRESS_KEY,
     Desk,
+    controls,
     files_of,
     from_address,
     in_address,
     named,
-    scenario_of,
+    set_desk,
     usual_desk,
 )
-from workbench.dashboard.pages.study_form import controls, desk_key, set_desk
-from workbench.dashboard.widgets import Better, Number, chart, guarded, numbers, plain, problem, table, text
-from workbench.figures.signals import Stretch, browser
+from workbench.dashboard.pages import compare
+from workbench.dashboard.widgets import Number, chart, guarded, held, numbers, plain, problem, table, text
 from workbench.logs.signal_files import FORMS
 from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
 from workbench.machines.files import machine_text
@@ -42,14 +41,23 @@ from workbench.metrics import Metric, View, columns, shown_in
 from workbench.references import BASELINE
 from workbench.study.beside import damping_sentence, over_payload, over_ramps
 from workbench.study.conclude import SIGN, alarm, fronts, sentences, utilisation
-from workbench.study.decide import verdict
+from workbench.study.decide import Decision, decisions, take_sentences
 from workbench.study.labels import swept_axes
 from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row, metrics_of
-from workbench.study.run import StudyResult, labelled_runs, motor_torque_limit_nm, peak_limit, run_study
+from workbench.study.run import StudyResult, labelled_runs, peak_limit, run_study
 from workbench.study.scenario import Scenario
-from workbench.view.study import decision_table, save_study_page, start_of_move
-from workbench.view.study_figures import axis_overview, overview, pareto, peak_torque_over_payload, torque_speed_plane
+from workbench.view.signals import Stretch, browser
+from workbench.view.study import (
+    criteria_table,
+    decision_table,
+    over_time,
+    peaks_figure,
+    plane,
+    save_study_page,
+    start_of_move,
+)
+from workbench.view.study_figures import pareto
 from workbench.view.style import label
 
 log = logging.getLogger(__name__)
@@ -68,7 +76,12 @@ Good = tuple[Scenario, Hoist | Axis, StudyResult]
 
 def show() -> None:
     """Draws the page."""
-    _from_link()
+    linked = st.query_params.get(ADDRESS_KEY)
+    if linked and not any(str(key).startswith("desk ") for key in st.session_state):  # nothing is set yet
+        try:
+            set_desk(*from_address(linked))
+        except InputError as error:
+            problem(error)
     bad: list[InputError] = []
     with st.sidebar:
         machine = session_machine("study machine")
@@ -87,9 +100,11 @@ def show() -> None:
     _forces(result)
     _take_away(result)
     with guarded():
-        if kind_of(machine).payload:
-            _plane(result)
-            _over_payload(beside_payloads(scenario, cast(Hoist, machine)))
+        if kind_of(machine).payload and _runs(result):
+            figure = plane(_runs(result), result.study.machine, 460)
+            chart(figure, "study plane", "Torque over speed of one motor with continuous and peak envelope")
+            figure = peaks_figure(beside_payloads(scenario, cast(Hoist, machine)))
+            chart(figure, "study payload", "Torque peak over payload for each reference")
         _ramps(scenario, machine, result, sentence)
         if (depends := on_damping(scenario, machine)) is not None:
             st.caption(plain(depends))
@@ -98,9 +113,8 @@ def show() -> None:
 def run_first() -> None:
     """The runs of the study that the page begins with, ahead of a visitor."""
     machine = default_hoist()
-    scenario = scenario_of(usual_desk(machine), machine)
     for run in (results, beside_payloads, beside_ramps, on_damping):
-        run(scenario, machine)
+        run(usual_desk(machine).scenario, machine)
 
 
 # ---- what is run --------------------------------------------------------------------------------------------------
@@ -183,30 +197,15 @@ def _told() -> Iterator[None]:
         place.empty()
 
 
-def _from_link() -> None:
-    """A session that has set nothing yet begins as its address says."""
-    linked = st.query_params.get(ADDRESS_KEY)
-    if not linked or any(str(key).startswith("study desk") for key in st.session_state):
-        return
-    try:
-        desk, machine = from_address(linked)
-    except InputError as error:
-        problem(error)
-        return
-    hoist = bool(kind_of(machine).payload)
-    set_desk(desk, None if hoist else machine, machine)
-
-
 def _ran(desk: Desk, machine: Hoist | Axis, bad: Sequence[InputError]) -> Good:
-    """The study that is asked for, told to the other pages and to the address; where it cannot be run, the error under
-    its control's name, and the last one of this kind of machine that was."""
-    key = f"{GOOD} {desk_key(machine)}"
+    """The study that is asked for, told to the address; where it cannot be run, the error under its control's name,
+    and the last one of this kind of machine that was."""
+    key = f"{GOOD} {desk.kind}"
     try:
         if bad:
             raise bad[0]
-        scenario = scenario_of(desk, machine)
         with _told():
-            good = (scenario, machine, results(scenario, machine))
+            good = (desk.scenario, machine, results(desk.scenario, machine))
     except InputError as error:
         problem(named(error, machine, desk))
         last: Good | tuple[()] = session.get(key, tuple, ())
@@ -215,8 +214,7 @@ def _ran(desk: Desk, machine: Hoist | Axis, bad: Sequence[InputError]) -> Good:
         st.caption("Shown below: the last settings that could be run.")
         return last
     session.put(key, good)
-    set_controller("study", scenario.controller, machine)
-    address = in_address(scenario, machine)
+    address = in_address(desk.scenario, machine)
     if address is None:
         st.query_params.pop(ADDRESS_KEY, None)
     elif address != st.query_params.get(ADDRESS_KEY):
@@ -265,19 +263,23 @@ def _in_alarm(result: StudyResult) -> set[str]:
     return {kind for kind, own in uses.items() if alarm(own) is not None}
 
 
-def _recommend(place: DeltaGenerator, result: StudyResult, beside: Sequence[Row] = ()) -> None:
-    """The verdict of `study`, of the references that reach no bound. beside: runs under other limits.
+def _weighed(result: StudyResult, beside: Sequence[Row] = ()) -> list[Decision]:
+    """The decision at each payload, of the references that reach no bound. beside: runs under other limits."""
+    alarmed = _in_alarm(result)
+    rows = [row for row in result.rows if row.reference not in alarmed]
+    return decisions(rows, result.study.machine, result.study.scenario.decide, beside)
 
-    This is the one place where the page says which reference to take: the decision by criteria goes here.
-    """
+
+def _recommend(place: DeltaGenerator, result: StudyResult, beside: Sequence[Row] = ()) -> None:
+    """The sentences of `study`'s decision. This is the one place where the page says which reference to take."""
     alarmed = _in_alarm(result)
     rows = [row for row in result.rows if row.reference not in alarmed]
     if alarmed and len({row.reference for row in rows}) < 2:
         place.info("No recommendation: too few references stay below what machine and drive bear.",
                    icon=":material/gavel:")  # fmt: skip
         return
-    said = verdict(rows, beside, machine=result.study.machine, given=result.study.scenario.decide)
-    if said is None:
+    said = " ".join(take_sentences(_weighed(result, beside)))
+    if not said:
         return
     without, rest = _left_out(rows)
     if without and rest:
@@ -308,6 +310,8 @@ def _lights(result: StudyResult, note: str) -> None:
         st.markdown("\n".join(f"| {' | '.join(row)} |" for row in rows))  # st.table would import pandas
         st.caption(plain("Per cent of: " + "; ".join(f"{what}, {bound}" for what, bound in bounds.items()) + "."))
         st.caption(plain(powers(note)))
+        if made := _weighed(result):
+            table(criteria_table(made[-1]))
 
 
 def _failures(rows: Sequence[Row]) -> None:
@@ -315,9 +319,8 @@ def _failures(rows: Sequence[Row]) -> None:
     failed = [row for row in rows if not row.ok]
     if not failed:
         return
-    said = f"{len(failed)} of {len(rows)} runs failed. "
     load = f"{failed[0].payload_kg:g} kg, " if metrics_of(rows).payload else ""
-    said += f"{load}{label(failed[0].reference)}: {failed[0].reason}."
+    said = f"{len(failed)} of {len(rows)} runs failed. {load}{label(failed[0].reference)}: {failed[0].reason}."
     without, rest = _left_out(rows)
     if rest and without:
         left_out, kept = (", ".join(f"{kg:g}" for kg in payloads) for payloads in (without, rest))
@@ -334,17 +337,20 @@ def _left_out(rows: Sequence[Row]) -> tuple[list[float], list[float]]:
 
 def _numbers(result: StudyResult) -> None:
     """The worst of the payloads, of one reference against the trapezoid; then in words."""
-    rows = result.rows
-    judged = metrics_of(rows)
+    rows, judged = result.rows, metrics_of(result.rows)
     worst = "; the worst of the payloads" if judged.payload else ""
     kinds = [kind for kind in dict.fromkeys(row.reference for row in rows) if kind != BASELINE]
     kind = BASELINE
+
+    def of(who: str, metric: Metric, rows: Sequence[Row]) -> float:
+        values = [row[metric.name] for row in rows if row.ok and row.reference == who]
+        return float(metric.worst(values)) if values else float("nan")
+
     if kinds:
-        first = min(kinds, key=lambda kind: (kind in _in_alarm(result), _peak_of(rows, kind)))
-        if st.session_state.get("study against") not in kinds:
-            st.session_state.pop("study against", None)
+        taken = [decision.taken.reference for decision in _weighed(result) if decision.taken is not None]
+        first = next((kind for kind in reversed(taken) if kind in kinds), kinds[0])
         kind = st.segmented_control(
-            "Reference", kinds, key=session.held("study against", first), format_func=label, required=True
+            "Reference", kinds, key=held("study against", first, kinds), format_func=label, required=True
         ) or first  # fmt: skip
     # Only payloads at which both have run: the worst of different loads does not compare.
     both = {who: {row.payload_kg for row in rows if row.ok and row.reference == who} for who in (kind, BASELINE)}
@@ -352,28 +358,17 @@ def _numbers(result: StudyResult) -> None:
     fair = [row for row in rows if row.ok and row.payload_kg in (common or both[kind])]
     cards = []
     for metric in shown_in(View.CARDS, judged):
-        if not all(row.metrics.get(metric.name) is not None for row in fair):
-            continue
-        mine, base = (_worst([row for row in fair if row.reference == who], metric) for who in (kind, BASELINE))
-        delta = None if kind == BASELINE or not common else metric.scale * (mine - base)
-        better: Better = "higher" if metric.better == "higher" else "lower"
-        said = f"{label(kind)}{worst}"
-        cards.append(Number(metric.heading, metric.scale * mine, metric.shown_unit, delta, better, help=said))
+        if all(row.metrics.get(metric.name) is not None for row in fair):
+            mine, base = (of(who, metric, fair) for who in (kind, BASELINE))
+            delta = None if kind == BASELINE or not common else metric.scale * (mine - base)
+            better = "higher" if metric.better == "higher" else "lower"
+            cards.append(Number(metric.heading, metric.scale * mine, metric.shown_unit, delta, better,  # type: ignore[arg-type]
+                                help=f"{label(kind)}{worst}"))  # fmt: skip
     numbers(cards)
-    said_first = f"**{label(kind).capitalize()}**{worst.replace(';', ',')}"
-    said_first += "; below it the difference to the trapezoid." if kinds else "."
+    said = f"**{label(kind).capitalize()}**{worst.replace(';', ',')}"
+    said += "; below it the difference to the trapezoid." if kinds else "."
     good = [row for row in rows if row.ok]
-    st.caption(f"{said_first} {plain(powers(' '.join(sentences(good, peak_limit(result.study.machine)))))}")
-
-
-def _peak_of(rows: Sequence[Row], kind: str) -> float:
-    judged = metrics_of(rows)
-    return _worst([row for row in rows if row.reference == kind], judged.by_name[judged.peak])
-
-
-def _worst(rows: Sequence[Row], metric: Metric) -> float:
-    values = [row[metric.name] for row in rows if row.ok]
-    return float(metric.worst(values)) if values else float("nan")
+    st.caption(f"{said} {plain(powers(' '.join(sentences(good, peak_limit(result.study.machine)))))}")
 
 
 # ---- what it looks like -------------------------------------------------------------------------------------------
@@ -385,26 +380,19 @@ def _runs(result: StudyResult) -> list[tuple[str, Run]]:
 
 
 def _over_time(result: StudyResult) -> None:
-    runs, machine = _runs(result), result.study.machine
-    if not runs:
-        return
-    kind, limit = kind_of(machine), peak_limit(machine)
-    stretch = _window(result, max(float(run.time_s[-1]) for _, run in runs))
-    if kind.payload:
-        figure = overview(runs, machine.motor.nominal_torque_nm, limit, "", stretch, height=740)
-        chart(figure, "study over time", "Speed, tracking error, torque and wire tension over time")
-    else:
-        figure = axis_overview(runs, kind, limit, machine.drive.nominal, "", stretch, height=740)
-        alt = f"Position, tracking error, speed and {kind.drive.quantity} over time"
-        chart(figure, "study over time", alt)
+    runs = _runs(result)
+    if runs:
+        stretch = _window(result, max(float(run.time_s[-1]) for _, run in runs))
+        figure = over_time(runs, result.study.machine, "", stretch, height=740)
+        chart(figure, "study over time", "The references' signals over time")
 
 
 def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
     """The stretch of time that is drawn, which stays while sliders move; None for all of it."""
     choice, first, last = st.columns([2.6, 1.0, 1.0], vertical_alignment="center")
     stretch = choice.segmented_control(
-        "Stretch of time", (WHOLE, RAMP, OWN), default=WHOLE, key="study stretch", label_visibility="collapsed",
-        required=True, persist_state="session",
+        "Stretch of time", (WHOLE, RAMP, OWN), key=held("study stretch", WHOLE), label_visibility="collapsed",
+        required=True,
     )  # fmt: skip
     if stretch == WHOLE:
         return None
@@ -412,46 +400,14 @@ def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
     if stretch == RAMP:
         return usual
     start, end = (
-        column.number_input(
-            words_, 0.0, None, value, 0.5, key=f"study {words_}", format="%.4g", persist_state="session",
-            label_visibility="collapsed", icon=icon,
-        )
-        for column, words_, value, icon in (
-            (first, "from (s)", usual[0], ":material/first_page:"), (last, "to (s)", usual[1], ":material/last_page:")
-        )
+        column.number_input(words_, 0.0, None, value, 0.5, key=f"study {words_}", format="%.4g",
+                            persist_state="session", label_visibility="collapsed", icon=f":material/{icon}_page:")
+        for column, words_, value, icon in ((first, "from (s)", usual[0], "first"), (last, "to (s)", usual[1], "last"))
     )  # fmt: skip
     if not start < min(end, end_s):
         problem(InputError(f"{start:g} to {end:g} s, expected a stretch of the run's {end_s:.4g} s", place="from … to"))
         return None
     return float(start), float(end)
-
-
-def _plane(result: StudyResult) -> None:
-    machine, runs = result.study.machine, _runs(result)
-    if runs:
-        motor, limit = machine.motor, motor_torque_limit_nm(machine)
-        figure = torque_speed_plane(
-            runs, motor.nominal_torque_nm, limit, motor.nominal_speed_rad_s, machine.drive.field_weakening, height=460
-        )
-        chart(figure, "study plane", "Torque over speed of one motor with continuous and peak envelope")
-
-
-def _over_payload(result: StudyResult) -> None:
-    machine, good = result.study.machine, [row for row in result.rows if row.ok]
-    payloads = np.array(sorted({row.payload_kg for row in good}))
-    if len(payloads) < 2:
-        return
-    peak = {(row.reference, row.payload_kg): row["peak_torque_motor_nm"] for row in good}
-    held = {row.payload_kg: row["hold_torque_nm"] / machine.motor.count for row in good}
-    peaks = {
-        kind: np.array([peak.get((kind, payload), np.nan) for payload in payloads])
-        for kind in result.study.scenario.kinds
-    }
-    figure = peak_torque_over_payload(
-        payloads, peaks, machine.motor.nominal_torque_nm, motor_torque_limit_nm(machine),
-        np.array([held[payload] for payload in payloads]), height=400,
-    )  # fmt: skip
-    chart(figure, "study payload", "Torque peak over payload for each reference")
 
 
 def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, sentence: DeltaGenerator) -> None:
@@ -484,17 +440,15 @@ def forces_of(run: Run) -> list[str]:
 def force_table(runs: Sequence[tuple[str, Run]]) -> Table:
     """The largest force either way, a row a roller or joint, a column a reference. runs: (reference, run)."""
 
-    def largest(own: Sequence[Run], name: str) -> str:
-        values = [float(run[name][int(np.argmax(np.abs(run[name])))]) for run in own if name in run]
+    def largest(kind: str, name: str) -> str:
+        own = [run[name] for other, run in runs if other == kind and name in run]
+        values = [float(force[int(np.argmax(np.abs(force)))]) for force in own]
         return text(1e-3 * max(values, key=abs)) if values else "–"
 
-    by_reference = {kind: [run for other, run in runs if other == kind] for kind in dict.fromkeys(k for k, _ in runs)}
-    names = list(dict.fromkeys(name for _, run in runs for name in forces_of(run)))
-    rows = [
-        [words_of(name).removeprefix("force "), *(largest(own, name) for own in by_reference.values())]
-        for name in names
-    ]
-    heads = [words("roller or joint"), *(Column(label(kind), "kN") for kind in by_reference)]
+    kinds = dict.fromkeys(kind for kind, _ in runs)
+    names = dict.fromkeys(name for _, run in runs for name in forces_of(run))
+    rows = [[words_of(name).removeprefix("force "), *(largest(kind, name) for kind in kinds)] for name in names]
+    heads = [words("roller or joint"), *(Column(label(kind), "kN") for kind in kinds)]
     return Table(heads, rows, "The largest of all payloads, with its sign; a pin's force has none.")
 
 

@@ -3,23 +3,48 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import streamlit as st
 
 from workbench.core.errors import InputError
 from workbench.dashboard import session
-from workbench.dashboard.campaigns import chosen_campaign, is_own
-from workbench.dashboard.job_cards import cards
-from workbench.dashboard.jobs import INPUTS, Job, jobs_of, poll, result_folder, start
-from workbench.dashboard.machines import keep_machine, kept_machines
-from workbench.dashboard.widgets import Number, beside, chart, guarded, notes, numbers, plain, problem, table
-from workbench.dashboard.work import VIEW, read_view, shown
+from workbench.dashboard.chosen import chosen_campaign, is_own, keep_machine, kept_machines
+from workbench.dashboard.jobs import (
+    INPUTS,
+    VIEW,
+    Job,
+    Teller,
+    cards,
+    jobs_of,
+    poll,
+    read_view,
+    result_folder,
+    start,
+    without_folder,
+    write_view,
+)
+from workbench.dashboard.widgets import (
+    Number,
+    beside,
+    chart,
+    guarded,
+    held,
+    notes,
+    numbers,
+    plain,
+    points,
+    problem,
+    table,
+)
+from workbench.effects import check
 from workbench.identify.identify import Identification, identify
-from workbench.logs import Campaign
-from workbench.machines import studied
+from workbench.logs import Campaign, read_campaign
+from workbench.machines import load_machine, of_kind, studied
 from workbench.machines.files import machine_text
 from workbench.simulate.multibody_loop import check_multibody
 from workbench.simulate.replay import ReplayResult, replay_runs
@@ -35,6 +60,8 @@ from workbench.view.words import words_of
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+    from workbench.simulate.models import ModelsCompared
+
 OWN = "the campaign's own"
 GAP = "The page Gap names what the model lacks."
 REPLAYED, FOUND, MODELS = "validate replayed", "validate identified", "models"
@@ -48,15 +75,22 @@ def show() -> None:
     head, button = st.columns([5.0, 1.4], vertical_alignment="center")
     head.markdown(f"#### Campaign {plain(campaign.name)} · {plain(campaign.machine.name)}")
     wanted = button.button("Identify", type="primary", width="stretch", key="validate identify")
+    # What decides the numbers: the samples by identity, the machine by value.
+    question = (tuple(id(run) for run in campaign.runs), machine_text(campaign.machine))
     with guarded():
-        with st.spinner("Replaying the measured input"):
-            result = replayed(campaign)
+        known = session.get(REPLAYED, tuple, ())
+        if not known or known[0] != question:
+            with st.spinner("Replaying the measured input"):
+                # The campaign is kept with it, so that no other run can come to have the identity of one of these.
+                known = (question, replay_runs(campaign.machine, campaign.runs), campaign)
+            session.put(REPLAYED, known)
         if wanted:
             with st.spinner("Fitting friction, masses and sensors to the runs"):
                 found = identify(campaign, date=datetime.now(UTC).isoformat(timespec="seconds"))
-                session.put(FOUND, (_question(campaign), found))
-    known = session.get(FOUND, tuple, ())
-    identified: Identification | None = known[1] if known and known[0] == _question(campaign) else None
+                session.put(FOUND, (question, found))
+    result: ReplayResult = known[1]
+    last = session.get(FOUND, tuple, ())
+    identified: Identification | None = last[1] if last and last[0] == question else None
     after = None if identified is None else identified.after
     _numbers(campaign, result, after)
     remedy = GAP if identified is not None else f"Identify fits the values. {GAP}"
@@ -79,30 +113,14 @@ def show() -> None:
 def _chosen(campaign: Campaign) -> Campaign:
     """The campaign with the runs and the machine that are chosen."""
     names = [run.name for run in campaign.runs]
-    chosen = st.multiselect("Runs", names, key=session.held(f"validate runs {campaign.path.name}", names))
+    chosen = st.multiselect("Runs", names, key=held(f"validate runs {campaign.path.name}", names))
     same_kind = {n: m for n, m in kept_machines().items() if type(m) is type(campaign.machine)}
-    machine = st.selectbox("Machine", [OWN, *same_kind], key="validate machine")
+    machine = st.selectbox("Machine", [OWN, *same_kind], key=held("validate machine", OWN, [OWN, *same_kind]))
     if not chosen:
         st.info("Choose at least one run.", icon=":material/info:")
         st.stop()
     runs = tuple(run for run in campaign.runs if run.name in chosen)
     return replace(campaign, runs=runs, machine=same_kind.get(machine, campaign.machine))
-
-
-def _question(campaign: Campaign) -> tuple[object, ...]:
-    """What decides a replay's and an identification's numbers: the samples by identity, the machine by value."""
-    return (tuple(id(run) for run in campaign.runs), machine_text(campaign.machine))
-
-
-def replayed(campaign: Campaign) -> ReplayResult:
-    """The replay, kept while neither campaign nor machine changes. InputError for runs that cannot be replayed."""
-    known = session.get(REPLAYED, tuple, ())
-    if not known or known[0] != _question(campaign):
-        # The campaign is kept with it, so that no other run can come to have the identity of one of these.
-        known = (_question(campaign), replay_runs(campaign.machine, campaign.runs), campaign)
-        session.put(REPLAYED, known)
-    result: ReplayResult = known[1]
-    return result
 
 
 def _numbers(campaign: Campaign, result: ReplayResult, after: ReplayResult | None) -> None:
@@ -144,8 +162,7 @@ def _identified(identified: Identification) -> None:
     with right:
         law = friction(identified).update_layout(height=470, title_text="")
         chart(law, "validate friction", "Law of friction, nominal and identified, with the log's points")
-    sentences = identify_report.sentences(identified, "the page Gap names what")
-    st.markdown("\n".join(f"- {plain(sentence)}" for sentence in sentences))
+    points(identify_report.sentences(identified, "the page Gap names what"))
     with st.expander("Values, standard errors, correlations"):
         table(identify_report.table(identified.fit))
         names = [free.key for free in identified.fit.free]
@@ -155,21 +172,19 @@ def _identified(identified: Identification) -> None:
 def _estimates(identified: Identification) -> Figure:
     """In tolerances where every value has one, as a hoist's usual fit does; else in per cent of the nominal value."""
     fit = identified.fit
-    held = all(free.prior_std is not None for free in fit.free)
+    in_tolerances = all(free.prior_std is not None for free in fit.free)
     drawn = []
     for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True):
-        if held:
-            unit = free.scale * (free.prior_std or 1.0)
-            # A logarithmic value moves by factors: its distance is that of the logarithms.
-            shift = math.log(value / free.nominal) if free.logarithmic else value - free.nominal
-            spread = error / value if free.logarithmic else error
-        elif free.nominal:
-            unit, shift, spread = 0.01 * abs(free.nominal), value - free.nominal, error
-        else:
+        if not in_tolerances and not free.nominal:
             continue
+        unit, shift, spread = 0.01 * abs(free.nominal), value - free.nominal, error
+        if in_tolerances:
+            unit = free.scale * (free.prior_std or 1.0)
+            if free.logarithmic:  # it moves by factors: its distance is that of the logarithms
+                shift, spread = math.log(value / free.nominal), error / value
         name, said = in_words(free.key, value, error)
         drawn.append(Shift(name, shift / unit, spread / unit, said))
-    return estimates(drawn, "tolerances" if held else "% of nominal", 1.0 if held else None)
+    return estimates(drawn, "tolerances" if in_tolerances else "% of nominal", 1.0 if in_tolerances else None)
 
 
 def in_words(key: str, value: float, error: float) -> tuple[str, str]:
@@ -178,6 +193,34 @@ def in_words(key: str, value: float, error: float) -> tuple[str, str]:
     prefix, scale = ("G", 1e-9) if label.unit == "Pa" else ("", 1.0)
     words = label.words.replace("coulomb", "Coulomb").replace("youngs", "Young's")
     return words, f"{' ± '.join(with_error(scale * value, scale * error))} {prefix}{label.unit}".strip()
+
+
+def work(out: Path, tell: Teller, folder: str, name: str, runs: Sequence[str], machine: str, source: str = "") -> None:
+    """In the worker: compares both models on the chosen runs of the campaign in `folder`, called `name`.
+
+    machine: the text of a machine.yaml; source: what the page knows the campaign by. InputError for what cannot be
+    compared.
+    """
+    from workbench.simulate.models import compare_models
+    from workbench.view.models import section_of, write_models
+
+    given = out.parent / "machine.yaml"
+    given.write_text(machine, encoding="utf-8")
+
+    def compared() -> ModelsCompared:
+        hoist = studied(load_machine(given, check_effects=check))
+        campaign = read_campaign(folder, confined=True, check_effects=check)
+        if hoist is None:
+            raise InputError(f"is {of_kind(campaign.machine)}; the multi-body machine is a hoist")
+        chosen = [run for run in campaign.runs if run.name in runs]
+        told = iter(range(len(chosen)))
+        return compare_models(
+            hoist, chosen, progress=lambda of: tell(f"run {of} on both models", next(told), len(chosen))
+        )
+
+    with without_folder(folder):
+        result = write_models(compared, name, out)
+    write_view(section_of(result), out.parent / VIEW)
 
 
 def _both_models(campaign: Campaign) -> None:
@@ -195,8 +238,13 @@ def _both_models(campaign: Campaign) -> None:
     job = next((job for job in jobs if asked.items() <= job.arguments.items()), None)
     running = job is not None and not poll(job).ended
     if button.button("Compare models", width="stretch", key="validate models", disabled=running):
+        hoist, own = studied(campaign.machine), is_own(campaign)
+        assert hoist is not None
         try:
-            job = _begin_models(campaign, asked)
+            check_multibody(hoist)
+            asked = {"folder": f"{INPUTS}/campaign" if own else str(campaign.path.resolve()), **asked}
+            copied = {"campaign": campaign.path} if own else {}
+            job = start(MODELS, f"{__name__}:work", asked, session.new_work_folder(), campaign.name, copied)
         except InputError as error:
             problem(error)
             return
@@ -211,28 +259,20 @@ def _both_models(campaign: Campaign) -> None:
         cards([job])
 
 
-def _begin_models(campaign: Campaign, asked: dict[str, object]) -> Job:
-    """InputError where the extra is missing, the machine is not taken, or too much is running."""
-    hoist, own = studied(campaign.machine), is_own(campaign)
-    assert hoist is not None
-    check_multibody(hoist)
-    asked = {"folder": f"{INPUTS}/campaign" if own else str(campaign.path.resolve()), **asked}
-    copied = {"campaign": campaign.path} if own else {}
-    return start(MODELS, "workbench.dashboard.work:models", asked, session.new_work_folder(), campaign.name, copied)
-
-
 def _models(job: Job) -> None:
     """Sentences, table and figures of the report, and its files."""
+    import plotly.graph_objects as go
+
     try:
-        section = read_view(Section, job.file(VIEW))
+        section = read_view(Section, job)
     except InputError as error:
         problem(error)
         return
-    st.markdown("\n".join(f"- {plain(sentence)}" for sentence in section.sentences))
+    points(section.sentences)
     for shown_table in section.tables:
         table(shown_table)
     for number, (figure, note) in enumerate(section.figures):
-        chart(shown(figure), f"validate models {job.id} {number}", note)
+        chart(go.Figure(figure), f"validate models {job.id} {number}", note)
         st.caption(plain(note))
     folder = result_folder(job)
     name = "".join(c if c.isalnum() or c in "-_" else "_" for c in job.title)

@@ -157,25 +157,33 @@ def beyond_model_error(
     if not added:
         return gain
     prior = before.prior - after.prior
-    return prior + discounted(problem, added, gain - prior, before.residual, after.residual, sizes)
+    return prior + discounted(problem, added, gain - prior, before.residual, after.residual, sizes, not before.effects)
 
 
 def discounted(
-    problem: Problem, added: Collection[str], data: float, before: Array, after: Array, sizes: Sizes | None = None
+    problem: Problem,
+    added: Collection[str],
+    data: float,
+    before: Array,
+    after: Array,
+    sizes: Sizes | None = None,
+    first: bool = False,
 ) -> float:
     """The gain from the data after the discount of `beyond_model_error`. before, after: residuals (samples,) without
     and with the effects.
 
-    An effect is compared with the model error where it acts: rows count by how much it changes them. What acts at speed
-    is compared with that at speed: rows count less the more of their model error is that near standstill. An axis'
-    noise is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains the rest.
+    The first effect is compared with the model error where it acts: rows count by how much it changes them; a further
+    one with all of it, for it may be no more than that. What acts at speed is compared with that at speed: rows count
+    less the more of their model error is that near standstill. An axis' noise is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains the rest.
     """
     if data <= 0.0:
         return data
     slow = all(problem.effect(name).regime == "low_speed" for name in added)
     rows = slice(0, problem.inputs)
     errors = problem.errors if sizes is None else problem.errors.sized(sizes)
-    share = np.abs(before[rows] - after[rows]) * (1.0 if slow else errors.at_speed[rows])
+    share = np.ones(problem.inputs) if slow else errors.at_speed[rows]
+    if first:
+        share = share * np.abs(before[rows] - after[rows])
     default = float(np.mean(share * errors.sized((1.0, 1.0)).model_error[rows] ** 2))
     shown = float(np.mean(share * errors.model_error[rows] ** 2)) if max(errors.sizes) > 1.0 else 0.0
     if kind_of(problem.machine).floor == "own":

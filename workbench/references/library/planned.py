@@ -1,4 +1,4 @@
-"""The references that are planned from moves and limits: trapezoid, jerk-limited, jerk-limited in equal time."""
+"""The references that are planned from moves and limits, and those that follow a campaign's run."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from functools import partial
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.references.kind import Move, Ramp, planned
+from workbench.references.kind import Move, Ramp, RecordedKind, planned
 from workbench.references.least_peak import peak_force_n
 from workbench.references.limits import Limits
-from workbench.references.shape import Shape
-from workbench.references.time_optimal import shortest_move, shortest_move_s, shortest_ramp, shortest_ramp_s
+from workbench.references.shape import Shape, shortest_move, shortest_move_s, shortest_ramp, shortest_ramp_s
 
 
 def _trapezoid_s(move: Move) -> float:
@@ -196,3 +195,18 @@ def seventh_order(move: Move) -> Shape:
 
     used = replace(move.limits, speed_m_s=speed)
     return Shape(move.distance_m, time_s, used, motion)
+
+
+# `workbench.references.recorded` plans them.
+RECORDED = RecordedKind(
+    name="recorded",
+    label="recorded",
+    definition="the logged set-point of a run (`speed_reference_rad_s`, or the measured speed where none was logged), "
+    "from that run's start position",
+)
+S_CURVE = RecordedKind(
+    name="s_curve",
+    label="recorded, smoothed",
+    definition="the same as a moving average over `smoothing_s`, which turns ramps into S-curves",
+    smoothed=True,
+)

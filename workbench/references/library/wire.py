@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +19,7 @@ from workbench.machines import Load
 from workbench.references.kind import Move, Ramp, planned
 from workbench.references.least_peak import gentle_move, least_peak_limits, peak_force_n
 from workbench.references.library.planned import _equal_time_ramp, _trapezoid_ramp, _trapezoid_s
-from workbench.references.shape import Shape
-from workbench.references.time_optimal import shortest_move
+from workbench.references.shape import Shape, shortest_move
 
 EI_VIBRATION = 0.05  # of an unshaped step's, that the EI shaper leaves at its own frequency
 OVERSHOOT = 0.01  # of a step; a load that swings less far is not shaped
@@ -29,16 +29,31 @@ ZV = (0.5, 0.5)
 ZVD = (0.25, 0.5, 0.25)
 EI = ((1.0 + EI_VIBRATION) / 4.0, (1.0 - EI_VIBRATION) / 2.0, (1.0 + EI_VIBRATION) / 4.0)
 
+SHAPERS = {"zv": ZV, "zvd": ZVD, "ei": EI}
+
 
 def impulses(undamped: Sequence[float], load: Load) -> tuple[tuple[float, float], ...]:
     """(time s, amplitude) of a shaper for a load. A damped swing has shrunk by K = exp(-pi zeta/sqrt(1 - zeta²)) in
     each half period, so the later parts do, too. A load that does not swing gets one impulse: no shaper."""
-    zeta = load.damping
-    if load.rigid or zeta >= 1.0 or (K := math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta * zeta))) < OVERSHOOT:
+    return ((0.0, 1.0),) if load.rigid else _impulses(undamped, load.angular_frequency_rad_s, load.damping)
+
+
+def _impulses(undamped: Sequence[float], w: float, zeta: float) -> tuple[tuple[float, float], ...]:
+    if zeta >= 1.0 or (K := math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta * zeta))) < OVERSHOOT:
         return ((0.0, 1.0),)
-    half = math.pi / (load.angular_frequency_rad_s * math.sqrt(1.0 - zeta * zeta))
+    half = math.pi / (w * math.sqrt(1.0 - zeta * zeta))
     parts = [amplitude * K**i for i, amplitude in enumerate(undamped)]
     return tuple((i * half, part / sum(parts)) for i, part in enumerate(parts))
+
+
+def through_shaper(shaper: Any, references: Array, sample_time_s: float) -> Array:
+    """References (rows, n) at a controller's samples, as its `InputShaper` passes them on; None passes them as they
+    are. Straight lines between samples."""
+    if shaper is None:
+        return references
+    parts = _impulses(SHAPERS[shaper.kind], 2.0 * math.pi * shaper.frequency_hz, shaper.damping)
+    at = np.arange(references.shape[1]) * sample_time_s
+    return np.array([sum(part * np.interp(at - late, at, row) for late, part in parts) for row in references])
 
 
 def shaped(shape: Shape, parts: Sequence[tuple[float, float]]) -> Shape:

@@ -1,6 +1,6 @@
 """The multi-body machine's lengths as a drawing, made from its own geometry: docs/img/arm.svg.
 
-python -m workbench.figures.arm_drawing > docs/img/arm.svg
+python docs/site/arm_drawing.py > docs/img/arm.svg
 """
 
 from __future__ import annotations

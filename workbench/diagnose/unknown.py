@@ -8,22 +8,77 @@ tolerances to cover what is missing, and the curve would show the rest.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
 
+from workbench.core.names import powers
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.machines import refitted_machine
-from workbench.diagnose.unexplained.records import Curve, Unknown
-from workbench.diagnose.unexplained.table_driven import Tables, with_table
-from workbench.diagnose.unexplained.tables import variables_of
-from workbench.diagnose.unexplained.words import OVER, over_what, span
-from workbench.machines import Axis, Hoist
+from workbench.diagnose.law import Law, find_law
+from workbench.diagnose.machines import corrected_machine, machine_of, refitted_machine
+from workbench.diagnose.tables import Curve, Tables, variables_of, with_table
+from workbench.machines import Axis, Hoist, kind_of
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """What is known of an unknown cause. curves: best first; the first is in the corrected machine, if no effect is.
+
+    law: in a formula, where one holds on what was left out. law_levels: (2 points,) the same over the first curve's
+    points, forward, then backward. effects: an unlisted effect of the library that leaves no more than the curve does.
+    """
+
+    curves: tuple[Curve, ...]
+    sentences: tuple[str, ...]
+    law: Law | None = field(default=None, kw_only=True)
+    law_levels: Array | None = field(default=None, kw_only=True)
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict, kw_only=True)
+
+
+# What a measured correction may be over: what it is called, and its unit.
+OVER: Mapping[str, tuple[str, str]] = {
+    "speed_carriage_m_s": ("speed of the carriage", "m/s"),
+    "speed_motor_rad_s": ("speed of the motors", "rad/s"),
+    "position_carriage_m": ("height of the carriage", "m"),
+    "angle_motor_rad": ("motor's angle", "rad"),
+    "angle_drum_rad": ("drum's angle", "rad"),
+    "payload_kg": ("payload", "kg"),
+    "torque_load_nm": ("torque that goes through the gearbox", "N m"),
+    "velocity_m_s": ("speed of the axis", "m/s"),
+    "speed_rad_s": ("speed of the axis", "rad/s"),
+    "position_m": ("position of the axis", "m"),
+    "angle_rad": ("angle of the axis", "rad"),
+    "angle_in_turn_rad": ("angle within a turn", "rad"),
+    "time_s": ("time since the run's start", "s"),
+    "campaign_time_s": ("time since the campaign began", "s"),
+}
+MINUS = "\N{MINUS SIGN}"
+
+
+def over_what(over: str) -> str:
+    """In words, with its article."""
+    return f"the {OVER[over][0]}" if over in OVER else over
+
+
+def span(low: float, high: float, unit: str) -> str:
+    """Two levels of one unit, as far as the larger one's second digit: −0.8 to 2.4 kN, 3.1 to 9.8 N."""
+    largest = max(abs(low), abs(high))
+    scale, prefix = (1000.0, "k") if largest >= 1000.0 and unit in ("N", "N m") else (1.0, "")
+    decimals = 0 if largest == 0.0 else max(1 - math.floor(math.log10(largest / scale)), 0)
+    return f"{_plain(low / scale, decimals)} to {_plain(high / scale, decimals)} {prefix}{unit}"
+
+
+def _plain(value: float, decimals: int) -> str:
+    text = f"{value:.{decimals}f}"
+    return text.lstrip("-") if float(text) == 0.0 else text.replace("-", MINUS)
+
 
 REFINED = 2  # tables that are tried on points of their own choice
 DRIVEN, NEAR = 2, 0.05  # tables that are driven: the best, and others that explain nearly as much
@@ -48,11 +103,59 @@ class Explained(Unknown):
     machines: tuple[Hoist | Axis, ...]
 
 
-def explain(problem: Problem, fitted: Fitted) -> Explained:
-    """fitted: the base parameters' fit, without an effect. Deterministic. The first curve is the table's.
+def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = ()) -> Explained:
+    """The cause as an unlisted effect of the library, as a table, and as a law in a formula.
 
-    ValueError for a fit with effects: see the module's first lines.
+    fitted: the base parameters' fit, without an effect. rivals: fits of unlisted effects that may explain it. The
+    effect stands in the corrected machine where it leaves no more on held-out runs than the table, else the table.
+    Deterministic. ValueError for a fit with effects: see the module's first lines.
     """
+    found = _tabled(problem, fitted)
+    curve = found.curves[0]
+    if law := find_law(problem, fitted, curve.acts_on):
+        variable = next(table for table in variables_of(problem) if table.over == curve.over)
+        columns = Tables(problem, fitted).linear(variable, curve.at).columns
+        levels = np.asarray(np.linalg.lstsq(columns, law.taken, rcond=1e-6)[0], dtype=float)
+        found = replace(found, sentences=(*found.sentences, *_law_sentences(problem, law)), law=law, law_levels=levels)
+    if not rivals:
+        return found
+    folds = folds_by_run(problem)
+    unseen, rival = min(
+        ((held_out(problem, fit, folds), fit) for fit in rivals), key=lambda one: one[0].rms(problem.inputs)
+    )
+    if unseen.rms(problem.inputs) > found.held_out.rms(problem.inputs):
+        return found
+    keys = base_parameters(problem.machine, problem.runs)
+    machines = tuple(machine_of(problem, keys, rival.effects, setting) for setting in unseen.settings)
+    whole = corrected_machine(problem, keys, rival)
+    effects = {name: whole.effects[name] for name in rival.effects}
+    values = ", ".join(powers(f"{key} {value:.3g}") for of in effects.values() for key, value in of.items())
+    share = _share(problem, held_out(problem, fitted, folds).rms(problem.inputs), unseen.rms(problem.inputs))
+    sentence = (
+        f"{' and '.join(effects)}, in the library and not listed, explains {100.0 * share:.0f} % of its energy on "
+        f"{_left_out(problem)} ({values}). machine.yaml holds it."
+    )
+    return replace(
+        found, sentences=(sentence, *found.sentences), effects=effects, fitted=rival, after=rival.rms(problem.inputs),
+        held_out=unseen, machines=machines,
+    )  # fmt: skip
+
+
+def _law_sentences(problem: Problem, law: Law) -> tuple[str, ...]:
+    values = ", ".join(
+        f"{name} = {powers(f'{value:.4g}')} ± {powers(f'{error:.2g}')} {unit}".rstrip()
+        for name, value, error, unit in law.values
+    )
+    unit = kind_of(problem.machine).drive.unit
+    return (
+        f"As a law in a formula: {law.equation}, {law.unit} at the {law.acts_on}, with {values}. On "
+        f"{_left_out(problem)} it takes {100.0 * law.explains:.0f} % of the energy, from {law.before:.3g} to "
+        f"{law.after:.3g} {unit}. It says what the force looks like within these runs, not where it comes from.",
+    )
+
+
+def _tabled(problem: Problem, fitted: Fitted) -> Explained:
+    """The cause as a table."""
     if fitted.effects:
         raise ValueError(f"expected the base parameters' fit, got one of {', '.join(fitted.effects)}")
     tables, before = Tables(problem, fitted), fitted.rms(problem.inputs)
@@ -103,6 +206,8 @@ def with_unknown(machine: AnyMachine, unknown: Unknown) -> AnyMachine:
 def explained_machine(problem: Problem, explained: Explained) -> Hoist | Axis:
     """The nominal machine with the base values that go with the table, and the table."""
     keys = base_parameters(problem.machine, problem.runs)
+    if explained.effects:
+        return corrected_machine(problem, keys, explained.fitted)
     return with_unknown(refitted_machine(problem, keys, explained.fitted), explained)
 
 

@@ -1,5 +1,7 @@
 """The machine moving with a run, or with two beside each other: one page of HTML that the browser animates itself.
 
+What a log lacks of a `Scene` is computed from its measured speed.
+
 The parts are drawn once, as SVG; a frame only moves groups of them, at the rate of the screen. Everything that moves is
 computed here and handed over as samples: height, angles of the wheels, tensions. The script interpolates.
 """
@@ -12,14 +14,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from workbench.core.run import Array
+from workbench.core.run import Array, Run
 from workbench.figures import arm_parts as parts
-from workbench.figures.scene import Scene
-from workbench.machines import Hoist
+from workbench.machines import HOIST, Hoist
+from workbench.simulate.driven import InverseSimulation
 from workbench.view.style import VERMILLION
 
 HEIGHT = 640  # px
@@ -27,7 +30,7 @@ STEP_S, MOST_SAMPLES = 0.02, 4000
 STRIPS = (("speed_m_s", "speed (m/s)"), ("torque_nm", "torque per motor (N m)"), ("tension_kn", "drum tension (kN)"))
 STRIP_WIDTH, STRIP_HEIGHT = 1000.0, 100.0
 COLOURS = ("#D55E00", "#0072B2")
-
+SIMULATED = ("position_carriage_m", "speed_carriage_m_s", "tension_drum_n", "tension_dead_line_n", "tension_min_n")
 
 # Viridis in eight steps: even in lightness, and read alike by the colour-blind (S. van der Walt, N. Smith, 2015).
 VIRIDIS = (
@@ -36,31 +39,107 @@ VIRIDIS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Look:
-    """steel, arm, wheel, pipe: fills."""
-
-    ink: str
-    edge: str
-    faint: str
-    grid: str
-    steel: str
-    arm: str
-    wheel: str
-    pipe: str
-    accent: str
-    alarm: str
+# On the light ground and on the dark one.
+LOOK = {
+    "ink": ("#222222", "#E8E8E8"), "edge": ("#3B485C", "#AEB9C9"), "faint": ("#9AA5B5", "#56627A"),
+    "grid": ("#E4E4E4", "#2B303B"), "steel": ("#E6EAF1", "#232B39"), "arm": ("#BFD5EA", "#33506B"),
+    "wheel": ("#F7F8FA", "#2A3342"), "pipe": ("#CDBB92", "#8A7A5C"), "accent": ("#0072B2", "#56B4E9"),
+    "alarm": (VERMILLION, "#FF8A3D"),
+}  # fmt: skip
 
 
-def look_of(dark: bool) -> Look:
-    if dark:
-        return Look(
-            "#E8E8E8", "#AEB9C9", "#56627A", "#2B303B", "#232B39", "#33506B", "#2A3342", "#8A7A5C", "#56B4E9",
-            "#FF8A3D",
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A run as the drawing needs it; arrays (n,) over rising time_s, up and hoisting positive.
+
+    wound_m: wire taken in by the drum since height 0. torques_nm: one motor each. slack: either fall. tension_of,
+    height_of: where these come from.
+    """
+
+    name: str
+    payload_kg: float
+    time_s: Array
+    height_m: Array
+    speed_m_s: Array
+    wound_m: Array
+    torques_nm: tuple[Array, ...]
+    tension_drum_n: Array
+    tension_dead_line_n: Array
+    slack: np.ndarray
+    tension_of: str = "simulated"
+    height_of: str = "simulated"
+
+    def at(self, time_s: Array) -> Scene:
+        """The scene at other times. Slack is kept where there was any since the time before."""
+
+        def between(values: Array) -> Array:
+            return np.interp(time_s, self.time_s, values)
+
+        edges = np.searchsorted(self.time_s, time_s, side="right")
+        before = np.concatenate([[0], edges[:-1]])
+        slack = np.array([bool(np.any(self.slack[a : max(b, a + 1)])) for a, b in zip(before, edges, strict=True)])
+        return Scene(
+            self.name, self.payload_kg, time_s, between(self.height_m), between(self.speed_m_s), between(self.wound_m),
+            tuple(between(torque) for torque in self.torques_nm), between(self.tension_drum_n),
+            between(self.tension_dead_line_n), slack, self.tension_of, self.height_of,
         )  # fmt: skip
-    return Look(
-        "#222222", "#3B485C", "#9AA5B5", "#E4E4E4", "#E6EAF1", "#BFD5EA", "#F7F8FA", "#CDBB92", "#0072B2", VERMILLION,
+
+
+def scene_of(machine: Hoist, run: Run) -> Scene:
+    """InputError for a run whose motion cannot be computed."""
+    if not all(name in run for name in SIMULATED):
+        return _measured(machine, run)
+    return Scene(
+        run.name, run.payload_kg, run.time_s, run["position_carriage_m"], run["speed_carriage_m_s"],
+        _wound(machine, run, run.start_position_m), _torques(machine, run), run["tension_drum_n"],
+        run["tension_dead_line_n"], run["tension_min_n"] <= 0.0,
     )  # fmt: skip
+
+
+def _measured(machine: Hoist, run: Run) -> Scene:
+    """The nominal wire and carriage driven by the measured motor speed; heights and tensions that are logged stay."""
+    plain = machine.model_copy(update={"effects": {}})
+    bench = InverseSimulation(plain, [run])
+    (balance,) = bench.balances()
+    motion, states, n = balance.motion, balance.states, len(HOIST.plant.positions)
+    start = HOIST.plant.equilibrium(float(states[0, 1]), bench.base[0])[0][0]
+    q = [motion.position - motion.position[0] + start, *states[:, : n - 1].T]
+    y = [motion.speed, *states[:, n - 1 :].T]
+    torque = run["torque_motor_nm"] if "torque_motor_nm" in run else np.sum(_torques(machine, run), axis=0)
+    computed = HOIST.plant.outputs(run.time_s, q, y, torque, bench.base[0])
+    logged = [name for name in ("position_carriage_m", "tension_dead_line_n") if name in run]
+
+    def either(name: str) -> Array:
+        return run[name] if name in run else np.asarray(computed[name], dtype=float)
+
+    modelled = "of the model under the measured motor speed"
+    return Scene(
+        run.name, run.payload_kg, run.time_s, either("position_carriage_m"), np.asarray(computed["speed_carriage_m_s"]),
+        _wound(machine, run, run.start_position_m), _torques(machine, run),
+        np.asarray(computed["tension_drum_n"], dtype=float), either("tension_dead_line_n"),
+        np.asarray(computed["tension_min_n"]) <= 0.0,
+        f"measured at the dead line, {modelled} at the drum" if "tension_dead_line_n" in logged else modelled,
+        "measured" if "position_carriage_m" in logged else modelled,
+    )  # fmt: skip
+
+
+def _torques(machine: Hoist, run: Run) -> tuple[Array, ...]:
+    """One motor each; equal parts of the sum where only that is logged."""
+    if "torque_motor1_nm" in run and "torque_motor2_nm" in run and machine.motor.count > 1:
+        return run["torque_motor1_nm"], run["torque_motor2_nm"]
+    return (run["torque_motor_nm"] / machine.motor.count,)
+
+
+def _wound(machine: Hoist, run: Run, start_m: float) -> Array:
+    """Wire (m) that the drum has taken in, from its motor's speed: two falls, so twice the height to begin with."""
+    speed = run["speed_motor_rad_s"]
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(run.time_s))])
+    return 2.0 * (start_m + machine.lift_m_per_rad * angle)
+
+
+def look_of(dark: bool) -> SimpleNamespace:
+    """Colours; steel, arm, wheel, pipe: fills."""
+    return SimpleNamespace(**{name: colours[dark] for name, colours in LOOK.items()})
 
 
 def film(machine: Hoist, scenes: Sequence[Scene], dark: bool = False, height: int = HEIGHT) -> str:
@@ -126,7 +205,7 @@ def _short(values: Array, digits: int) -> list[float]:
     return [round(float(value), digits) for value in np.nan_to_num(values)]
 
 
-def _stage(machine: Hoist, scene: Scene, look: Look, number: int) -> str:
+def _stage(machine: Hoist, scene: Scene, look: SimpleNamespace, number: int) -> str:
     """One machine: what stands still, and groups that the script moves. Up is up: the drawing is flipped as a whole."""
     s = parts.sizes(machine)
     half = parts.half_pipe(s, scene.payload_kg, machine.carriage.mass_kg)
@@ -184,7 +263,7 @@ def _path(outline: parts.Outline, colour: str, width: float, fill: str = "none",
     return f'<path{known} d="{"".join(commands)}" stroke="{colour}" stroke-width="{width:.4g}" fill="{fill}"/>'
 
 
-def _strips(data: dict[str, Any], look: Look) -> str:
+def _strips(data: dict[str, Any], look: SimpleNamespace) -> str:
     """Speed, torque and tension over the whole time, with a line that goes along."""
     made = []
     for key, title in STRIPS:

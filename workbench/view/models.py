@@ -1,22 +1,27 @@
-"""Two models of one machine as a table, as sentences, as models.json and as a page."""
+"""Two models of one machine as people see it: table, sentences, models.json, page, and the figures over time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from workbench.core.json_records import rounded
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
-from workbench.figures.models import models_apart, models_forces, models_speed
 from workbench.simulate.models import ModelsCompared, ModelsRun
 from workbench.view.page import Section, save_page
+from workbench.view.panels import ranges_below_names
+from workbench.view.replay import run_grid
+from workbench.view.style import BLUE, ORANGE, SPARE, line
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 PAPER = (91.53, 3.46, 49.76)  # s of compute, multi-body and analytical, for so many seconds: the paper's Table 1
+_SPEED, _FORCES = "speed_motor_rad_s", ("force_roller_", "force_cylinder_n")
 COLUMNS = (
     words("run"),
     Column("lumped\nRMSE", "%"),
@@ -122,13 +127,9 @@ def write_models(simulate: Callable[[], ModelsCompared], title: str, folder: Pat
     with whole_folder(folder) as hidden:
         compared = simulate()
         write_json(hidden / "models.json", to_json(compared))
-        save_models_page(compared, title, hidden / "models.html")
+        heading = f"Two models of {compared.machine.name} — {title}"
+        save_page([section_of(compared)], hidden / "models.html", heading)
     return compared
-
-
-def save_models_page(compared: ModelsCompared, title: str, path: Path) -> None:
-    """The page; it needs no network."""
-    save_page([section_of(compared)], path, f"Two models of {compared.machine.name} — {title}")
 
 
 def section_of(compared: ModelsCompared) -> Section:
@@ -150,3 +151,48 @@ def figures_of(compared: ModelsCompared) -> list[tuple[Figure, str]]:
             "Normal forces of the rollers, both rails' together, and the cylinders' force; multi-body model only.",
         ),
     ]
+
+
+def models_speed(runs: Sequence[ModelsRun], scale_rad_s: float) -> Figure:
+    """Fig. 8 of the paper: speed of the record and of both models in per cent of nominal, a panel a run."""
+    panels, places, height = run_grid("Motor speed of both models", "speed (% of nominal)", [run.name for run in runs])
+    looks = {
+        "measured": line("measured", width=3.4),
+        "lumped": {"color": ORANGE, "width": 1.8, "simplify": False},
+        "multi-body": {"color": BLUE, "dash": "5px,3px", "width": 1.6, "simplify": False},
+    }
+    drawn = []
+    for (row, column), run in zip(places, runs, strict=True):
+        speeds = {}
+        for name, source in (("measured", run.measured), ("lumped", run.lumped), ("multi-body", run.multibody)):
+            speeds[name] = source[_SPEED] * (100.0 / scale_rad_s)
+            panels.line(row, column, source.time_s, speeds[name], name, looks[name], "%")
+        drawn.append(list(speeds.values()))
+    return panels.figure(height, ranges_below_names(places, drawn))
+
+
+def models_apart(runs: Sequence[ModelsRun], scale_rad_s: float) -> Figure:
+    """Multi-body less lumped motor speed in per cent of nominal."""
+    panels, places, height = run_grid("Difference of both models", "speed (% of nominal)", [run.name for run in runs])
+    drawn = []
+    for (row, column), run in zip(places, runs, strict=True):
+        apart = (run.multibody[_SPEED] - run.lumped[_SPEED]) * (100.0 / scale_rad_s)
+        look = {"color": BLUE, "width": 1.6, "simplify": False}
+        panels.line(row, column, run.multibody.time_s, apart, "multi-body − lumped", look, "%")
+        drawn.append([apart])
+    return panels.figure(height, ranges_below_names(places, drawn))
+
+
+def models_forces(runs: Sequence[ModelsRun]) -> Figure:
+    """Forces of rollers and cylinders, kN."""
+    panels, places, height = run_grid("Forces of rollers and cylinders", "force (kN)", [run.name for run in runs])
+    drawn = []
+    for (row, column), run in zip(places, runs, strict=True):
+        names = [name for name in run.multibody.signals if name.startswith(_FORCES)]
+        for number, name in enumerate(names):
+            colour, dash = SPARE[number % len(SPARE)]
+            shown = name.removeprefix("force_").removesuffix("_n").replace("_", " ")
+            look = {"color": colour, "dash": dash, "width": 1.4, "simplify": False}
+            panels.line(row, column, run.multibody.time_s, run.multibody[name] / 1000.0, shown, look, "kN")
+        drawn.append([run.multibody[name] / 1000.0 for name in names] or [np.zeros(1)])
+    return panels.figure(height, ranges_below_names(places, drawn))

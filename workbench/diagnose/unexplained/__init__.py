@@ -1,1 +1,0 @@
-"""An unknown cause as a table over what explains it best."""

@@ -1,1 +1,0 @@
-"""What `compare-models` prints and writes."""
