@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Run
 from workbench.core.shown import Shown
+from workbench.core.verb import attribute
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.gap import Delivered, Gap, Shrink, delivered_of, folds_of, gap_of, shrink_of
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
@@ -168,6 +172,14 @@ class Diagnosis(Shown):
         named = self.verdict.word == "named"
         return next((c for c in self.candidates if named and set(c.effects) == set(self.verdict.effects)), None)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the search and its replays, which only the process that made them needs."""
+        return {**vars(self), "search": None, "judged": None, "replays": None}
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write what the command writes, and `diagnosis.pickle` for `wb.open_diagnosis`, to a new folder."""
+        attribute("workbench.view.diagnosis:write_diagnosis")(lambda: self, Path(folder), keep=True)
+
     def __repr__(self) -> str:
         """The answer in a few lines; `table()` and `plot()` show the rest."""
         likeliest = sorted(self.verdict.ranking, key=lambda row: -row.probability)[:3]
@@ -180,6 +192,7 @@ class Diagnosis(Shown):
         ]
         if self.where is not None:
             lines.append(f"  where: {self.where.subsystem}, {self.where.regime}")
+        lines += [f"  note on the logs: {doubt}" for doubt in self.campaign.doubts]
         return "\n".join(lines)
 
 

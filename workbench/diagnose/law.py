@@ -25,7 +25,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine, with_effects
 from workbench.diagnose.tables import TableFitter, gain_of, lever_of
 from workbench.effects.loading import know
-from workbench.effects.registry import UserFile, replace_file
+from workbench.effects.registry import UserFile, add
 from workbench.machines import kind_of
 from workbench.machines.files import machine_text
 from workbench.simulate.driven import InverseSimulation, changed
@@ -426,7 +426,7 @@ def _finished(
         after = held_out(others)
         text = machine_text(machine_at(best))
     finally:
-        replace_file(file, [], name)
+        add([], name, file)
     gap = before**2 - problem.noise**2
     explains = (before**2 - after**2) / gap if gap > 0.0 else 0.0
     spread = others[:, base:] - others[:, base:].mean(axis=0)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import os
 import sys
-import threading
 import traceback
 from collections.abc import Sequence
+from functools import cache
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -20,13 +20,11 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.effects.active import RUN_SYMBOLS, compiled
 from workbench.effects.declare import Effect, declared_in
-from workbench.effects.registry import UserFile, read_user_file, replace_file
+from workbench.effects.registry import UserFile, add, read_user_file
 from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.machines import PLANTS, Effects
 from workbench.symbolic.expr import Expr, Scalar, symbol
 
-_declared: dict[tuple[str, str], tuple[Effect, ...]] = {}  # (path, digest) -> the effects of that text
-_changing = threading.RLock()
 DRAWS = 20  # of states and parameters at which an effect has to vanish
 
 
@@ -42,41 +40,40 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
 def know(file: UserFile, shown: str | os.PathLike[str] | None = None) -> tuple[Effect, ...]:
     """Makes the effects of a file known, that was read here or elsewhere; see `load_effects`.
 
-    The same text again is the same effects, so kernels that were made for them serve on.
+    shown: the path in errors, as the user wrote it.
     """
-    with _changing:
-        if (file.path, file.digest) not in _declared:
-            _declared[file.path, file.digest] = declared(file, shown)
-        effects = _declared[file.path, file.digest]
-        replace_file(file, effects, place=str(shown or file.path))
+    try:
+        effects = _declared(file)
+    except InputError as error:
+        raise InputError(error.problem, file=shown or file.path, line=error.line) from error
+    add(effects, str(shown or file.path), file)
     return effects
 
 
-def declared(file: UserFile, shown: str | os.PathLike[str] | None = None) -> tuple[Effect, ...]:
-    """Runs the file; returns the effects that it declares itself.
-
-    shown: the path in errors, as the user wrote it. InputError with the line where it fails, where it
-    declares nothing, and for an effect that no plant can take.
-    """
-    where = shown or file.path
+@cache  # the same text again is the same effects, so kernels that were made for them serve on
+def _declared(file: UserFile) -> tuple[Effect, ...]:
+    """Runs the file; the effects that it declares itself. InputError with the line where it fails, where it declares
+    nothing, and for an effect that no plant can take."""
     module = ModuleType(file.module)
     module.__file__ = file.path
     before = sys.modules.get(file.module)
     sys.modules[file.module] = module  # where dataclasses and the like look for it
     try:
         exec(compile(file.text, file.path, "exec", dont_inherit=True), vars(module))
+        effects = tuple(effect for effect in declared_in(module) if effect.function.__module__ == file.module)
+        if not effects:
+            raise InputError("declares no effect; see workbench.effects.effect")
+        for effect in effects:
+            for fault in faults(effect):
+                raise InputError(f"effect {effect.id}: {fault}")
+    except InputError:
+        _put_back(file.module, before)
+        raise
     except (Exception, SystemExit) as error:
         _put_back(file.module, before)
         problem = f"fails: {type(error).__name__}: {str(error) or 'without a word'}"
-        raise InputError(problem.splitlines()[0], file=where, line=_line(error, file.path)) from error
-    effects = [effect for effect in declared_in(module) if effect.function.__module__ == file.module]
-    problem = "" if effects else "declares no effect; see workbench.effects.effect"
-    if not problem:
-        problem = next((f"effect {effect.id}: {fault}" for effect in effects for fault in faults(effect)), "")
-    if problem:
-        _put_back(file.module, before)
-        raise InputError(problem, file=where)
-    return tuple(effects)
+        raise InputError(problem.splitlines()[0], line=_line(error, file.path)) from error
+    return effects
 
 
 def _put_back(name: str, before: ModuleType | None) -> None:

@@ -11,7 +11,7 @@ import os
 import pkgutil
 import sys
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -50,8 +50,8 @@ def read_user_file(path: str | os.PathLike[str]) -> UserFile:
     return UserFile(str(file.resolve()), read_input(file, "python"))
 
 
-_users: dict[tuple[str, str], Effect] = {}  # (id, kind) -> what users' files declared in this process
-_files: dict[str, UserFile] = {}  # path -> the file that is known
+# Where effects come from beside the library, a file's path or an entry point's name -> its file, its effects.
+_sources: dict[str, tuple[UserFile | None, tuple[Effect, ...]]] = {}
 _changing = threading.RLock()
 
 
@@ -81,33 +81,38 @@ def _of_entry_points() -> None:
     from importlib.metadata import entry_points
 
     for entry in entry_points(group=ENTRY_POINTS):
+        place = f"entry point {entry.name}"
         try:
             module = entry.load()
         except Exception as error:
-            raise InputError(f"cannot be loaded: {error}", place=f"entry point {entry.name}") from error
-        add(declared_in(module) if isinstance(module, ModuleType) else [module], place=f"entry point {entry.name}")
+            raise InputError(f"cannot be loaded: {error}", place=place) from error
+        add(declared_in(module) if isinstance(module, ModuleType) else [module], place)
 
 
-def replace_file(file: UserFile, effects: Iterable[Effect], place: str) -> None:
-    """Makes the effects of a user's file known in place of those it declared before. InputError as of `add`."""
+def add(effects: Iterable[Effect], place: str, file: UserFile | None = None) -> None:
+    """Makes effects known, of a file in place of those that it declared before. InputError where a name is taken."""
+    source, made = file.path if file else place, tuple(effects)
     with _changing:
-        before = dict(_users)
-        for key in [key for key, effect in _users.items() if effect.function.__module__ == file.module]:
-            del _users[key]
-        try:
-            add(effects, place=place)
-        except InputError:
-            _users.clear()
-            _users.update(before)
-            raise
-        _files[file.path] = file
+        others = [effect for name, (_, known) in _sources.items() if name != source for effect in known]
+        taken = {(effect.id, kind) for effect in (*library_effects(), *others) for kind in effect.kinds}
+        for effect in made:
+            if any((effect.id, kind) in taken for kind in effect.kinds):
+                raise InputError(f"the effect name '{effect.id}' is taken; choose another", place=place)
+        _sources[source] = file, made
 
 
 def files_behind(names: Iterable[str], kind: str) -> tuple[UserFile, ...]:
     """The users' files that declare these effects, in the order they were loaded."""
+    wanted = set(names)
     with _changing:
-        modules = {_users[name, kind].function.__module__ for name in names if (name, kind) in _users}
-        return tuple(file for file in _files.values() if file.module in modules)
+        known = list(_sources.values())
+    return tuple(f for f, effects in known if f and any(e.id in wanted and kind in e.kinds for e in effects))
+
+
+def user_files() -> tuple[UserFile, ...]:
+    """All users' files, in the order they were loaded."""
+    with _changing:
+        return tuple(file for file, _ in _sources.values() if file is not None)
 
 
 def digests_of(names: Iterable[str], kind: str) -> dict[str, str]:
@@ -118,52 +123,38 @@ def digests_of(names: Iterable[str], kind: str) -> dict[str, str]:
 
 def _digest(effect: Effect) -> str:
     """Of a user's file as it was read; of a package's module as it is installed, "" where it has no file."""
-    name = effect.function.__module__
-    for file in _files.values():
-        if file.module == name:
-            return file.digest
-    source = getattr(sys.modules.get(name), "__file__", None)
+    file = next((file for file, effects in _sources.values() if file and effect in effects), None)
+    if file is not None:
+        return file.digest
+    source = getattr(sys.modules.get(effect.function.__module__), "__file__", None)
     return hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16] if source else ""
-
-
-def add(effects: Iterable[Effect], place: str = "effects") -> None:
-    """Makes effects known. InputError where a name is taken by another module's effect."""
-    with _changing:
-        for effect in effects:
-            for kind in effect.kinds:
-                taken = {(e.id, k): e for e in library_effects() for k in e.kinds} | _users
-                before = taken.get((effect.id, kind))
-                if before is not None and before.function.__module__ != effect.function.__module__:
-                    raise InputError(f"the effect name '{effect.id}' is taken; choose another", place=place)
-            _users.update({(effect.id, kind): effect for kind in effect.kinds})
 
 
 def forget_users() -> None:
     """Takes the users' effects out again."""
     with _changing:
-        _users.clear()
-        _files.clear()
+        _sources.clear()
         _of_entry_points.cache_clear()
 
 
-def users() -> Mapping[tuple[str, str], Effect]:
-    """(id, kind) -> effect, of users' files and entry points."""
+def _users() -> list[Effect]:
+    """Of users' files and entry points."""
     with _changing:
         _of_entry_points()
-        return dict(_users)
+        return [effect for _, effects in _sources.values() for effect in effects]
 
 
 def effects_for(kind: str) -> dict[str, Effect]:
     """id -> effect, for a kind of plant (hoist, axis-linear, axis-rotary)."""
     own = {effect.id: effect for effect in library_for(kind)}
-    return own | {name: effect for (name, of), effect in users().items() if of == kind}
+    return own | {effect.id: effect for effect in _users() if kind in effect.kinds}
 
 
 def names(kind: str | None = None) -> tuple[str, ...]:
     """The ids of all effects, or of those for one kind of plant."""
     if kind is not None:
         return tuple(effects_for(kind))
-    return tuple(dict.fromkeys([effect.id for effect in library_effects()] + [name for name, _ in users()]))
+    return tuple(dict.fromkeys(effect.id for effect in (*library_effects(), *_users())))
 
 
 def find(name: str, kind: str) -> Effect:

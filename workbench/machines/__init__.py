@@ -4,23 +4,14 @@ from typing import Any, TypeAlias
 
 from workbench.machines.correction import MeasuredCorrection
 from workbench.machines.declare import (
-    STANDSTILL_LOG_STD,
     TIME,
     ClosedLoop,
-    CrossCheck,
-    DeadLine,
     Kind,
     Limits,
     Load,
-    ModelError,
-    NuisancePrior,
-    Port,
     RigidBody,
-    SignalSet,
     Sizes,
     Table,
-    TopSpeed,
-    Value,
 )
 from workbench.machines.kinds import (
     HOIST,
@@ -31,7 +22,6 @@ from workbench.machines.kinds import (
     PLANTS,
     ROTARY,
     STUDIED,
-    TWO_INERTIA,
     Axis,
     Hoist,
     kind_of,
@@ -41,10 +31,10 @@ from workbench.machines.kinds import (
     plant_of,
     studied,
 )
-from workbench.machines.kinds.axis import LinearAxis, LinearCorrection, RotaryAxis, RotaryCorrection
+from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
 from workbench.machines.kinds.hoist import DRIVES, Drive, HoistCorrection
 from workbench.machines.kinds.two_inertia import TwoInertia
-from workbench.machines.plant import NO_EFFECTS, Effects, Memory, Output, Plant
+from workbench.machines.plant import NO_EFFECTS, Effects, Memory, Plant
 
 from workbench.machines.files import (  # isort: skip, it reads the kinds
     RECORDS,

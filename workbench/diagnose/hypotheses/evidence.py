@@ -174,7 +174,8 @@ def discounted(
 
     The first effect is compared with the model error where it acts: rows count by how much it changes them; a further
     one with all of it, for it may be no more than that. What acts at speed is compared with that at speed: rows count
-    less the more of their model error is that near standstill. An axis' noise is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains the rest.
+    less the more of their model error is that near standstill. An axis' noise is what its log shows, to NOISE_KNOWN:
+    where it is larger, a lag explains the rest.
     """
     if data <= 0.0:
         return data

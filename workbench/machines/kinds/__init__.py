@@ -16,7 +16,6 @@ from workbench.machines.declare import Kind, Load
 from workbench.machines.kinds.axis import LINEAR, ROTARY, Axis
 from workbench.machines.kinds.hoist import KIND as HOIST
 from workbench.machines.kinds.hoist import Hoist
-from workbench.machines.kinds.two_inertia import KIND as TWO_INERTIA
 from workbench.machines.plant import Plant
 
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
@@ -70,6 +69,11 @@ def studied(machine: Any) -> Hoist | None:
 def looped(machine: AnyMachine) -> AnyMachine | None:
     """The machine, where studies, loop and tune are for its kind; else None."""
     return machine if kind_of(machine).closed_loop is not None else None
+
+
+def kind_named(name: str) -> Kind:
+    """What a pickle of a kind holds is its name."""
+    return KINDS[name]
 
 
 def of_kind(machine: Any) -> str:

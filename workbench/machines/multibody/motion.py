@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.machines import Hoist
 from workbench.machines.multibody.assemble import System, truth_of
@@ -97,6 +98,7 @@ def move(
     start_time_s: float = 0.0,
     switches: Switches | None = None,
     reactions_every: int | None = None,
+    reach_m: Callable[[float], float] | None = None,
 ) -> MotionResult:
     """Simulate one run from hanging still (or moving evenly with the motors) at a carriage height.
 
@@ -104,6 +106,7 @@ def move(
     as stated. step_s: of the generalised-α method;
     a record is kept every `record_every`-th. reactions_every: the forces of rollers and joints beside it, with every
     record when None, never when 0; at a multiple of record_every they come as a run of their own.
+    reach_m: of time, s; the cylinders follow it. Without it the reach stays that of machine.yaml.
     """
     switches = switches_of(machine) if switches is None else switches
     truth, payload = truth_of(machine, switches, payload_kg)
@@ -117,7 +120,7 @@ def move(
     for finer in FINER:  # where friction turns over too steeply for the step, all is done again in finer ones
         steps = max(1, round(duration_s / step_s)) * finer
         motion = _Motion(truth, switches, payload, system, start_position_m, start_time_s, step_s / finer)
-        motion.every, motion.reactions_every = record_every * finer, every * finer
+        motion.every, motion.reactions_every, motion.reach = record_every * finer, every * finer, reach_m
         motion.begin(q, start_speed_rad_s, hanging.hold_torque_nm)
         began = clock.process_time()
         done = motion.run(drive(hanging.hold_torque_nm), steps)
@@ -173,6 +176,7 @@ class _Motion:
         self.z, self.bristle_y = 0.0, 0.0
         self.reactions: list[tuple[float, ...]] = []
         self.every, self.reactions_every = 1, 0
+        self.reach: Callable[[float], float] | None = None
         self.joints = [joint for name, joint in system.joints.items() if name != "gripper_moment"]
 
     def begin(self, q: Array, speed: float, hold_nm: float) -> None:
@@ -262,6 +266,10 @@ class _Motion:
             self._bend(
                 float(q[c["lower_dolly.y"]]), float(v[c["lower_dolly.y"]]), self.height + float(q[c["sheave.y"]]), t
             )
+        if self.reach is not None:
+            stroke, before = self._stroke(t + h), self._stroke(t)
+            mbs.SetObjectParameter(system.cylinder, "referenceLength", stroke)
+            mbs.SetObjectParameter(system.cylinder, "velocityOffset", (stroke - before) / h)
         torque, brake = driven(Shaft(t, angle, speed), t + h)
         self.torque = torque
         if brake or self.step == 0 or self.braked:
@@ -296,6 +304,14 @@ class _Motion:
         self.mbs.SetObjectParameter(bristle, "stiffness", tangent)
         self.mbs.SetObjectParameter(bristle, "offset", y - level * z / tangent)
         self.mbs.SetObjectParameter(bristle, "damping", damping)
+
+    def _stroke(self, t: float) -> float:
+        """The dollies' distance at the asked reach, m. InputError beyond what the arm allows."""
+        arm, reach = self.machine.arm, float(self.reach(t)) if self.reach is not None else self.machine.arm.reach_m
+        if not arm.shortest_reach_m <= reach <= arm.longest_reach_m:
+            expected = f"{arm.shortest_reach_m:g} to {arm.longest_reach_m:g} m"
+            raise InputError(f"{reach:g} m at {t:.3g} s, expected {expected}", place="reach_m")
+        return math.sqrt(arm.main_arm_m**2 - reach**2)
 
     def _heave(self, t: float) -> float:
         """Acceleration of the platform: what hangs on it weighs so much more."""
