@@ -25,6 +25,7 @@ _WHERE = {
     "load_effects": "effects",
     "load_machine": "api",
     "loop": "api",
+    "open_diagnosis": "api",
     "read_campaign": "api",
     "replay": "api",
     "save_machine": "machines",

@@ -6,6 +6,7 @@ from workbench.api import diagnose as diagnose
 from workbench.api import identify as identify
 from workbench.api import load_machine as load_machine
 from workbench.api import loop as loop
+from workbench.api import open_diagnosis as open_diagnosis
 from workbench.api import read_campaign as read_campaign
 from workbench.api import replay as replay
 from workbench.api import simulate as simulate

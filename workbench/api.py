@@ -24,6 +24,7 @@ from workbench.identify.identify import Identification
 from workbench.identify.identify import identify as fit_machine
 from workbench.logs import Campaign
 from workbench.logs import read_campaign as read
+from workbench.logs.doubts import doubts_of
 from workbench.machines import NO_EFFECTS, Axis, Hoist, LinearAxis, RotaryAxis, default_hoist, load_of
 from workbench.machines import load_machine as load
 from workbench.references import (
@@ -47,6 +48,7 @@ from workbench.study.run import StudyResult, run_study
 
 if TYPE_CHECKING:
     from workbench.diagnose.diagnose import Diagnosis
+    from workbench.diagnose.progress import Progress as DiagnoseProgress
 
 PathLike = str | os.PathLike[str]
 M = TypeVar("M", Hoist, LinearAxis, RotaryAxis)
@@ -126,20 +128,47 @@ def diagnose(
     campaign: Campaign | PathLike,
     *,
     machine: Hoist | Axis | None = None,
+    candidates: Sequence[str] | None = None,
+    most_effects: int = 2,
+    baseline: str = "tolerances",
+    validate: Sequence[str] = (),
+    quick: bool = False,
+    study: bool = True,
+    scenario: Study | None = None,
     band_hz: float | None = None,
-    **options: Any,
+    seed: int = 0,
+    tell: Callable[[DiagnoseProgress], None] | None = None,
 ) -> Diagnosis:
     """Find the effect that the machine of a campaign lacks: location, cause, probability, held-out residual.
 
-    options: those of `workbench.diagnose.diagnose.diagnose`: baseline, candidates, most_effects, seed, study.
-    The result's `corrected` machine goes into `replay`, `study` and the rest.
+    machine: to start from, in place of the campaign's. candidates: ids of the effects to weigh, the listed ones of the
+    machine's kind without it. most_effects: that may be missing at once, 1 to 3. baseline: "tolerances" refits the base
+    parameters with their tolerances as priors, "nominal" keeps them. validate: names of runs that no number is fitted
+    to; the result states them apart. quick: names and places within seconds; no pairs, no study. study: whether to
+    compute what changes in the control study, with the moves, limits, payloads and controller of scenario. band_hz:
+    band of the torque residual (−3 dB). The same seed gives the same answer. tell: receives the progress.
+
+    The result's `corrected` machine goes into `replay`, `study` and the rest. It shows what is doubtful in the logs;
+    `save(folder)` keeps it, `open_diagnosis(folder)` reads it back. InputError where the runs cannot be diagnosed.
     """
     from workbench.diagnose.diagnose import diagnose as find_cause  # half of all that is imported
 
     chosen = campaign_of(campaign, machine)
+    if not chosen.doubts:
+        chosen = replace(chosen, doubts=tuple(doubts_of(chosen.machine, chosen.runs)))
     if band_hz is not None:
         check_band(band_hz, chosen.runs)
-    return find_cause(chosen, band_hz=band_hz, **options)
+    return find_cause(
+        chosen, baseline=baseline, candidates=candidates, most_effects=most_effects, seed=seed, band_hz=band_hz,
+        study=study, scenario=scenario, quick=quick, validate=validate, tell=tell,
+    )  # fmt: skip
+
+
+def open_diagnosis(folder: PathLike) -> Diagnosis:
+    """A diagnosis that `Diagnosis.save` has kept in a folder. InputError where there is none, or it is damaged."""
+    from workbench.diagnose.saved import FILE, read_diagnosis_file
+
+    return read_diagnosis_file(Path(folder) / FILE)
 
 
 def simulate(

@@ -63,6 +63,12 @@ def single(row: Row) -> bool:
     return right_word(row) == "named" and len(row["label"]["effects"]) == 1
 
 
+def detectable(row: Row) -> bool:
+    """A single effect on a recorded machine whose energy, less what base values within a tolerance take up, is at least
+    that of noise and the machine's own remainder: what is below cannot be found by anybody."""
+    return single(row) and float((row["label"].get("truth") or {}).get("detectability", 0.0)) >= 1.0
+
+
 def pair(row: Row) -> bool:
     return right_word(row) == "named" and len(row["label"]["effects"]) == 2
 
@@ -289,6 +295,7 @@ _UNKNOWN = {"recorded": 80.0, "hoist": 90.0, "axis": 90.0}
 MEASURES = (
     Measure("named", "single effect\nnamed", single, right, {"hoist": 95.0, "axis": 90.0}),
     Measure("named_or_alike", "named, or\nsaid to be alike", single, right_or_alike, {"recorded": 85.0}),
+    Measure("detectable", "named or alike,\nof the detectable", detectable, right_or_alike),
     Measure("wrong", "single effect:\nwrong one named", single, wrong, {"recorded": 3.0}, True),
     Measure("first_three", "among the\nfirst three", single, among_first_three),
     Measure("pair_both", "pair:\nboth named", pair, right, {"hoist": 80.0, "axis": 80.0}),

@@ -16,13 +16,21 @@ UNITS = ("_hz", "_kg", "_m", "_s")  # what a library's parameter is called beyon
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def campaign_argument(command: Command) -> Command:
+def campaign_argument(command: Command, name: str = "campaign", many: bool = False) -> Command:
     """CAMPAIGN, and the sentence of the help that says what it is, with the log formats that are read."""
     from workbench.logs.formats.known import listed
 
     folder = f"a folder with machine.yaml, runs.yaml and logs ({listed()})"
     command.__doc__ = f"{(command.__doc__ or '').rstrip()}\n\n    CAMPAIGN is {folder}.\n    "
-    return click.argument("campaign", type=click.Path(path_type=Path))(command)
+    where = click.Path(path_type=Path)
+    return click.argument(name, type=where, nargs=-1 if many else 1, required=True, metavar="CAMPAIGN" + "..." * many)(
+        command
+    )
+
+
+def campaigns_argument(command: Command) -> Command:
+    """One CAMPAIGN or several, as `campaigns`."""
+    return campaign_argument(command, "campaigns", many=True)
 
 
 def options(*chosen: Callable[[Command], Command]) -> Callable[[Command], Command]:

@@ -120,19 +120,29 @@ def tuning_words(progress: TuneProgress) -> str:
 # Diagnosis.
 
 
+ENOUGH_DONE, ENOUGH_S = 0.1, 2.0  # of the work, and of time, before the rest is foretold
+
+
 class Stages:
     """Counts the stages of a diagnosis from 1; the last one is the report's, where there is one to write."""
 
     def __init__(self, show: Show, writes: bool) -> None:
         from workbench.diagnose.progress import Stage
 
-        self._show, self._total = show, len(Stage) if writes else len(Stage) - 1
+        self._show, self._total, self._begun = show, len(Stage) if writes else len(Stage) - 1, time.monotonic()
 
     def tell(self, progress: DiagnoseProgress) -> None:
         """Receives the progress of the diagnosis."""
         from workbench.view.diagnosis import progress_words
 
-        self._at(progress_words(progress), progress.stage.value + 1)
+        self._at(f"{progress_words(progress)}{self._left(progress.share_done)}", progress.stage.value + 1)
+
+    def _left(self, share: float) -> str:
+        """How long the rest takes, at the pace so far; nothing where that says little yet."""
+        gone = time.monotonic() - self._begun
+        if share < ENOUGH_DONE or gone < ENOUGH_S:
+            return ""
+        return f", about {gone * (1.0 - share) / share:.0f} s left"
 
     def writing(self, sentence: str) -> None:
         """The report is being written."""
@@ -148,8 +158,8 @@ def stages(writes: bool) -> Iterator[Stages]:
     last = [""]
 
     def line(sentence: str, done: int, total: int | None) -> None:
-        if sentence != last[0]:
-            last[0] = sentence
+        if (step := sentence.partition(", about ")[0]) != last[0]:
+            last[0] = step
             click.echo(sentence, err=True)
 
     with _shown(line) as show:

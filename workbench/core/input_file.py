@@ -23,6 +23,7 @@ MOST_BYTES: Mapping[str, tuple[int, str]] = MappingProxyType(
         "settings": (5 * MB, "; is it a log?"),
         "python": (1 * MB, "; expected Python with effects"),
         "json": (200 * MB, ""),
+        "diagnosis": (2_000 * MB, ""),
         "table": (8_000 * MB, ""),
         "drive log": (1_000 * MB, "; cut it"),
         "log": (20_000 * MB, "; cut it"),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +42,11 @@ class Run(Shown):
             if np.shape(values) != (n,):
                 raise ValueError(f"run {self.name}: signal {name} has shape {np.shape(values)}, time has ({n},)")
         object.__setattr__(self, "signals", MappingProxyType(dict(self.signals)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A mapping that cannot be changed cannot be pickled either."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return type(self), tuple({**values, "signals": dict(self.signals)}.values())
 
     def __getitem__(self, signal: str) -> Array:
         """A signal (n,). InputError with the nearest name where the run has none of this name."""

@@ -6,6 +6,7 @@ asked, as pandas finds its plotting backend.
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
@@ -46,13 +47,14 @@ NO_PANDAS = "to_pandas() needs pandas, which is optional; pip install pandas"
 class View:
     """tables, figures: by name; the first one is meant where no name is given. columns: name -> (n,) values.
 
-    index: the column that is the DataFrame's index, "" for the row's number.
+    index: the column that is the DataFrame's index, "" for the row's number. frames: further columns, by name.
     """
 
     tables: Mapping[str, Callable[[Any], Table]]
     figures: Mapping[str, Callable[[Any], Figure]]
     columns: Callable[[Any], Mapping[str, Sequence[Any]]]
     index: str = field(default="")
+    frames: Mapping[str, Callable[[Any], Mapping[str, Sequence[Any]]]] = field(default_factory=dict)
 
     def table(self, record: object, name: str) -> Table:
         return _chosen(self.tables, name, "table")(record)
@@ -61,13 +63,14 @@ class View:
         attribute("workbench.view.page:without_sharing")()
         return _chosen(self.figures, name, "figure")(record)
 
-    def to_pandas(self, record: object) -> DataFrame:
+    def to_pandas(self, record: object, name: str = "") -> DataFrame:
+        columns = _chosen(self.frames, name, "DataFrame") if name else self.columns
         try:
             import pandas
         except ImportError as error:
             raise InputError(NO_PANDAS) from error
-        frame = pandas.DataFrame(dict(self.columns(record)))
-        return frame.set_index(self.index) if self.index else frame
+        frame = pandas.DataFrame(dict(columns(record)))
+        return frame.set_index(self.index) if self.index and not name else frame
 
 
 def _chosen(known: Mapping[str, Callable[[Any], Any]], name: str, what: str) -> Callable[[Any], Any]:
@@ -110,9 +113,13 @@ class Shown(Brief):
         """As a Plotly figure, the same as in the reports."""
         return view_of(self).plot(self, name)
 
-    def to_pandas(self) -> DataFrame:
+    def to_pandas(self, name: str = "") -> DataFrame:
         """As a pandas DataFrame of plain numbers, SI. pandas is optional: InputError where it is missing."""
-        return view_of(self).to_pandas(self)
+        return view_of(self).to_pandas(self, name)
+
+    def _repr_html_(self) -> str:
+        """In a notebook: its few lines, and its first table."""
+        return f"<pre>{html.escape(repr(self))}</pre>{self.table().html()}"
 
 
 def brief(value: Any) -> str:

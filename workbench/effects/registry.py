@@ -109,6 +109,12 @@ def files_behind(names: Iterable[str], kind: str) -> tuple[UserFile, ...]:
     return tuple(f for f, effects in known if f and any(e.id in wanted and kind in e.kinds for e in effects))
 
 
+def user_files() -> tuple[UserFile, ...]:
+    """All users' files, in the order they were loaded."""
+    with _changing:
+        return tuple(file for file, _ in _sources.values() if file is not None)
+
+
 def digests_of(names: Iterable[str], kind: str) -> dict[str, str]:
     """id -> digest of the text that declares it, of those effects that are not the library's."""
     own = {effect.id for effect in library_effects() if kind in effect.kinds}

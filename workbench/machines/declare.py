@@ -476,6 +476,11 @@ class Kind:
     zero_input: str = ""
     cross_checks: Callable[..., Iterator[CrossCheck]] | None = None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        from workbench.machines.kinds import kind_named
+
+        return kind_named, (self.name,)
+
     @property
     def looped(self) -> ClosedLoop:
         """The closed loop of a kind that has one."""

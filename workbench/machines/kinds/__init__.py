@@ -71,6 +71,11 @@ def looped(machine: AnyMachine) -> AnyMachine | None:
     return machine if kind_of(machine).closed_loop is not None else None
 
 
+def kind_named(name: str) -> Kind:
+    """What a pickle of a kind holds is its name."""
+    return KINDS[name]
+
+
 def of_kind(machine: Any) -> str:
     """a machine of kind 'axis', for messages."""
     return f"a machine of kind '{machine.kind}'"

@@ -1,0 +1,167 @@
+"""Several campaigns in one command, runs kept for the end, and a diagnosis that is kept, opened, pickled."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import pickle
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import workbench as wb
+from tests.support.commands import Commands
+from tests.support.made_diagnosis import made_diagnosis
+from tests.support.simulated_campaign import simulated_campaign
+from workbench.core.errors import InputError
+from workbench.diagnose.diagnose import Diagnosis, diagnose
+from workbench.logs import read_campaign
+from workbench.machines import default_hoist
+from workbench.view.diagnosis_json import to_json
+
+VISCOUS = {"friction_viscous": {"viscous_n_s_per_m": 4210.0}}
+QUICK = ("--quick", "--candidates", "friction_viscous")
+
+
+@pytest.fixture
+def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
+    return Commands(capsys)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    machine = default_hoist().model_copy(update={"effects": VISCOUS})
+    return simulated_campaign(tmp_path_factory.mktemp("many") / "lifts", machine)
+
+
+@pytest.fixture(scope="module")
+def broken(folder: Path) -> Path:
+    bad = folder.parent / "broken"
+    shutil.copytree(folder, bad)
+    (bad / "machine.yaml").write_text("format: 1\nkind: hoist\n")
+    return bad
+
+
+@pytest.mark.parametrize("cluster", [(), ("--cluster", "local:2")])
+def test_a_bad_campaign_among_good_ones_is_a_row_and_no_traceback(
+    workbench: Commands, folder: Path, broken: Path, tmp_path: Path, cluster: tuple[str, ...]
+):
+    if cluster:
+        pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+    twin = folder.parent / "twin"
+    if not twin.exists():
+        shutil.copytree(folder, twin)
+    done = workbench("diagnose", folder, broken, twin, *QUICK, "--out", tmp_path / "out", *cluster)
+    assert done.status == 1
+    assert "Traceback" not in done.out + done.err
+    rows = {line.split()[0]: line for line in done.out.splitlines() if line.split()}
+    assert "friction_viscous" in rows["lifts"] and "friction_viscous" in rows["twin"]
+    assert "refused" in rows["broken"] and "- broken: " in done.out
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["lifts", "twin"]
+    for name in ("lifts", "twin"):
+        said = json.loads((tmp_path / "out" / name / "diagnosis.json").read_text())
+        assert (said["campaign"], said["effects"]) == (name, ["friction_viscous"])
+    assert "about" in done.err and "s left" in done.err
+
+
+def test_two_campaigns_of_one_name_are_refused(workbench: Commands, folder: Path, tmp_path: Path):
+    shutil.copytree(folder, tmp_path / "lifts")
+    done = workbench("diagnose", folder, tmp_path / "lifts", *QUICK)
+    assert (done.status, done.out) == (2, "")
+    assert "two campaigns are called 'lifts'" in done.err
+
+
+def kept_for_the_end(folder: Path, scale: float) -> Diagnosis:
+    """`full` is kept; its torque is scaled."""
+    campaign = read_campaign(folder)
+    runs = []
+    for run in campaign.runs:
+        if run.name == "full":
+            signals = {k: v * scale if k.startswith("torque") else v for k, v in run.signals.items()}
+            run = wb.Run(run.name, run.time_s, signals, run.payload_kg, run.start_position_m, run.start_time_s)
+        runs.append(run)
+    campaign = type(campaign)(**{**vars(campaign), "runs": tuple(runs)})
+    return diagnose(campaign, candidates=("friction_viscous",), quick=True, validate=("full",))
+
+
+def test_nothing_is_fitted_to_a_run_that_is_kept_for_the_end(folder: Path):
+    """Whatever that run holds, no number of the others changes; its own residual does."""
+    sound, other = kept_for_the_end(folder, 1.0), kept_for_the_end(folder, 1.1)
+    assert sound.delivered.runs == other.delivered.runs and sound.corrected == other.corrected
+    assert [run.name for run in sound.delivered.validated] == ["full"]
+    assert sound.delivered.validated[0].after < 1.3 * sound.delivered.validated[0].noise
+    assert other.delivered.validated[0].after > 10.0 * sound.delivered.validated[0].after
+    assert [row[0] for row in sound.table("runs").rows] == ["empty", "half", "full, not in the fit"]
+    assert [run["name"] for run in to_json(sound)["delivered"]["validated"]] == ["full"]
+
+
+def test_a_run_that_is_none_cannot_be_kept(folder: Path):
+    with pytest.raises(InputError, match="no run 'ful'; did you mean 'full'"):
+        diagnose(read_campaign(folder), validate=("ful",))
+    with pytest.raises(InputError, match="no run is left"):
+        diagnose(read_campaign(folder), validate=("empty", "half", "full"))
+
+
+@pytest.mark.parametrize("kind", ["pair", "unknown", "axis"])
+def test_a_diagnosis_is_kept_and_opened_with_every_number(kind: str, tmp_path: Path):
+    made = made_diagnosis(kind)
+    made.save(tmp_path / "kept")
+    opened = wb.open_diagnosis(tmp_path / "kept")
+    assert to_json(opened) == to_json(made) and repr(opened) == repr(made)
+    assert to_json(pickle.loads(pickle.dumps(made))) == to_json(made)
+    assert wb.open_diagnosis(tmp_path / "kept").plot("shrink").to_dict() == made.plot("shrink").to_dict()
+
+
+class _Runs:
+    def __reduce__(self) -> tuple[object, ...]:
+        return exec, ("raise SystemExit('ran')",)
+
+
+@pytest.mark.parametrize("what", [_Runs(), {"a": 1}, np.zeros(3)])
+def test_a_file_that_is_no_diagnosis_is_refused_and_never_run(tmp_path: Path, what: object):
+    (tmp_path / "diagnosis.pickle").write_bytes(pickle.dumps(what))
+    with pytest.raises(InputError, match="diagnosis"):
+        wb.open_diagnosis(tmp_path)
+    (tmp_path / "diagnosis.pickle").write_bytes(pickle.dumps(made_diagnosis("axis"))[:5000])
+    with pytest.raises(InputError, match="no saved diagnosis"):
+        wb.open_diagnosis(tmp_path)
+
+
+def test_a_diagnosis_shows_itself_in_a_notebook_and_as_data_frames():
+    made = made_diagnosis("pair")
+    assert made.verdict.sentence in made._repr_html_() and "<table" in made._repr_html_()
+    pandas = pytest.importorskip("pandas")
+    shrink = made.to_pandas("shrink")
+    assert isinstance(shrink, pandas.DataFrame) and list(shrink.run) == ["empty", "half", "full"]
+    assert sum(made.to_pandas().probability) == pytest.approx(1.0, abs=1e-12)
+    assert all(round(p, 5) == p for p in made.to_pandas().probability)
+    with pytest.raises(InputError, match="no DataFrame 'shrnk'; did you mean 'shrink'"):
+        made.to_pandas("shrnk")
+
+
+def test_the_functions_signature_has_its_options_and_its_docstring_each_of_them():
+    parameters = inspect.signature(wb.diagnose).parameters
+    assert {"validate", "quick", "candidates", "most_effects", "seed"} <= set(parameters)
+    assert all(p.kind is not p.VAR_KEYWORD for p in parameters.values())
+    said = inspect.getdoc(wb.diagnose.__wrapped__) or ""
+    assert [name for name in parameters if name != "campaign" and f"{name}:" not in said.replace("\n", " ")] == [
+        "scenario", "seed",
+    ]  # fmt: skip
+
+
+def test_a_doubtful_log_is_said_in_python_as_by_the_command(workbench: Commands, folder: Path, tmp_path: Path):
+    """A second of one run's log is there twice."""
+    twice = tmp_path / "twice"
+    shutil.copytree(folder, twice)
+    log = twice / "runs" / "half.csv"
+    head, *rows = log.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    for k in range(900, 1100):
+        cells[k][1:] = cells[k - 200][1:]
+    log.write_text("\n".join([head, *(",".join(row) for row in cells)]) + "\n")
+    said = " ".join(workbench("diagnose", twice, *QUICK).out.split())
+    found = wb.diagnose(twice, candidates=("friction_viscous",), quick=True)
+    assert found.campaign.doubts and "Notes on the logs:" in said
+    assert all(f"note on the logs: {doubt}" in repr(found) for doubt in found.campaign.doubts)
