@@ -41,14 +41,15 @@ def test_a_replay_of_the_delivered_machine_gives_the_reports_numbers_and_the_fit
     assert d.delivered.residual_rms == pytest.approx(again.residual_rms_moving, rel=1e-3)
     if d.unknown is not None:  # a table is fitted on samples of its own
         return
-    # The fit looks at every so many of the same samples: per run to the few per cent of that choice, together to 2 %.
+    # The fit looks at every so many of the samples that a replay judges: there both leave the same, to 1 %.
     problem = d.search.problem
     fit = d.search.fits[d.judged.names] if d.judged.names else d.search.within_tolerances
     left = fit.residual[: problem.inputs]
-    for j, run in enumerate(campaign.runs):
-        mine = left[problem.run_of_row[: problem.inputs] == j]
-        assert float(np.sqrt(np.mean(mine**2))) == pytest.approx(said[run.name], rel=0.06), run.name
-    assert fit.rms(problem.inputs) == pytest.approx(again.residual_rms_moving, rel=0.02)
+    for j, run in enumerate(again.runs):
+        rows, mine = problem.rows[j], left[problem.run_of_row[: problem.inputs] == j]
+        assert np.mean(run.balance.moving[rows]) > 0.98, run.name
+        rms = float(np.sqrt(np.mean(mine**2)))
+        np.testing.assert_allclose(run.balance.residual[rows], mine, atol=0.01 * rms, err_msg=run.name)
 
 
 def test_the_commands_agree_to_every_digit_they_print(
