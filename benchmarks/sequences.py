@@ -210,15 +210,17 @@ class Found:
     right: bool
 
 
-def judged(watched: Watched, rules: Rules) -> tuple[list[Found], int]:
-    """What the judge makes of a machine's faults, and how many alarms are nobody's."""
+def judged(watched: Watched, rules: Rules) -> tuple[list[Found], int, int]:
+    """What the judge makes of a machine's faults, how many alarms are nobody's, and how many tell a known change under
+    another name."""
     judge = Judge(rules)
     alarms: list[tuple[Alarm, bool]] = []
     for cycle in watched.cycles:
         result = judge.add(cycle)
         if result.alarm is not None:
             alarms.append((result.alarm, result.again))
-    new = [alarm for alarm, again in alarms if not again]
+    told = [alarm for alarm, again in alarms if not again]
+    new = [alarm for k, alarm in enumerate(told) if all(alarm.onset != before.onset for before in told[:k])]
     found, false = [], sum(1 for alarm in new if not watched.given or alarm.cycle < watched.given[0][1])
     for i, (name, begins, _, _, visible, right) in enumerate(watched.given):
         ends = watched.given[i + 1][1] if i + 1 < len(watched.given) else len(watched.cycles)
@@ -227,21 +229,22 @@ def judged(watched: Watched, rules: Rules) -> tuple[list[Found], int]:
         said = mine[0].causes[0].name if mine else ""
         delay = mine[0].cycle - visible if mine else None
         found.append(Found(f"{watched.kind} {watched.seed}", name, i + 1, delay, said, said in right))
-    return found, false
+    return found, false, len(told) - len(new)
 
 
 def report(machines: Sequence[Watched], rules: Rules) -> list[str]:
     results = [judged(watched, rules) for watched in machines]
-    found = [one for some, _ in results for one in some]
+    found = [one for some, _, _ in results for one in some]
     seen = [one for one in found if one.delay is not None]
     soon = [one for one in seen if one.delay is not None and one.delay <= SOON]
     cycles = sum(len(watched.cycles) - rules.healthy for watched in machines)
-    false = sum(count for _, count in results)
+    false, renamed = (sum(result[i] for result in results) for i in (1, 2))
     lines = [
         f"{len(machines)} machines, {cycles} judged cycles, {len(found)} faults",
         f"  alarm within {SOON} cycles of being visible: {len(soon)} of {len(found)}; later {len(seen) - len(soon)}",
         f"  right name: {sum(one.right for one in found)} of {len(found)}",
         f"  alarms that no fault explains: {false}; stated: {cycles / rules.cycles_between:.1f}",
+        f"  a known change told under another name: {renamed}",
     ]
     for number in sorted({one.number for one in found}):
         some = [one for one in found if one.number == number]

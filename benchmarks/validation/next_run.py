@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,13 +20,12 @@ from workbench.blind.answer import Answer, answer
 from workbench.blind.criteria import Row, single
 from workbench.blind.score import Score
 from workbench.blind.seal import Order
-from workbench.core.errors import InputError
 from workbench.diagnose.diagnose import chosen_effects
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.scan import atoms
 from workbench.diagnose.hypotheses.search import Search, SearchResult
 from workbench.diagnose.isolability import isolability
-from workbench.diagnose.isolation.planned import menu
+from workbench.diagnose.isolation.planned import from_moves
 from workbench.logs import read_campaign
 from workbench.machines import kind_of
 
@@ -53,14 +51,9 @@ def extended(content: Content, recommended: Mapping[str, Any], campaign: Path) -
 
     read = read_campaign(campaign)
     problem = Problem(read.machine, read.runs)
-    fits = [
-        planned
-        for planned in menu(problem)
-        if _motion(planned.words) == _motion(recommended["profile"]) and planned.payload_kg == recommended["payload_kg"]
-    ]
-    if not fits:
-        raise InputError(f"no run '{recommended['profile']}' on the menu", file=campaign)
-    run, kind = fits[0].run, content.kind
+    start, speed, moves = (recommended[key] for key in ("start_position", "speed", "moves"))
+    planned = from_moves(problem, recommended["payload_kg"], start, speed, moves)
+    run, kind = planned.run, content.kind
     speed = run[problem.bench.plant.speeds[0]]
     t = np.arange(round(run.duration_s / kind.record_s)) * kind.record_s
     reference = tuple(float(v) for v in np.interp(t, run.time_s - run.time_s[0], speed))
@@ -72,11 +65,6 @@ def extended(content: Content, recommended: Mapping[str, Any], campaign: Path) -
     more = [names[signal] for signal in recommended["signals"] if signal in names]
     logs = tuple(dict.fromkeys([*content.logging.logs, *more]))
     return replace(content, runs=(*content.runs, plan), logging=replace(content.logging, logs=logs))
-
-
-def _motion(words: str) -> str:
-    """A motion's words without its speed, which hangs on the band."""
-    return re.sub(r"\s*\([^)]*\)", "", words)
 
 
 def one_more_run(score: Score) -> tuple[Mapping[str, float], str] | None:

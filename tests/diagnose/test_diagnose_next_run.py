@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +15,12 @@ from workbench.diagnose.hypotheses.fits import Fitted
 from workbench.diagnose.hypotheses.knobs import Value
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.lines import Line
-from workbench.diagnose.isolation.next_run import APART, LEAST, Offer, choose, next_run, separation
-from workbench.diagnose.isolation.planned import Planned, menu, seen_in
+from workbench.diagnose.isolation.next_run import APART, LEAST, Offer, chance_to_decide, choose, next_run, separation
+from workbench.diagnose.isolation.planned import Planned, from_moves, menu, seen_in
+from workbench.machines import save_machine
+from workbench.references import Limits
+from workbench.study.load import load_study
+from workbench.view.diagnosis import write_next_run
 
 TRIED = ("torque_offset", "carriage_mass_error", "friction_viscous")
 ROWS = 200
@@ -69,7 +75,7 @@ def test_a_run_that_sees_the_parameter_otherwise_sets_apart_what_the_campaign_di
 
 def offer(apart: float, seconds: float, *signals: str) -> Offer:
     run = Run("r", np.array([0.0, seconds]), {})
-    return Offer(Planned(run, 0.0, "slow"), signals, apart)
+    return Offer(Planned(run, 0.0, "slow", (), Limits(1.0, 1.0, 1.0), 0.0), signals, apart)
 
 
 def test_the_shortest_run_that_decides_is_chosen_before_one_that_sets_more_apart():
@@ -114,7 +120,33 @@ def test_the_dead_lines_tension_decides_between_an_offset_and_a_mass(heavier: Se
     assert advice.now < APART < advice.separation
     assert "torque_offset" in advice.why and "carriage_mass_error" in advice.why
     assert f"by {advice.separation:.1f} standard deviations" in advice.why
-    assert "both ways" in advice.profile
+    assert advice.planned is not None
+
+
+def test_a_designed_motion_is_no_longer_than_the_plain_one_and_sets_more_apart(heavier: SearchResult):
+    advice = next_run(heavier.problem, heavier, ["torque_offset", "friction_viscous"])
+    assert advice is not None and advice.planned is not None
+    seen, run = seen_in(heavier.problem), advice.planned.run
+    assert advice.separation >= advice.menu
+    speed = run["speed_motor_rad_s"] * heavier.problem.machine.lift_m_per_rad
+    place = advice.planned.start_position + np.cumsum(speed) * run.sample_time_s
+    assert np.max(np.abs(speed)) <= 1.001 * seen.speed
+    assert seen.low - 0.06 < np.min(place) and np.max(place) < seen.high + 0.06
+    played = from_moves(
+        heavier.problem, advice.payload_kg, advice.planned.start_position, advice.planned.limits.speed_m_s,
+        [{key: value for key, value in vars(step).items() if value is not None} for step in advice.planned.steps],
+    )  # fmt: skip
+    assert np.allclose(played.run["speed_motor_rad_s"], run["speed_motor_rad_s"])
+
+
+def test_the_chance_to_decide_is_that_of_drawn_likelihoods():
+    rng = np.random.default_rng(3)
+    for apart in (2.0, 3.5, 6.0):
+        shift = np.zeros(50)
+        shift[:] = apart / math.sqrt(50)
+        data = rng.normal(size=(20000, 50))  # the true hypothesis predicts 0, the other one `shift`
+        ratio = 0.5 * np.sum((data - shift) ** 2 - data**2, axis=1)
+        assert chance_to_decide(apart) == pytest.approx(np.mean(ratio > math.log(20.0)), abs=0.02)
 
 
 def test_the_same_question_has_the_same_answer(heavier: SearchResult):
@@ -128,3 +160,17 @@ def test_what_was_not_refitted_is_taken_from_its_signature(heavier: SearchResult
     advice = next_run(heavier.problem, bare, ["torque_offset", "carriage_mass_error"])
     assert advice is not None
     assert advice.separation > advice.now
+
+
+def test_the_files_of_the_next_run_are_a_study_and_a_motion_for_a_drive(heavier: SearchResult, tmp_path: Path):
+    machine = heavier.problem.machine
+    advice = next_run(heavier.problem, heavier, ["torque_offset", "carriage_mass_error"])
+    assert advice is not None and advice.planned is not None
+    save_machine(machine, tmp_path / "machine.yaml")
+    diagnosis = SimpleNamespace(campaign=SimpleNamespace(machine=machine), corrected=machine)
+    write_next_run(diagnosis, advice.planned, tmp_path)  # type: ignore[arg-type]
+    played = np.genfromtxt(tmp_path / "next_run.csv", delimiter=",", names=True)
+    driven = np.gradient(played["position_m"], played["time_s"])
+    assert np.max(np.abs(driven - played["speed_m_s"])) < 0.05 * np.max(np.abs(played["speed_m_s"]))
+    study = load_study(tmp_path / "next_run.yaml")
+    assert study.plans["ruckig"].end_position_m == pytest.approx(played["position_m"][-1], abs=0.05)

@@ -580,7 +580,7 @@ def test_zig_compiles_for_other_systems_with_an_old_library_and_a_plain_processo
     monkeypatch.setattr(compiling, "host", lambda: None)
     words = compiling.compiler("linux-x86_64")
     assert words[1:] == ["-m", "ziglang", "cc", "-target", "x86_64-linux-gnu.2.17", "-mcpu=baseline"]
-    assert compiling.usual_targets() == compiling.ALL
+    assert compiling.targets_of(None) == compiling.ALL
 
 
 def test_the_command_writes_sources_for_any_compiler(tmp_path: Path, commands: Commands):

@@ -106,6 +106,34 @@ def test_no_random_feasible_motion_is_below_the_bound(name: str):
     assert tried > 150  # over all loads more than 1,000
 
 
+def drawn_machine(rng: np.random.Generator) -> tuple[Load, float, float]:
+    """(load, distance m, time s): payload, wire, damping, drive, move and time each anywhere in a wide range."""
+    load = loaded(
+        float(rng.uniform(0.0, 12_000.0)),
+        wire__youngs_modulus_pa=MACHINE.wire.youngs_modulus_pa * float(np.exp(rng.uniform(-1.6, 1.2))),
+        wire__damping_time_s=float(np.exp(rng.uniform(math.log(1e-3), math.log(0.2)))),
+    )
+    load = replace(load, drive_kg=load.drive_kg * float(np.exp(rng.uniform(-1.5, 0.5))))
+    distance = float(rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(math.log(0.15), math.log(15.0))))
+    return load, distance, time_of(distance) * float(rng.uniform(1.0, 1.4))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_on_a_machine_drawn_at_random_no_motion_is_below_the_bound_and_one_is_within_half_a_per_cent(seed: int):
+    rng = np.random.default_rng(100 + seed)
+    load, distance, time = drawn_machine(rng)
+    any_end = least_peak(distance, LIMITS.speed_m_s, time, load, still=False)
+    still = least_peak(distance, LIMITS.speed_m_s, time, load)
+    for found in (any_end, still):
+        assert found.dual_n <= found.primal_n <= 1.005 * found.dual_n
+    assert any_end.dual_n <= still.primal_n
+    acceleration, step = random_motions(rng, distance, time, 150)
+    rest = np.zeros((len(acceleration), 400))
+    force, wire = answers(load, math.copysign(1.0, distance), np.hstack([acceleration, rest]), step)
+    peaks = np.abs(force).max(axis=1)[wire.min(axis=1) >= TAUT]
+    assert len(peaks) > 30 and peaks.min() >= any_end.dual_n
+
+
 @pytest.mark.parametrize("name", LOADS)
 @pytest.mark.parametrize("distance", [3.0, -0.2])
 def test_no_listed_reference_is_below_the_bound_of_its_time(name: str, distance: float):

@@ -48,6 +48,7 @@ from workbench.view.study import BEST, criteria_table, decision_table
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCES = ("trapezoid", "ruckig", "ruckig_equal_time", "ruckig_least_peak", "optimal")
+WITHIN = tuple(name for name in REFERENCES if name != "ruckig_equal_time")  # the speed limit
 TIME, PEAK = "move_time_s", "peak_torque_motor_nm"
 
 
@@ -126,13 +127,14 @@ def test_no_limits_of_a_grid_within_the_time_are_better_than_what_is_taken(paylo
 
 def test_the_motion_of_least_peak_is_not_taken_for_its_peak_alone():
     """Its peak is the lowest; its speed error and tension swing are twice the trapezoid's."""
-    made = decided(result().study, list(result().rows))
+    one = result(references=WITHIN)
+    made = decided(one.study, list(one.rows))
     lowest = min(made.candidates, key=lambda c: c.values[PEAK])
     assert lowest.reference == "optimal" and made.taken is not None and made.taken.reference != "optimal"
     peak_alone = {
         c.name: CriterionBlock(weight=0.0) for c in made.criteria if c.name != PEAK
     } | {"torque_reserve_percent": CriterionBlock(weight=1.0)}  # fmt: skip
-    assert decided(result().study, list(result().rows), given=peak_alone).taken == replace(
+    assert decided(one.study, list(one.rows), given=peak_alone).taken == replace(
         lowest, shares=lowest.shares, total=lowest.values[PEAK] / (0.9 * peak_limit(default_hoist()))
     )
 
@@ -191,7 +193,7 @@ def test_who_breaks_a_limit_is_out_and_where_all_do_none_is_taken():
     made = decided(
         result().study, rows, given={"peak_torque_motor_nm": CriterionBlock(most=0.5 * (peaks[0] + peaks[1]))}
     )
-    assert [c.reference for c in made.left] == ["optimal"]
+    assert [c.reference for c in made.left] == [next(r.reference for r in rows if r[PEAK] == peaks[0])]
     assert "Out: " in take_sentences([made])[0]
     (none,) = take_sentences(
         [decided(result().study, rows, given={"peak_torque_motor_nm": CriterionBlock(most=100.0)})]
@@ -362,9 +364,9 @@ def test_nothing_is_chosen_among_one():
     assert decision_table([row("trapezoid", 36.0, 560.0)]) is None
 
 
-def test_the_optimum_is_lowest_of_its_time_in_the_closed_loop_too():
+def test_the_optimum_is_lowest_of_its_time_and_speed_in_the_closed_loop_too():
     peaks = {c.reference: c.values["peak_torque_motor_nm"] for c in choices(result().rows)}
-    assert peaks["optimal"] < min(peaks["trapezoid"], peaks["ruckig_equal_time"], peaks["ruckig_least_peak"])
+    assert peaks["optimal"] < min(peaks["trapezoid"], peaks["ruckig_least_peak"])
     assert peaks["ruckig_equal_time"] < peaks["ruckig_least_peak"]
 
 
@@ -438,9 +440,9 @@ def test_the_bound_is_below_every_motion_of_its_time_and_names_the_pair_that_is_
     assert of_all <= least == again <= found <= 1.005 * least
     above = {words: int(percent) for words, percent in re.findall(r"(?:are|,|and) ([a-zA-Z' ]+) by (\d+) %", said)}
     assert above["the motion of least torque peak"] <= 2 < above["the trapezoid"]
-    assert "exceeds speed from 0.7 to 0.735 m/s (96.6 % of the drive's top speed): 550 N m" in free
+    assert "exceeds speed from 0.7 to 0.76 m/s (100 % of the drive's top speed): 497 N m" in free
     (equal, best) = (float(peak) for peak in re.findall(r"([\d.]+) N m per motor", free))
-    assert least < equal < best == pytest.approx(least * (1.0 + above["the trapezoid"] / 100.0), rel=6e-3)
+    assert equal < best == pytest.approx(least * (1.0 + above["the trapezoid"] / 100.0), rel=6e-3)
 
 
 def test_the_lightly_damped_machine_is_the_default_one_but_for_its_wire():

@@ -160,8 +160,8 @@ def angle_read(effects: Effects, angle: Expr, place: str, names: tuple[str, ...]
     def held(piece: Callable[[Any, Any], Scalar], s: Any, p: Any) -> Scalar:
         return piece(SimpleNamespace(**{**vars(s), **dict.fromkeys(names, angle)}), p)
 
-    pieces = {**effects.pieces, place: [partial(held, piece) for piece in effects.pieces[place]]}
-    return Effects(pieces, effects.parameters, effects.memory)
+    pieces: list[Callable[[Any, Any], Scalar]] = [partial(held, piece) for piece in effects.pieces[place]]
+    return Effects({**effects.pieces, place: pieces}, effects.parameters, effects.memory)
 
 
 OUTPUTS = ("speed_motor_rad_s", "speed_carriage_m_s", "tension_drum_n")  # of a hoist

@@ -50,7 +50,7 @@ def write_fmu(
         raise InputError("is there already; nothing is overwritten, choose another file", file=out)
     if not out.resolve().parent.is_dir():
         raise InputError(f"cannot be written: there is no folder {out.parent}", file=out)
-    targets = targets_of(usual_targets() if platforms is None else platforms)
+    targets = targets_of(platforms)
     with tempfile.TemporaryDirectory(prefix="workbench-fmu-") as name:
         folder = Path(name)
         sources = folder / "sources"
@@ -82,21 +82,18 @@ def write_sources(model: Model, folder: Path, version: FmiVersion) -> None:
 
 
 def _zip(folder: Path, out: Path) -> None:
-    handle, temporary = tempfile.mkstemp(prefix=f".{out.name}.", dir=out.resolve().parent)
+    hidden = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
-        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        with zipfile.ZipFile(hidden, "x", zipfile.ZIP_DEFLATED) as archive:
             for file in sorted(path for path in folder.rglob("*") if path.is_file()):
                 entry = zipfile.ZipInfo(file.relative_to(folder).as_posix(), MOMENT)
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                entry.external_attr = 0o644 << 16
+                entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
                 archive.writestr(entry, file.read_bytes())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, out)
+        os.replace(hidden, out)
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror or error}", file=out) from error
     finally:
-        if os.path.exists(temporary):
-            os.unlink(temporary)
+        hidden.unlink(missing_ok=True)
 
 
 # The description.
@@ -202,20 +199,15 @@ def has_zig() -> bool:
 
 def host_compiler() -> str | None:
     """The host's C compiler: CC, else cc, gcc or clang."""
-    named = os.environ.get("CC")
-    return next((path for name in (named, "cc", "gcc", "clang") if name and (path := shutil.which(name))), None)
+    names = (os.environ.get("CC"), "cc", "gcc", "clang")
+    return next((path for name in names if name and (path := shutil.which(name))), None)
 
 
-def usual_targets() -> tuple[str, ...]:
-    """All with ziglang, else this computer alone."""
-    if has_zig():
-        return ALL
-    here = host()
-    return (here,) if here is not None else ()
-
-
-def targets_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Checked names of targets, each once. InputError for an unknown one, or one that no compiler here makes."""
+def targets_of(names: Sequence[str] | None) -> tuple[str, ...]:
+    """Checked names of targets, each once; None: all with ziglang, else this computer alone. InputError for an unknown
+    one, or one that no compiler here makes."""
+    if names is None:
+        names = ALL if has_zig() else [name for name in [host()] if name]
     for name in names:
         if name not in TARGETS:
             raise InputError(f"unknown platform '{name}'; {nearest(name, TARGETS)}", place="platforms")
@@ -231,10 +223,10 @@ def compiler(target: str) -> list[str]:
         # The oldest processor of its kind: a binary for this one stops on others.
         cpu = ["-mcpu=baseline"] if "x86_64" in target else []
         return [sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[target].triple, *cpu]
+    extra = "the extra: pip install '.[fmu]'"
     if target == host():
-        raise InputError("no C compiler is here; install one, or the extra: pip install '.[fmu]'")
-    raise InputError(f"a binary for {target} takes the extra: pip install '.[fmu]'; "
-                     f"without it only {host() or 'none'} can be made")  # fmt: skip
+        raise InputError(f"no C compiler is here; install one, or {extra}")
+    raise InputError(f"a binary for {target} takes {extra}; without it only {host() or 'none'} can be made")
 
 
 def shared_library(folder: Path, files: Sequence[str], target: str, to: Path, flags: Sequence[str] = FLAGS) -> None:
@@ -245,10 +237,8 @@ def shared_library(folder: Path, files: Sequence[str], target: str, to: Path, fl
     to.parent.mkdir(parents=True, exist_ok=True)
     try:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=MOST_S, check=False)
-    except subprocess.TimeoutExpired as error:
-        raise InputError(f"the C compiler did not end within {MOST_S / 60.0:.0f} minutes", place=target) from error
-    except OSError as error:
-        raise InputError(f"the C compiler cannot be run: {error.strerror or error}", place=target) from error
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise InputError(f"the C compiler cannot be run or does not end: {error}", place=target) from error
     if done.returncode != 0 or not to.is_file():
         lines = [line for line in (done.stderr or done.stdout).splitlines() if "error" in line.lower()]
         raise InputError(f"the C compiler failed: {(lines or ['without a word'])[0]}", place=target)

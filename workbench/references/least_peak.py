@@ -26,7 +26,7 @@ twice. (Weak duality: D. G. Luenberger, Optimization by Vector Space Methods, 19
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -40,6 +40,7 @@ from workbench.references.shape import Pieces, Shape, shortest_move, shortest_mo
 
 STEP_S = 0.004
 MOST_ACCELERATION = 6.0  # times the trapezoid's
+LEAST_ACCELERATION, MOST_JERK = 0.25, 10.0  # times the limits, at equal time
 
 
 def peak_force_n(shape: Shape, load: Load) -> float:
@@ -69,37 +70,82 @@ def forces_n(shape: Shape, load: Load) -> tuple[Array, Array]:
 
 
 def least_peak_limits(distance_m: float, limits: Limits, time_s: float, load: Load) -> Limits:
-    """Of the pairs of acceleration and jerk with which the move takes `time_s`, the one of the least peak force.
+    """Of the pairs of acceleration and jerk with which the move takes `time_s`, the one of the least peak force."""
+    a = limits.acceleration_m_s2
+    best = _least_peak_pair(distance_m, limits, time_s, load, (1.001 * a, MOST_ACCELERATION * a), math.inf, 1.01 * a)
+    assert best is not None  # a large enough acceleration always has its jerk
+    return best
+
+
+@lru_cache(maxsize=512)
+def equal_time_limits(distance_m: float, limits: Limits, time_s: float, load: Load) -> Limits:
+    """Those with which a jerk-limited move takes `time_s` though it cannot within its own, by what is cheapest: the
+    speed alone, up to the motors'; at that speed a jerk up to MOST_JERK times the limit; then the acceleration.
+
+    Of the ways that exceed no more than that, the one of the least peak force.
+    """
+    a, j = limits.acceleration_m_s2, limits.jerk_m_s3
+    top = replace(limits, speed_m_s=max(load.top_speed_m_s, limits.speed_m_s))
+    least, most = LEAST_ACCELERATION * a, MOST_ACCELERATION * a
+    ways = [_least_peak_pair(distance_m, top, time_s, load, (least, a), j)]
+    if shortest_move_s(distance_m, top) <= time_s:
+        low, high = limits.speed_m_s, top.speed_m_s
+        for _ in range(60):
+            v = 0.5 * (low + high)
+            late = shortest_move_s(distance_m, replace(limits, speed_m_s=v)) > time_s
+            low, high = (v, high) if late else (low, v)
+        ways.append(replace(limits, speed_m_s=high))
+    for accelerations, jerk in (((least, a), MOST_JERK * j), ((a, most), MOST_JERK * j), ((a, most), math.inf)):
+        if not any(ways):
+            ways = [_least_peak_pair(distance_m, top, time_s, load, accelerations, jerk)]
+    known = [way for way in ways if way is not None]
+    best = min(known, key=lambda way: peak_force_n(shortest_move(distance_m, way), load))
+    reached = abs(float(shortest_move(distance_m, best).at(np.array([0.5 * time_s]))[1][0]))  # half-way it is fastest
+    return replace(best, speed_m_s=max(limits.speed_m_s, min(best.speed_m_s, reached)))
+
+
+def _least_peak_pair(
+    distance_m: float, limits: Limits, time_s: float, load: Load, accelerations: tuple[float, float], most_jerk: float,
+    first: float | None = None,
+) -> Limits | None:  # fmt: skip
+    """The same at one speed, between two accelerations and up to a jerk; None where there is none.
 
     One pair is free: each acceleration above the trapezoid's has one jerk that gives the time. The search is over
-    the logarithm of the acceleration, first even, then around the best.
+    the logarithm of the acceleration, first even, from `first` on, then around the best.
     """
-    low, high = limits.acceleration_m_s2 * 1.01, limits.acceleration_m_s2 * MOST_ACCELERATION
+    low, high = first or accelerations[0], accelerations[1]
     tried: dict[Limits, float] = {}
+    best: Limits | None = None
     for _ in range(3):
         values = np.geomspace(low, high, 13)
         pairs = (_in_time(distance_m, limits, time_s, float(a)) for a in values)
-        tried |= {pair: peak_force_n(shortest_move(distance_m, pair), load) for pair in pairs if pair is not None}
-        best = min(tried, key=tried.__getitem__)  # a large enough acceleration always has its jerk
+        fit = [pair for pair in pairs if pair is not None and pair.jerk_m_s3 <= most_jerk * (1.0 + 1e-9)]
+        tried |= {pair: peak_force_n(shortest_move(distance_m, pair), load) for pair in fit}
+        if not tried:
+            break
+        best = min(tried, key=tried.__getitem__)
         step = values[1] / values[0]
-        low = max(best.acceleration_m_s2 / step, limits.acceleration_m_s2 * 1.001)
-        high = best.acceleration_m_s2 * step
+        low, high = (min(max(best.acceleration_m_s2 * x, accelerations[0]), accelerations[1]) for x in (1 / step, step))
     return best
 
 
 def _in_time(distance_m: float, limits: Limits, time_s: float, acceleration_m_s2: float) -> Limits | None:
     """The jerk with which the move at this acceleration takes the time; None where none is quick enough."""
-    low, high = 1e-3, 1e5
+    v, a = limits.speed_m_s, acceleration_m_s2
 
     def late(jerk: float) -> bool:
-        return shortest_move_s(distance_m, Limits(limits.speed_m_s, acceleration_m_s2, jerk)) > time_s
+        return shortest_move_s(distance_m, Limits(v, a, jerk)) > time_s
 
+    spare = time_s - abs(distance_m) / v - v / a  # of a move that reaches both limits: a/j
+    if spare > 0.0 and abs(shortest_move_s(distance_m, Limits(v, a, a / spare)) - time_s) < 1e-12 * time_s:
+        return Limits(v, a, a / spare)
+    low, high = 1e-3, 1e5
     if late(high):
         return None
     for _ in range(50):
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if late(middle) else (low, middle)
-    return Limits(limits.speed_m_s, acceleration_m_s2, high)
+    return Limits(v, a, high)
 
 
 GRIDS = ((48, 1.0), (96, 1.0), (192, 2.0), (384, 4.0))  # (steps in the window at either end, swings it is longer)

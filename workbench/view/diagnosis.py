@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
+from workbench.analysis.usual import usual_settings
 from workbench.core.errors import InputError
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS
 from workbench.diagnose.saved import FILE, write_diagnosis_file
@@ -23,6 +26,7 @@ from workbench.diagnose.unknown import OVER, over_what
 from workbench.diagnose.verdict.records import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
 from workbench.machines import kind_of, plant_of, save_machine
+from workbench.references import Step
 from workbench.study.consequences import consequences_table
 from workbench.view import diagnosis_figures as draw
 from workbench.view.consequences import before_and_after
@@ -495,13 +499,16 @@ def brief_shrink_table(d: Diagnosis) -> Table:
 def next_run_table(d: Diagnosis) -> Table:
     """The run that would decide between open hypotheses; no row if none is open."""
     n = d.next_run
-    columns = [words("profile"), Column("payload", "kg"), words("signals to log too"), Column("apart\nnow"),
-               Column("apart\nwith it")]  # fmt: skip
+    columns = [words("profile"), Column("length", "s"), Column("payload", "kg"), words("signals to log too"),
+               Column("apart\nnow"), Column("apart\nwith it"), Column("a plain run\nas long"),
+               Column("decides\n20 to 1", "%")]  # fmt: skip
     note = "Apart: how many standard deviations lie between the predictions of the candidates that are still open."
     if n is None:
         return Table(columns, [], note)
     load = f"{n.payload_kg:g}" if kind_of(d.campaign.machine).payload else NOTHING
-    row = [n.profile, load, ", ".join(n.signals) or NOTHING, figures(n.now, 2), figures(n.separation, 2)]
+    length = NOTHING if n.planned is None else figures(n.planned.duration_s)
+    row = [n.profile, length, load, ", ".join(n.signals) or NOTHING, figures(n.now, 2), figures(n.separation, 2),
+           figures(n.menu, 2), figures(100.0 * n.decides, 2)]  # fmt: skip
     return Table(columns, [row], note)
 
 
@@ -661,10 +668,49 @@ def write_diagnosis(
         if diagnosis.unknown is not None and diagnosis.unknown.law is not None:
             (hidden / "law.py").write_text(diagnosis.unknown.law.source, encoding="utf-8")
             (hidden / "machine_law.yaml").write_text(diagnosis.unknown.law.machine, encoding="utf-8")
+        if diagnosis.next_run is not None and diagnosis.next_run.planned is not None:
+            write_next_run(diagnosis, diagnosis.next_run.planned, hidden)
         save_diagnosis_page(diagnosis, hidden / "diagnose.html")
         if keep:
             write_diagnosis_file(diagnosis, hidden / FILE)
     return diagnosis
+
+
+def write_next_run(d: Diagnosis, planned: Planned, folder: Path) -> None:
+    """next_run.csv, the motion as a drive can play it, and next_run.yaml, the same as a scenario of the delivered
+    machine."""
+    kind, run, limits = kind_of(d.campaign.machine), planned.run, planned.limits
+    unit, speed = kind.moved.unit, run[kind.plant.speeds[0]] * kind.transmission_of(d.campaign.machine)
+    gone = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(run.time_s))
+    place = planned.start_position + np.concatenate([[0.0], gone])
+    table = np.column_stack([run.time_s, place, speed])
+    head = f"time_s,position_{unit},speed_{unit}_s"
+    np.savetxt(folder / "next_run.csv", table, fmt="%.6g", delimiter=",", header=head, comments="")
+    if kind.closed_loop is None:
+        return
+
+    def keyed(step: Step) -> dict[str, float]:
+        names = {"by_m": f"by_{unit}", "to_m": f"to_{unit}", "speed_m_s": f"speed_{unit}_s"}
+        return {names.get(key, key): value for key, value in vars(step).items() if value is not None}
+
+    scenario = {
+        "format": 1,
+        "name": "next_run",
+        "description": "The motion that would decide between the causes that the diagnosis leaves open.",
+        "machine": "machine.yaml",
+        **({"payloads_kg": [planned.payload_kg]} if kind.payload else {}),
+        f"start_position_{unit}": round(planned.start_position, 6),
+        "moves": [keyed(step) for step in planned.steps],
+        "limits": {
+            f"speed_{unit}_s": limits.speed_m_s,
+            f"acceleration_{unit}_s2": limits.acceleration_m_s2,
+            f"jerk_{unit}_s3": limits.jerk_m_s3,
+        },
+        "references": ["ruckig"],
+        "controller": usual_settings(d.corrected)[0].model_dump(exclude_none=True, exclude_defaults=True),
+    }
+    text = yaml.safe_dump(scenario, sort_keys=False, allow_unicode=True)
+    (folder / "next_run.yaml").write_text(text, encoding="utf-8")
 
 
 def save_diagnosis_page(d: Diagnosis, path: Path) -> None:

@@ -10,6 +10,7 @@ from workbench import __version__
 from workbench.core.json_records import plain
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.isolation.planned import Planned
 from workbench.study.consequences import as_json
 from workbench.view.words import words_of
 
@@ -38,7 +39,7 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
             for row, p in zip(v.ranking, exact, strict=True)
         ],
         "alike": v.alike,
-        "next_run": d.next_run and _of(d.next_run, "why payload_kg profile signals"),
+        "next_run": d.next_run and {**_of(d.next_run, "why payload_kg profile signals"), **_moves(d.next_run.planned)},
         "where": where
         and {
             "subsystem": where.subsystem,
@@ -84,6 +85,13 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
 
 def _kept_times(rounded: Any, exact: Any) -> Any:
     return rounded and rounded | {"windows": exact["windows"]}
+
+
+def _moves(planned: Planned | None) -> dict[str, Any]:
+    if planned is None:
+        return {}
+    moves = [{key: value for key, value in vars(step).items() if value is not None} for step in planned.steps]
+    return {"start_position": planned.start_position, "speed": planned.limits.speed_m_s, "moves": moves}
 
 
 def _steps(d: Diagnosis) -> dict[str, Any]:
@@ -133,7 +141,13 @@ def _steps(d: Diagnosis) -> dict[str, Any]:
             },
             "sentences": i.sentences,
         },
-        "next_run_details": d.next_run and {"separation": d.next_run.separation, "separation_now": d.next_run.now},
+        "next_run_details": d.next_run
+        and {
+            "separation": d.next_run.separation,
+            "separation_now": d.next_run.now,
+            "separation_menu": d.next_run.menu,
+            "decides": d.next_run.decides,
+        },
         "shrink_details": {
             "by_run": {name: {"before": was, "after": now} for name, (was, now) in d.shrink.by_run.items()},
             "sentences": d.shrink.sentences,

@@ -15,6 +15,7 @@ widens the errors. Gaussian evidence: D. J. C. MacKay, Neural Computation 4, 199
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -49,11 +50,11 @@ def groups_of(cycles: Sequence[Cycle], runs: Sequence[Run], baseline: Baseline) 
     """The cycles by payload, of those payloads that a run stands for."""
     made: list[Group] = []
     for run in runs:
-        alike = [c for c in cycles if abs(c.payload_kg - run.payload_kg) <= SAME_PAYLOAD_KG]
-        if not alike or any(abs(run.payload_kg - group.payload_kg) <= SAME_PAYLOAD_KG for group in made):
-            continue
-        z = [baseline.z(baseline.deviation(c.estimate.values, c.payload_kg), c.payload_kg) for c in alike]
-        made.append(Group(run.payload_kg, len(alike), np.asarray(np.mean(z, axis=0)), run))
+        payload = run.payload_kg
+        alike = [c for c in cycles if abs(c.payload_kg - payload) <= SAME_PAYLOAD_KG]
+        if alike and all(abs(payload - group.payload_kg) > SAME_PAYLOAD_KG for group in made):
+            z = [baseline.z(baseline.deviation(c.estimate.values, c.payload_kg), c.payload_kg) for c in alike]
+            made.append(Group(payload, len(alike), np.asarray(np.mean(z, axis=0)), run))
     return made
 
 
@@ -83,8 +84,7 @@ def likelihoods(
     left = {name: _normal(deviation, column, noise)[1] for name, column in columns.items()}
     scale = max(1.0, min(left.values()) / len(deviation))
     logs = {name: _normal(deviation, column, scale * noise)[0] for name, column in columns.items()}
-    best = max(logs.values())
-    return {name: log - best for name, log in logs.items()}
+    return {name: log - max(logs.values()) for name, log in logs.items()}
 
 
 def _normal(deviation: Array, columns: Array, noise: Array) -> tuple[float, float]:
@@ -103,13 +103,9 @@ def posterior(before: Mapping[str, float], logs: Mapping[str, float]) -> dict[st
 
 
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
-
-
+Effects = Mapping[str, Mapping[str, float]]
 Row = tuple[list[str], str, float]  # effects of a hypothesis, its verdict and its probability
 UNLIKELY = 0.005  # a cause less probable in the diagnosis stays so
-
-
-Effects = Mapping[str, Mapping[str, float]]
 
 
 def diagnosed(
@@ -122,17 +118,18 @@ def diagnosed(
     found, as they are by now: the machine has them, and the cause is looked for beside them. What the runs cannot
     discriminate, the cycles may.
     """
-    machine = campaign.machine
-    there = {**machine.effects, **{name: dict(values) for name, values in (explained or {}).items()}}
-    known = healthy(with_effects(machine, there) if there else machine, baseline)
-    made = diagnose(replace(campaign, machine=known), most_effects=1, study=False)
-    effects, sentence = list(made.verdict.effects), made.verdict.sentence
+    machine, explained = campaign.machine, {name: dict(values) for name, values in (explained or {}).items()}
+    known = with_effects(machine, {**machine.effects, **explained}) if {**machine.effects, **explained} else machine
+    made = diagnose(replace(campaign, machine=healthy(known, baseline)), most_effects=1, study=False)
+    named, effects, sentence = made.verdict.word == "named", list(made.verdict.effects), made.verdict.sentence
     rows: list[Row] = [(list(row.effects), row.verdict, row.probability) for row in made.verdict.ranking]
-    if made.verdict.word == "named":
-        rows, apart = _told_apart(made, machine, rows, campaign.runs, cycles, baseline)
+    if named:
+        rows, apart = _discriminated(made, machine, rows, campaign.runs, cycles, baseline)
         if apart:
-            effects = rows[0][0]
-            sentence = f"{apart} {sentence}"
+            effects, sentence = rows[0][0], f"{apart} {sentence}"
+    fit = made.search.fits.get(tuple(effects)) if named else None  # none where a value is each run's own
+    fitted = {} if fit is None else machine_of(made.search.problem, {}, tuple(effects), fit.setting).effects
+    found = {name: {key: float(value) for key, value in fitted[name].items()} for name in effects} if fitted else {}
     ranking = sorted(rows, key=lambda row: -row[2])[:5]
     return {
         "verdict": made.verdict.word,
@@ -140,71 +137,52 @@ def diagnosed(
         "sentence": sentence,
         "ranking": [{"effects": e, "verdict": word, "probability": p} for e, word, p in ranking],
         "runs": [run.name for run in campaign.runs],
-        "fitted": {**(explained or {}), **_fitted(made, effects)},
+        "fitted": explained | found,
     }
 
 
-def _fitted(made: Diagnosis, effects: Sequence[str]) -> dict[str, dict[str, float]]:
-    """The named effects' values; none where nothing is named or a value is each run's own."""
-    fit = made.search.fits.get(tuple(effects))
-    if made.verdict.word != "named" or fit is None:
-        return {}
-    found = machine_of(made.search.problem, {}, tuple(effects), fit.setting).effects
-    return {name: {key: float(value) for key, value in found[name].items()} for name in effects}
-
-
-def _told_apart(
+def _discriminated(
     made: Diagnosis, machine: Hoist | Axis, rows: Sequence[Row], runs: Sequence[Run], cycles: Sequence[Cycle],
     baseline: Baseline,
 ) -> tuple[list[Row], str]:  # fmt: skip
     """The ranking with the cycles' say, the likeliest cause first, and a sentence; as it was where there is nothing to
-    tell apart."""
-    before = {effects[0]: p for effects, word, p in rows if word == "named" and len(effects) == 1 and p > UNLIKELY}
-    fits = {name: made.search.fits[(name,)] for name in before if (name,) in made.search.fits}
+    discriminate."""
+    singles = {e[0]: p for e, word, p in rows if word == "named" and len(e) == 1 and p > UNLIKELY}
+    fits = {name: made.search.fits[(name,)] for name in singles if (name,) in made.search.fits}
     groups = groups_of(cycles, runs, baseline)
     if len(fits) < 2 or not groups:
         return list(rows), ""
     causes = {name: _cause(made, name, fit) for name, fit in fits.items()}
-    logs = likelihoods(machine, causes, groups, baseline)
-    after = posterior({name: before[name] for name in causes}, logs)
+    after = posterior({name: singles[name] for name in causes}, likelihoods(machine, causes, groups, baseline))
     named: list[Row] = [([name], "named", p) for name, p in after.items()]
     others = [row for row in rows if not (row[1] == "named" and len(row[0]) == 1 and row[0][0] in after)]
-    first, second, *_ = after.items()
+    (first, p), (second, p_second), *_ = after.items()
     count = sum(group.count for group in groups)
+    sizes = (
+        f"{words_of(row.name)} {_plain(row.value, 3)} ± {_plain(row.std_error, 2)} {unit_of(row.name)}".strip()
+        for row in estimates(made.search.problem, fits[first], 1.0)[first]
+    )
     by = f"by {count} cycle{'s' if count > 1 else ''} beside the healthy ones"
-    told = f"The change comes from {first[0]} (probability {first[1]:.2f}; {_amounts(made, first[0], fits[first[0]])})"
-    return named + others, f"{told}, {by}; next {second[0]} ({second[1]:.2f}). The last runs alone:"
-
-
-def _amounts(made: Diagnosis, name: str, fit: Fitted) -> str:
-    """The cause's parameters as the diagnosis fitted them, in words."""
-    rows = estimates(made.search.problem, fit, 1.0)[name]
-    sizes = ((row.name, _plain(_first(row.value), 3), _plain(_first(row.std_error), 2)) for row in rows)
-    return ", ".join(f"{words_of(key)} {value} ± {error} {unit_of(key)}".strip() for key, value, error in sizes)
-
-
-def _plain(value: float, digits: int) -> str:
-    """A number of so many digits, without an exponent where it can be."""
-    return f"{float(f'{value:.{digits}g}'):g}"
+    told = f"The change comes from {first} (probability {p:.2f}; {', '.join(sizes)}), {by}"
+    return named + others, f"{told}; next {second} ({p_second:.2f}). The last runs alone:"
 
 
 def _first(value: float | tuple[float, ...]) -> float:
     return value[0] if isinstance(value, tuple) else value
 
 
+def _plain(value: float | tuple[float, ...], digits: int) -> str:
+    """A number of so many digits, without an exponent where it can be."""
+    return f"{float(f'{_first(value):.{digits}g}'):g}"
+
+
 def _cause(made: Diagnosis, name: str, fit: Fitted) -> Cause:
     """The machine with a cause as it was fitted, and with each of its parameters a standard error off."""
-    problem = made.search.problem
-    fitted = machine_of(problem, {}, (name,), fit.setting)
-    others = []
-    for estimate in estimates(problem, fit, 1.0, exact=True)[name]:
-        value, error = fitted.effects[name][estimate.name], _first(estimate.std_error)
-        try:
-            others.append(
-                with_effects(fitted, {**fitted.effects, name: {**fitted.effects[name], estimate.name: value + error}})
-            )
-        except InputError:  # beyond what the effect can be
-            continue
+    fitted, others = machine_of(made.search.problem, {}, (name,), fit.setting), []
+    for estimate in estimates(made.search.problem, fit, 1.0, exact=True)[name]:
+        off = {estimate.name: fitted.effects[name][estimate.name] + _first(estimate.std_error)}
+        with contextlib.suppress(InputError):  # beyond what the effect can be
+            others.append(with_effects(fitted, {**fitted.effects, name: {**fitted.effects[name], **off}}))
     return Cause(fitted, tuple(others))
 
 

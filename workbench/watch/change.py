@@ -53,17 +53,19 @@ class Baseline:
     covariance: Array
     keys: tuple[str, ...] = ()
 
-    def deviation(self, x: Array, payload_kg: float) -> Array:
-        """(m,) of estimates from the healthy mean at that payload."""
-        return np.asarray(x - (self.line.T @ np.array([1.0, payload_kg])[: len(self.line)]))
+    def deviation(self, x: Array, payload_kg: float | Array) -> Array:
+        """(…, m) of estimates from the healthy mean at their payload (…)."""
+        return np.asarray(
+            x - np.stack([np.ones_like(payload_kg), payload_kg], axis=-1)[..., : len(self.line)] @ self.line
+        )
 
-    def z(self, deviation: Array, payload_kg: float) -> Array:
-        """(r,) whitened."""
+    def z(self, deviation: Array, payload_kg: float | Array) -> Array:
+        """(…, r) whitened."""
         if self.spread_mean > 0.0:
-            variance = self.spread[0] + self.spread[1] * payload_kg**2
-            too_much = 1.0 - np.sqrt(self.spread_mean / variance)
-            deviation = deviation - self.load * (self.weigh @ deviation) * too_much
-        return np.asarray(self.whiten @ deviation)
+            variance = self.spread[0] + self.spread[1] * np.square(payload_kg)
+            too_much = (deviation @ self.weigh) * (1.0 - np.sqrt(self.spread_mean / variance))
+            deviation = deviation - np.multiply.outer(too_much, self.load)
+        return np.asarray(deviation @ self.whiten.T)
 
 
 SPREAD_KG = 10.0  # stated payloads that differ by less are one
@@ -128,7 +130,8 @@ def threshold(dimension: int, healthy: int, cycles_between: float, varied: bool 
     # g for every cycle and length, before any alarm has shortened what is looked back on.
     ratio = np.full((len(LENGTHS), PATHS, CYCLES), -1.0, dtype=np.float32)
     for count, end in zip(counts, ends, strict=True):
-        z = np.array([_all_z(learn(x[p, :count], carried[p, :count], load), x[p], carried[p]) for p in range(PATHS)])
+        learned = [learn(x[p, :count], carried[p, :count], load) for p in range(PATHS)]
+        z = np.array([b.z(b.deviation(x[p], carried[p]), carried[p]) for p, b in enumerate(learned)])
         sums = np.concatenate([np.zeros((PATHS, 1, z.shape[2])), np.cumsum(z[:, count:end], axis=1)], axis=1)
         for i, length in enumerate(LENGTHS):
             if length < sums.shape[1]:
@@ -152,13 +155,3 @@ def threshold(dimension: int, healthy: int, cycles_between: float, varied: bool 
         middle = 0.5 * (low + high)
         low, high = (middle, high) if alarms(middle) > wanted else (low, middle)
     return 0.5 * (low + high)
-
-
-def _all_z(baseline: Baseline, x: Array, payloads_kg: Array) -> Array:
-    """(n, r) of estimates (n, m) at payloads (n,): `Baseline.z` of each."""
-    design = np.column_stack([np.ones(len(x)), payloads_kg])[:, : len(baseline.line)]
-    off = x - design @ baseline.line
-    if baseline.spread_mean > 0.0:
-        variance = baseline.spread[0] + baseline.spread[1] * payloads_kg**2
-        off -= np.outer((off @ baseline.weigh) * (1.0 - np.sqrt(baseline.spread_mean / variance)), baseline.load)
-    return np.asarray(off @ baseline.whiten.T)

@@ -1,12 +1,17 @@
-"""The menu of runs that could be driven next: payloads, speeds and motions within the range of the logs."""
+"""Runs that could be driven next: a menu of plain ones, and motions designed for the question at hand.
+
+Both stay within the places, speeds and accelerations that the logs show.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.profiles import place
@@ -21,15 +26,21 @@ LEAD_PERIODS = 3.0  # at rest before and after
 SAMPLES = 10.0  # a period
 BETWEEN_S = 60.0  # from the campaign's last run to the next one
 MOST_PAYLOADS = 4
+MOST_LEGS = 6  # of a designed motion
+SHARES = (0.15, 0.3, 0.6, 1.0)  # of the fastest speed logged
+HOLDS = (0.0, 0.0, 5.0)  # periods of the band
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A planned run. words: its motion as text."""
+    """A planned run. words: its motion as text. steps, limits, start: as `plan_motion` took them."""
 
     run: Run
     payload_kg: float
     words: str
+    steps: tuple[Step, ...]
+    limits: Limits
+    start_position: float
 
     @property
     def duration_s(self) -> float:
@@ -56,9 +67,90 @@ def menu(problem: Problem) -> list[Planned]:
     for payload in _payloads(problem):
         for word, speed in (("slow", SLOW * seen.speed), ("fast", seen.speed)):
             for motion, steps in _motions(problem, seen, speed).items():
-                run = _run(problem, seen, speed, steps, payload, f"{payload:g} {word} {motion}")
-                runs.append(Planned(run, payload, f"{word} ({speed:.2g} {unit}), both ways, {motion}"))
+                begin = seen.low + 0.02 * (seen.high - seen.low)
+                words = f"{word} ({speed:.2g} {unit}), both ways, {motion}"
+                runs.append(_planned(problem, seen, speed, steps, payload, begin, words))
     return runs
+
+
+@dataclass(frozen=True)
+class Design:
+    """A motion by its numbers: legs of (place, 0 to 1 of the range seen; share of the fastest speed; hold, s)."""
+
+    payload_kg: float
+    start: float
+    legs: tuple[tuple[float, float, float], ...]
+
+
+def drawn(problem: Problem, many: int, rng: np.random.Generator) -> list[Design]:
+    """Random designs."""
+    loads = _payloads(problem)
+    designs = []
+    for _ in range(many):
+        legs = rng.integers(2, MOST_LEGS + 1)
+        numbers = zip(rng.uniform(0.02, 0.98, legs), rng.choice(SHARES, legs), rng.choice(HOLDS, legs), strict=True)
+        scaled = tuple((float(a), float(b), float(c) / problem.band_hz) for a, b, c in numbers)
+        designs.append(Design(float(rng.choice(loads)), float(rng.uniform(0.02, 0.98)), scaled))
+    return designs
+
+
+def varied(problem: Problem, design: Design, many: int, rng: np.random.Generator) -> list[Design]:
+    """Designs that differ from one in a leg, or in the payload."""
+    fresh = []
+    for other in drawn(problem, many, rng):
+        legs = list(design.legs)
+        legs[rng.integers(len(legs))] = other.legs[0]
+        load = other.payload_kg if rng.uniform() < 0.3 else design.payload_kg
+        fresh.append(Design(load, design.start, tuple(legs)))
+    return fresh
+
+
+def planned_as(problem: Problem, seen: Seen, design: Design, longest_s: float) -> Planned | None:
+    """The run of a design, None where it takes too long or a leg is too short for its speed.
+
+    Each leg is a jog at its own speed that comes to rest: up to speed, on at it, down again.
+    """
+    span, limits = seen.high - seen.low, _limits(problem, seen, seen.speed)
+    here, steps = seen.low + design.start * span, []
+    begin, lasted = here, 2.0 * LEAD_PERIODS / problem.band_hz
+    for place_, share, hold in design.legs:
+        distance, speed = seen.low + place_ * span - here, share * seen.speed
+        ramp = speed / limits.acceleration_m_s2 + limits.acceleration_m_s2 / limits.jerk_m_s3
+        even = abs(distance) / speed - ramp
+        if even <= 0.0:
+            continue
+        steps += [Step(speed_m_s=math.copysign(round(speed, 6), distance), for_s=round(ramp + even, 3)),
+                  Step(speed_m_s=0.0, for_s=round(1.05 * ramp + 0.01, 3))]  # fmt: skip
+        lasted += 2.05 * ramp + even
+        if hold > 0.0:
+            steps.append(Step(dwell_s=round(hold, 2)))
+            lasted += hold
+        here += distance
+    if len(steps) < 2 or lasted > longest_s:
+        return None
+    unit = kind_of(problem.machine).moved.speed_unit
+    speeds = sorted({abs(s.speed_m_s) for s in steps if s.speed_m_s})
+    said = f"designed: {sum(1 for s in steps if s.speed_m_s)} legs at {' and '.join(f'{v:.2g}' for v in speeds)} {unit}"
+    try:
+        planned = _planned(problem, seen, seen.speed, steps, design.payload_kg, begin, said)
+    except InputError:
+        return None
+    way = planned.start_position + np.cumsum(_speed_of(problem, planned.run)) * planned.run.sample_time_s
+    inside = seen.low - 0.02 * span <= np.min(way) and np.max(way) <= seen.high + 0.02 * span
+    return planned if inside and planned.duration_s <= longest_s else None
+
+
+def from_moves(
+    problem: Problem, payload_kg: float, start: float, speed: float, moves: Sequence[Mapping[str, float]]
+) -> Planned:
+    """The run of moves as diagnosis.json holds them."""
+    seen = seen_in(problem)
+    return _planned(problem, seen, speed, [Step(**move) for move in moves], payload_kg, start, "as stated")
+
+
+def _speed_of(problem: Problem, run: Run) -> Array:
+    kind = kind_of(problem.machine)
+    return run[kind.plant.speeds[0]] * kind.transmission_of(problem.machine)
 
 
 def seen_in(problem: Problem) -> Seen:
@@ -102,12 +194,17 @@ def _motions(problem: Problem, seen: Seen, speed: float) -> dict[str, list[Step]
     }
 
 
-def _run(problem: Problem, seen: Seen, speed: float, steps: Sequence[Step], payload: float, name: str) -> Run:
-    """The run as a log: exact motion, no torque, the tension of the weight at rest."""
+def _limits(problem: Problem, seen: Seen, speed: float) -> Limits:
+    return Limits(speed, seen.acceleration, 4.0 * seen.acceleration * problem.band_hz)
+
+
+def _planned(
+    problem: Problem, seen: Seen, speed: float, steps: Sequence[Step], payload: float, begin: float, words: str
+) -> Planned:
+    """The run as a log: exact motion, no torque, the tension of the weight at rest. InputError for no motion."""
     rest = LEAD_PERIODS / problem.band_hz
-    limits = Limits(speed, seen.acceleration, 4.0 * seen.acceleration * problem.band_hz)
+    limits = _limits(problem, seen, speed)
     span = seen.high - seen.low
-    begin = seen.low + 0.02 * span
     plan = plan_motion("ruckig", steps, begin, limits, (seen.low - span, seen.high + span), rest, rest)
     profile = plan.sample(1.0 / (SAMPLES * problem.band_hz))
     kind, machine, n = kind_of(problem.machine), problem.machine, len(profile.time_s)
@@ -120,4 +217,5 @@ def _run(problem: Problem, seen: Seen, speed: float, steps: Sequence[Step], payl
         signals[plant.positions[0]] = profile.position_m
     if kind.dead_line is not None:
         signals[kind.dead_line.signal] = np.full(n, kind.dead_line.at_rest(machine, payload))
-    return Run(name, profile.time_s, signals, payload, begin, after)
+    run = Run(f"{payload:g} {words}", profile.time_s, signals, payload, begin, after)
+    return Planned(run, payload, words, tuple(steps), limits, begin)

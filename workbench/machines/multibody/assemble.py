@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from workbench.machines import Hoist
 from workbench.machines.multibody.exudyn_import import engine
-from workbench.machines.multibody.geometry import Geometry, Point, geometry_of
+from workbench.machines.multibody.geometry import Point, geometry_of
 from workbench.machines.multibody.laws import pin_law, roller_law, shaft_law
 from workbench.machines.multibody.switches import Switches, wound_m
 
@@ -15,30 +14,6 @@ WIRE_DENSITY = 7850.0  # kg/m³, steel; the bare wire hangs in every machine
 PIN_SPEED = 0.01  # rad/s, where the pin friction of Eq. 13 is fully developed
 GEAR_SPEED = 0.3  # rad/s at the motor, where the gear's loss has turned over
 BRAKE_SPEED = 0.05  # rad/s at the motor, where a brake's friction is fully developed
-
-
-@dataclass
-class System:
-    """The engine's system and the numbers of its items. Coordinates: indices into the engine's state."""
-
-    mbs: Any
-    geometry: Geometry
-    coordinate: dict[str, int]
-    ropes: tuple[int, int]
-    rollers: dict[str, int]
-    cylinder: int
-    joints: dict[str, int]
-    gear: int
-    lock: int
-    pins: tuple[int, int]
-    gear_loss: int
-    brake: int
-    bristle: int | None
-    torque: int
-    drum_weight: int
-    wire_weight: int
-    gravity: list[tuple[int, float]]
-    keep: list[Any]
 
 
 def truth_of(machine: Hoist, switches: Switches, payload_kg: float) -> tuple[Hoist, float]:
@@ -54,17 +29,13 @@ def line_kg_per_m(machine: Hoist, switches: Switches) -> float:
     return WIRE_DENSITY * machine.wire.effective_area_m2 + switches.hose_kg_per_m
 
 
-def assemble(
-    machine: Hoist, switches: Switches, payload_kg: float, height_m: float, drum_angle_rad: float, clock_s: float = 0.0
-) -> System:
-    """Builds the machine at a carriage height with its drum turned by an angle and locked there.
+class System:
+    """The machine in the engine, at a carriage height, with its drum turned by an angle and locked there.
 
-    machine, payload_kg: the true ones, see `truth_of`.
+    machine, payload_kg: the true ones, see `truth_of`. coordinate: indices into the engine's state. ropes, rollers,
+    cylinder, joints, gear, lock, pins, gear_loss, brake, bristle, torque, drum_weight, wire_weight: numbers of items.
     """
-    return _Builder(machine, switches, payload_kg, height_m, drum_angle_rad, clock_s).system()
 
-
-class _Builder:
     def __init__(
         self, machine: Hoist, switches: Switches, payload_kg: float, height_m: float, angle: float, clock_s: float
     ):
@@ -81,20 +52,18 @@ class _Builder:
         self.nodes: dict[str, Any] = {}
         self.objects: dict[str, Any] = {}
         self.gravity: list[tuple[int, float]] = []
-
-    def system(self) -> System:
         i, m, s = self.items, self.machine, self.switches
         self.ground = self.mbs.AddObject(i.ObjectGround())
         still = self.mbs.AddNode(i.NodePointGround(referenceCoordinates=[0, 0, 0]))
         self.fixed = self.mbs.AddMarker(i.MarkerNodeCoordinate(nodeNumber=still, coordinate=0))
         for name in self.geometry.bodies:
             self._body(name)
-        joints = {name: self._joint(*joint) for name, joint in self.geometry.joints.items()}
+        self.joints = {name: self._joint(*joint) for name, joint in self.geometry.joints.items()}
         if "payload" in self.geometry.bodies:
             upright = [self._coordinate("head", 2), self._coordinate("payload", 2)]
-            joints["gripper_moment"] = self.mbs.AddObject(i.ObjectConnectorCoordinate(markerNumbers=upright))
-        rollers = self._rollers()
-        cylinder = self._cylinder()
+            self.joints["gripper_moment"] = self.mbs.AddObject(i.ObjectConnectorCoordinate(markerNumbers=upright))
+        self.rollers = self._rollers()
+        self.cylinder = self._cylinder()
         turning = m.winch.inertia_kg_m2
         if s.wire_inertia:  # what is wound and the fall that moves go with the drum's rim; the dead fall stands still
             turning += (
@@ -103,29 +72,27 @@ class _Builder:
         drum = self._wheel("drum", turning, self.angle)
         rotors = m.motor.count * m.motor.rotor_inertia_kg_m2 + s.gear_inertia
         motor = self._wheel("motor", rotors, self.angle * m.gearbox.ratio)
-        gear = self.mbs.AddObject(i.ObjectConnectorCoordinate(markerNumbers=[motor, drum], factor1=m.gearbox.ratio))
-        lock = self.mbs.AddObject(i.ObjectConnectorCoordinate(markerNumbers=[self.fixed, drum], offset=self.angle))
+        self.gear = self.mbs.AddObject(
+            i.ObjectConnectorCoordinate(markerNumbers=[motor, drum], factor1=m.gearbox.ratio)
+        )
+        self.lock = self.mbs.AddObject(i.ObjectConnectorCoordinate(markerNumbers=[self.fixed, drum], offset=self.angle))
         sheave = self._coordinate("sheave", 2)
         R, r = m.winch.drum_diameter_m / 2.0, m.sheave.diameter_m / 2.0
-        ropes = (self._rope([drum, sheave], [-R, -r]), self._rope([self.fixed, sheave], [0.0, r]))
-        pins = (
+        self.ropes = (self._rope([drum, sheave], [-R, -r]), self._rope([self.fixed, sheave], [0.0, r]))
+        self.pins = (
             self._pin(self.fixed, drum, PIN_SPEED),
             self._pin(self._coordinate("lower_dolly", 2), sheave, PIN_SPEED),
         )
-        loss = self._pin(self.fixed, motor, GEAR_SPEED, shaft_law())
-        brake = self._pin(self.fixed, motor, BRAKE_SPEED, shaft_law())
-        torque = self.mbs.AddLoad(i.LoadCoordinate(markerNumber=motor, load=0.0))
-        drum_weight = self.mbs.AddLoad(i.LoadCoordinate(markerNumber=drum, load=0.0))
-        wire_weight = self.mbs.AddLoad(i.LoadForceVector(markerNumber=self._at("sheave"), loadVector=[0, 0, 0]))
-        bristle = self._bristle() if s.bristle_m else None
+        self.gear_loss = self._pin(self.fixed, motor, GEAR_SPEED, shaft_law())
+        self.brake = self._pin(self.fixed, motor, BRAKE_SPEED, shaft_law())
+        self.torque = self.mbs.AddLoad(i.LoadCoordinate(markerNumber=motor, load=0.0))
+        self.drum_weight = self.mbs.AddLoad(i.LoadCoordinate(markerNumber=drum, load=0.0))
+        self.wire_weight = self.mbs.AddLoad(i.LoadForceVector(markerNumber=self._at("sheave"), loadVector=[0, 0, 0]))
+        self.bristle = self._bristle() if s.bristle_m else None
         self.mbs.Assemble()
         names = [(name, c, k) for name in self.geometry.bodies for k, c in enumerate("xya")]
-        coordinate = {f"{name}.{c}": self.mbs.GetNodeODE2Index(self.nodes[name]) + k for name, c, k in names}
-        coordinate |= {name: self.mbs.GetNodeODE2Index(self.nodes[name]) for name in ("drum", "motor")}
-        return System(
-            self.mbs, self.geometry, coordinate, ropes, rollers, cylinder, joints, gear, lock, pins, loss, brake,
-            bristle, torque, drum_weight, wire_weight, self.gravity, self.keep,
-        )  # fmt: skip
+        self.coordinate = {f"{name}.{c}": self.mbs.GetNodeODE2Index(self.nodes[name]) + k for name, c, k in names}
+        self.coordinate |= {name: self.mbs.GetNodeODE2Index(self.nodes[name]) for name in ("drum", "motor")}
 
     def _body(self, name: str) -> None:
         i, body = self.items, self.geometry.bodies[name]

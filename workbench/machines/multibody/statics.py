@@ -8,7 +8,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.machines import Hoist
-from workbench.machines.multibody.assemble import System, assemble, line_kg_per_m, truth_of
+from workbench.machines.multibody.assemble import System, line_kg_per_m, truth_of
 from workbench.machines.multibody.exudyn_import import engine
 from workbench.machines.multibody.switches import Switches, switches_of, wound_m
 
@@ -62,7 +62,7 @@ def settle(
     for _ in range(_MOST_ROUNDS):  # a first guess on a taut wire: a slack one gives the iteration no direction
         length, arm = wound(angle)
         angle += (2.0 * (height_m + stretch) - length) / arm
-    system = assemble(machine, switches, payload_kg, height_m, angle, clock_s)
+    system = System(machine, switches, payload_kg, height_m, angle, clock_s)
     opening = np.arange(0.0, switches.clearance_m, _PLAY_STEP_M)
     for clearance in [*opening, switches.clearance_m]:  # opened bit by bit: rollers that lost touch give no direction
         for roller in system.rollers.values():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.references.kind import Move, Ramp, RecordedKind, planned
-from workbench.references.least_peak import peak_force_n
+from workbench.references.least_peak import equal_time_limits
 from workbench.references.limits import Limits
 from workbench.references.shape import Shape, shortest_move, shortest_move_s, shortest_ramp, shortest_ramp_s
 
@@ -74,10 +73,11 @@ def _equal_time_ramp(ramp: Ramp) -> Shape:
 @planned(
     label="ruckig in the trapezoid's time",
     words="ruckig",
-    definition="the jerk-limited move that takes as long as the trapezoid's. It exceeds the limit that is cheapest for "
-    "the machine: first the speed, as far as the motors allow; where that does not do, acceleration and jerk by the "
-    "pair that has the lower torque peak on this machine and payload. Each jog's ramp takes as long as the "
-    "trapezoid's, with acceleration times s and jerk times s²",
+    definition="the jerk-limited move that takes as long as the trapezoid's. It exceeds what is cheapest for the "
+    "machine: the speed alone, as far as the motors allow; at their top speed the jerk, up to ten times; then the "
+    "acceleration. Of the ways that exceed no more than that it is the one with the lowest torque peak on this machine "
+    "and payload, followed exactly. Each jog's ramp takes as long as the trapezoid's, with acceleration times s and "
+    "jerk times s²",
     ramp=_equal_time_ramp,
     same_time_as="trapezoid",
     uses_load=True,
@@ -86,40 +86,21 @@ def _equal_time_ramp(ramp: Ramp) -> Shape:
     dash="6px,3px",
 )
 def ruckig_equal_time(move: Move) -> Shape:
-    """The jerk-limited move with the cheapest limit raised until it takes as long as the trapezoid.
+    """The jerk-limited move that takes as long as the trapezoid, see `equal_time_limits`.
 
-    The speed first: T falls steadily with the speed limit, and acceleration and jerk, which make the torque, stay. What
-    the motors' top speed leaves over goes to acceleration and jerk: either by a → s·a, j → s²·j, which runs the ramps s
-    times faster, so that T(s) falls steadily towards |d|/v; or by the jerk alone, at 5 % more acceleration. Without a
-    known load the first of the two.
+    Without a known load the ramps run s times faster, a → s·a, j → s²·j, so that T(s) falls steadily towards |d|/v.
     """
     d, limits, load = move.distance_m, move.limits, move.load
-    top = 0.0 if load is None else load.top_speed_m_s
-    if top > limits.speed_m_s:
-        faster = replace(limits, speed_m_s=top)
-        if shortest_move_s(d, faster) <= move.time_s:
-            return shortest_move(d, _least(lambda v: replace(limits, speed_m_s=v), limits.speed_m_s, top, move))
-        limits = faster
-    high = 2.0
-    while shortest_move_s(d, limits.ramps_faster(high)) > move.time_s:
-        high *= 2.0
-    shapes = [shortest_move(d, _least(limits.ramps_faster, 0.5 * high, high, move))]
     if load is not None:
-        harder = replace(limits, acceleration_m_s2=1.05 * limits.acceleration_m_s2)
-        most = replace(harder, jerk_m_s3=1e5)
-        if shortest_move_s(d, most) <= move.time_s:
-            jerk = _least(lambda j: replace(harder, jerk_m_s3=j), limits.jerk_m_s3, most.jerk_m_s3, move)
-            shapes.append(shortest_move(d, jerk))
-        return min(shapes, key=lambda shape: peak_force_n(shape, load))
-    return shapes[0]
-
-
-def _least(limits: Callable[[float], Limits], low: float, high: float, move: Move) -> Limits:
-    """By bisection, those with which the move just takes its time; with `high` it takes no longer."""
+        return shortest_move(d, equal_time_limits(d, limits, move.time_s, load))
+    low, high = 1.0, 2.0
+    while shortest_move_s(d, limits.ramps_faster(high)) > move.time_s:
+        low, high = high, 2.0 * high
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if shortest_move_s(move.distance_m, limits(middle)) > move.time_s else (low, middle)
-    return limits(high)
+        late = shortest_move_s(d, limits.ramps_faster(middle)) > move.time_s
+        low, high = (middle, high) if late else (low, middle)
+    return shortest_move(d, limits.ramps_faster(high))
 
 
 def _smooth(speed: float, next_speed: float, ramp_s: float, t: Array) -> tuple[Array, Array, Array]:
