@@ -102,6 +102,14 @@ class Parameter:
 Ranged = Parameter  # on one machine: named, its symbol among the plant's parameters, numbers in the unit of its name
 
 
+def amount(
+    symbol: str, name: str, meaning: str, size: str, highest: float, scale: float, start: float, **more: Any
+) -> Parameter:
+    """A parameter that says how large an effect is: at least 0, and off at 0."""
+    more = {"vanishes_at": 0.0, "domain": "not_negative", **more}
+    return Parameter(symbol, name, meaning, size, 0.0, highest, scale, start, **more)
+
+
 @dataclass(frozen=True)
 class EffectMemory:
     """The state of an effect, `symbol` in its e; `rate`, `start` and `scale` as `plants.Memory`, with e between."""

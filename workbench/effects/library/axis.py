@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from workbench.effects.declare import INEXACT, EffectMemory, Parameter, effect
+from workbench.effects.declare import INEXACT, EffectMemory, Parameter, amount, effect
 from workbench.machines.kinds.axis import friction
 from workbench.symbolic.expr import Scalar, absolute, clip, maximum, minimum, sin, where
 
@@ -47,8 +47,10 @@ def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place={"axis": "axis_switch"}, subsystem="axis", regime="low_speed",
     parameters=[
-        Parameter("d", "distance_{m}", "over which the friction builds up after a reversal", "length",
-                  0.0, 0.2, 0.002, 0.005, vanishes_at=0.0, domain="not_negative", simplified=lambda e: INEXACT * e.d),
+        amount(
+            "d", "distance_{m}", "over which the friction builds up after a reversal", "length", 0.2, 0.002, 0.005,
+            simplified=lambda e: INEXACT * e.d,
+        ),
     ],
     reads={"v": "speed, {m}/s", "switch": "sign of the speed", "z": "its memory: the bristles' bend, -1 to 1"},
     equation="S(v) → z in all dry friction;  z' = (v − |v| z)/d",
@@ -64,8 +66,7 @@ def presliding(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place={"axis-linear": "axis_force"}, subsystem="axis", regime="periodic",
     parameters=[
-        Parameter("A", "amplitude_n", "of the force", "force", 0.0, 0.3, 0.01, 0.02,
-                  vanishes_at=0.0, domain="not_negative"),
+        amount("A", "amplitude_n", "of the force", "force", 0.3, 0.01, 0.02),
         Parameter("n", "waves_per_m", "waves per metre of the way", "1/length", 1.2, 400.0, 0.05, 5.0,
                   domain="positive", scan="waves"),
         Parameter("phi", "phase_rad", "at position 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0, scan="phase"),
@@ -121,9 +122,10 @@ def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place={"axis": "axis_force"}, subsystem="axis", regime="event",
     parameters=[
-        Parameter("share", "load_share", "of the inertia that lies behind the play, with all of the load", "1",
-                  0.0, 0.95, 2.0, 0.5, vanishes_at=0.0, domain="not_negative", tries=(0.3, 0.4, 0.5, 0.6, 0.7, 0.8),
-                  simplified=lambda e: FORETOLD * e.share),
+        amount(
+            "share", "load_share", "of the inertia that lies behind the play, with all of the load", "1", 0.95, 2.0,
+            0.5, tries=(0.3, 0.4, 0.5, 0.6, 0.7, 0.8), simplified=lambda e: FORETOLD * e.share,
+        ),
         # Little and large play look nothing alike: it is tried, and the share says whether there is any.
         Parameter("play", "play_{m}", "from flank to flank", "length", 1e-4, 0.1, 0.03, 0.003,
                   domain="positive", tries=PLAYS, simplified=lambda e: FORETOLD * e.play),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from workbench.effects.declare import EffectMemory, Parameter, effect
+from workbench.effects.declare import EffectMemory, Parameter, amount, effect
 from workbench.symbolic.expr import Scalar, absolute, sin, where
 
 BRAKE_SETS_S = 0.2  # a brake closes within some tenths of a second of standstill
@@ -15,12 +15,7 @@ BRAKE_LEADS_S = 0.2  # as long before the motor turns it may begin to let go, wh
 @effect(
     place={"hoist": "motor_torque_nm", "axis": "axis_force"},
     subsystem={"hoist": "gearbox", "axis": "axis"}, regime="load",
-    parameters=[
-        Parameter(
-            "loss", "loss_fraction", "of the transmitted torque", "1", 0.0, 3.0, 0.01, 0.03,
-            vanishes_at=0.0, domain="not_negative",
-        ),
-    ],
+    parameters=[amount("loss", "loss_fraction", "of the transmitted torque", "1", 3.0, 0.01, 0.03)],
     reads={
         "load": "a hoist: torque that wire and winch pin take at the motor, N m; an axis: its load, {n}",
         "switch": "sign of the speed, linear around standstill",
@@ -57,9 +52,9 @@ def _grip_rate(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place={"hoist": "motor_torque_nm"}, subsystem="brake", regime="start",
     parameters=[
-        Parameter(
-            "T", "torque_nm", "drag as the motion begins, at the motor", "torque", 0.0, 1.0, 0.02, 0.05,
-            vanishes_at=0.0, domain="not_negative", simplified=lambda e: e.T * BRAKE_LEADS_S / e.tau,
+        amount(
+            "T", "torque_nm", "drag as the motion begins, at the motor", "torque", 1.0, 0.02, 0.05,
+            simplified=lambda e: e.T * BRAKE_LEADS_S / e.tau,
         ),
         Parameter("tau", "time_constant_s", "of letting go", "1", 0.05, 5.0, 0.2, 0.6, domain="positive",
                   tries=(0.2, 0.5, 1.2)),
@@ -84,10 +79,7 @@ def brake_drag(s: Any, e: Any, p: Any) -> Scalar:
     place={"hoist": "motor_torque_nm", "axis-rotary": "axis_force"},
     subsystem={"hoist": "motor", "axis-rotary": "axis"}, regime="periodic",
     parameters=[
-        Parameter(
-            "A", "amplitude_nm", "of the torque", "torque", 0.0, 0.3, 0.005, 0.02,
-            vanishes_at=0.0, domain="not_negative",
-        ),
+        amount("A", "amplitude_nm", "of the torque", "torque", 0.3, 0.005, 0.02),
         Parameter("n", "order_per_turn", "waves per turn of the motor", "1", 0.1, 400.0, 0.02, 1.0, domain="positive",
                   scan="order", tries=(0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)),
         Parameter("phi", "phase_rad", "at motor angle 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0,
@@ -106,10 +98,7 @@ def torque_ripple(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place={"hoist": "motor_torque_nm"}, subsystem="motor", regime="speed", listed=False,
     parameters=[
-        Parameter(
-            "q", "drag_nm_s2", "over motor speed squared", "torque/motor_speed*motor_speed", 0.0, 0.5, 0.01, 0.02,
-            vanishes_at=0.0, domain="not_negative",
-        ),
+        amount("q", "drag_nm_s2", "over motor speed squared", "torque/motor_speed*motor_speed", 0.5, 0.01, 0.02),
     ],
     reads={"w": "motor speed, rad/s"},
     equation="T = −q ω |ω|",
@@ -124,12 +113,7 @@ def motor_fan(s: Any, e: Any, p: Any) -> Scalar:
 
 @effect(
     place={"hoist": "motor_torque_nm"}, subsystem="gearbox", regime="event",
-    parameters=[
-        Parameter(
-            "play", "play_rad", "at the drum, from flank to flank", "1", 0.0, 0.2, 0.002, 0.01,
-            vanishes_at=0.0, domain="not_negative",
-        ),
-    ],
+    parameters=[amount("play", "play_rad", "at the drum, from flank to flank", "1", 0.2, 0.002, 0.01)],
     reads={"slack": "how slack the wound fall is, m; negative where it is taut", "load": "torque of wire and pin, N m"},
     equation="T = +T_load while 0 < slack < R · play",
     reference="M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38, 2002",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from workbench.effects.declare import INEXACT, Parameter, effect
+from workbench.effects.declare import INEXACT, Parameter, amount, effect
 from workbench.symbolic.expr import Scalar, cos, minimum, sqrt
 
 CLIMB_RAD = 0.5  # of drum angle, within which the wire climbs onto the next layer
@@ -35,8 +35,7 @@ def drum_layer_change(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place={"hoist": "wound_length_m"}, subsystem="drum", regime="periodic",
     parameters=[
-        Parameter("A", "amplitude_m", "of the eccentricity", "radius", 0.0, 0.2, 0.003, 0.01,
-                  vanishes_at=0.0, domain="not_negative"),
+        amount("A", "amplitude_m", "of the eccentricity", "radius", 0.2, 0.003, 0.01),
         Parameter("phi", "phase_rad", "at drum angle 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0, scan="phase"),
     ],
     reads={"theta_w": "drum angle, rad"},
@@ -51,10 +50,7 @@ def drum_eccentricity(s: Any, e: Any, p: Any) -> Scalar:
 
 @effect(
     place={"hoist": "line_mass_kg_per_m"}, subsystem="wire", regime="position",
-    parameters=[
-        Parameter("rho", "mass_kg_per_m", "beyond the bare wire", "mass/length", 0.0, 0.5, 0.01, 0.02,
-                  vanishes_at=0.0, domain="not_negative"),
-    ],
+    parameters=[amount("rho", "mass_kg_per_m", "beyond the bare wire", "mass/length", 0.5, 0.01, 0.02)],
     equation="ρ → ρ + ρ_extra, of each fall",
     reference="docs/model.md, weight of the wire",
     shows="a holding torque that falls as the carriage rises, alike at all payloads",
@@ -66,10 +62,7 @@ def wire_mass(s: Any, e: Any, p: Any) -> Scalar:
 
 @effect(
     place={"hoist": "wire_compliance_m_per_n"}, subsystem="wire", regime="position",
-    parameters=[
-        Parameter("s", "share", "1: the whole fall stretches, 0: the nominal stiffness", "1", 0.0, 1.0, 0.2, 0.8,
-                  vanishes_at=0.0, domain="not_negative"),
-    ],
+    parameters=[amount("s", "share", "1: the whole fall stretches, 0: the nominal stiffness", "1", 1.0, 0.2, 0.8)],
     reads={"x": "carriage height, m", "k": "nominal stiffness of a fall, N/m"},
     equation="k = EA/(L − s x), with the force −½ k'(x) δ² of each fall on the carriage",
     reference="Eq. 7 of the paper with the free length; docs/model.md, length-dependent stiffness",

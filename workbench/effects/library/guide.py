@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from workbench.effects.declare import INEXACT, Parameter, effect
+from workbench.effects.declare import INEXACT, Parameter, amount, effect
 from workbench.symbolic.expr import Scalar, absolute, clip, cos, exp, where
 
 GUIDE = {"hoist": "guide_force_n", "axis": "axis_force"}
@@ -20,12 +20,7 @@ ARMSTRONG = (
 
 @effect(
     place=GUIDE, subsystem=OF, regime="speed",
-    parameters=[
-        Parameter(
-            "B", "viscous_{n}_s_per_{m}", "slope over speed", "force/speed", 0.0, 1.0, 0.02, 0.03,
-            vanishes_at=0.0, domain="not_negative",
-        ),
-    ],
+    parameters=[amount("B", "viscous_{n}_s_per_{m}", "slope over speed", "force/speed", 1.0, 0.02, 0.03)],
     reads=SPEED,
     equation="F = −B v",
     reference=f"{ARMSTRONG}, section 2",
@@ -40,14 +35,8 @@ def friction_viscous(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place=GUIDE, subsystem=OF, regime="speed",
     parameters=[
-        Parameter(
-            "B_up", "viscous_{up}_{n}_s_per_{m}", "slope for v > 0", "force/speed", 0.0, 1.0, 0.02, 0.03,
-            vanishes_at=0.0, domain="not_negative",
-        ),
-        Parameter(
-            "B_dn", "viscous_{dn}_{n}_s_per_{m}", "slope for v < 0", "force/speed", 0.0, 1.0, 0.02, 0.03,
-            vanishes_at=0.0, domain="not_negative",
-        ),
+        amount("B_up", "viscous_{up}_{n}_s_per_{m}", "slope for v > 0", "force/speed", 1.0, 0.02, 0.03),
+        amount("B_dn", "viscous_{dn}_{n}_s_per_{m}", "slope for v < 0", "force/speed", 1.0, 0.02, 0.03),
     ],
     reads=SPEED,
     equation="F = −B_up v for v > 0, −B_dn v else",
@@ -96,13 +85,13 @@ def friction_coulomb_asymmetric(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place=GUIDE, subsystem=OF, regime="low_speed",
     parameters=[
-        Parameter(
-            "F_up", "peak_{up}_{n}", "at low speed beyond the level, v > 0", "force", 0.0, 0.5, 0.02, 0.04,
-            vanishes_at=0.0, domain="not_negative", simplified=lambda e: INEXACT * e.F_up,
+        amount(
+            "F_up", "peak_{up}_{n}", "at low speed beyond the level, v > 0", "force", 0.5, 0.02, 0.04,
+            simplified=lambda e: INEXACT * e.F_up,
         ),
-        Parameter(
-            "F_dn", "peak_{dn}_{n}", "at low speed beyond the level, v < 0", "force", 0.0, 0.5, 0.02, 0.04,
-            vanishes_at=0.0, domain="not_negative", simplified=lambda e: INEXACT * e.F_dn,
+        amount(
+            "F_dn", "peak_{dn}_{n}", "at low speed beyond the level, v < 0", "force", 0.5, 0.02, 0.04,
+            simplified=lambda e: INEXACT * e.F_dn,
         ),
         Parameter(
             "v_S", "stribeck_speed_{m}_s", "where the peak has fallen to 37 %", "speed", 0.005, 0.5, 0.02, 0.05,
@@ -123,12 +112,7 @@ def friction_stribeck(s: Any, e: Any, p: Any) -> Scalar:
 
 @effect(
     place=GUIDE, subsystem=OF, regime="load",
-    parameters=[
-        Parameter(
-            "a", "friction_fraction", "friction per unit of load", "1", 0.0, 3.0, 0.02, 0.03,
-            vanishes_at=0.0, domain="not_negative",
-        ),
-    ],
+    parameters=[amount("a", "friction_fraction", "friction per unit of load", "1", 3.0, 0.02, 0.03)],
     reads=SWITCH | {"load": "a hoist: the payload's weight, N; an axis: the load force, {n}"},
     equation="F = −a |load| S(v)",
     reference="F. P. Bowden, D. Tabor, The Friction and Lubrication of Solids, 1950, chapter 5 (Amontons' law)",
@@ -143,10 +127,7 @@ def friction_load_dependent(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place=GUIDE, subsystem=OF, regime="time",
     parameters=[
-        Parameter(
-            "a", "friction_fraction", "extra friction of the cold machine over its warm one", "1", 0.0, 3.0, 0.1, 0.5,
-            vanishes_at=0.0, domain="not_negative",
-        ),
+        amount("a", "friction_fraction", "extra friction of the cold machine over its warm one", "1", 3.0, 0.1, 0.5),
         Parameter("tau", "time_constant_s", "of warming up", "1", 10.0, 5000.0, 30.0, 200.0, domain="positive",
                   tries=(50.0, 150.0, 400.0, 1200.0)),
     ],
@@ -166,12 +147,7 @@ def friction_thermal_drift(s: Any, e: Any, p: Any) -> Scalar:
 
 @effect(
     place=GUIDE, subsystem=OF, regime="speed", listed=False,
-    parameters=[
-        Parameter(
-            "c", "drag_{n}_s2_per_{m}2", "drag over speed squared", "force/speed*speed", 0.0, 1.0, 0.02, 0.03,
-            vanishes_at=0.0, domain="not_negative",
-        ),
-    ],
+    parameters=[amount("c", "drag_{n}_s2_per_{m}2", "drag over speed squared", "force/speed*speed", 1.0, 0.02, 0.03)],
     reads=SPEED,
     equation="F = −c v |v|",
     reference="L. Prandtl, Führer durch die Strömungslehre, drag in proportion to dynamic pressure",
@@ -186,10 +162,7 @@ def friction_quadratic(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place=GUIDE, subsystem=OF, regime="position",
     parameters=[
-        Parameter(
-            "F", "peak_{n}", "friction at the middle of the stretch", "force", 0.0, 1.0, 0.02, 0.04,
-            vanishes_at=0.0, domain="not_negative",
-        ),
+        amount("F", "peak_{n}", "friction at the middle of the stretch", "force", 1.0, 0.02, 0.04),
         Parameter("x_0", "centre_{m}", "position of its middle", "length", -1.0, 1.0, 0.02, 0.3, scan="position"),
         Parameter("b", "width_{m}", "from the middle to 61 %", "length", 0.002, 0.3, 0.01, 0.02, domain="positive",
                   tries=(0.01, 0.02, 0.04)),
@@ -209,10 +182,7 @@ def friction_position_dependent(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place=GUIDE, subsystem=OF, regime="position", listed=False,
     parameters=[
-        Parameter(
-            "F", "level_{n}", "extra friction above the position", "force", 0.0, 1.0, 0.02, 0.04,
-            vanishes_at=0.0, domain="not_negative",
-        ),
+        amount("F", "level_{n}", "extra friction above the position", "force", 1.0, 0.02, 0.04),
         Parameter("x_0", "position_{m}", "where it sets in", "length", -1.0, 1.0, 0.02, 0.3, scan="position"),
         Parameter("b", "width_{m}", "over which it sets in", "length", 1e-4, 0.1, 0.002, 0.004, domain="positive"),
     ],
@@ -230,10 +200,7 @@ def friction_step(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place=GUIDE, subsystem=OF, regime="periodic", listed=False,
     parameters=[
-        Parameter(
-            "F", "amplitude_{n}", "friction at the tightest point", "force", 0.0, 0.5, 0.01, 0.02,
-            vanishes_at=0.0, domain="not_negative",
-        ),
+        amount("F", "amplitude_{n}", "friction at the tightest point", "force", 0.5, 0.01, 0.02),
         Parameter("d", "period_{m}", "a roller's circumference", "length", 0.002, 1.0, 0.01, 0.03, domain="positive"),
         Parameter("phi", "phase_rad", "at position 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0,
                   tries=(0.0, 1.57, 3.14, 4.71)),

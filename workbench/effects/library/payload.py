@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from workbench.effects.declare import Parameter, effect
+from workbench.effects.declare import Parameter, amount, effect
 from workbench.symbolic.expr import Scalar, sin
 
 
@@ -43,8 +43,7 @@ def payload_mass_error(s: Any, e: Any, p: Any) -> Scalar:
     place={"hoist": "platform_acceleration_m_s2"}, subsystem="platform", regime="time",
     parameters=[
         # The sea's own sizes, not the machine's.
-        Parameter("A", "amplitude_m", "of the heave", "1", 0.0, 10.0, 0.05, 0.2,
-                  vanishes_at=0.0, domain="not_negative"),
+        amount("A", "amplitude_m", "of the heave", "1", 10.0, 0.05, 0.2),
         Parameter("w", "frequency_rad_s", "of the heave", "1", 0.2, 3.0, 0.02, 0.8, domain="positive",
                   scan="frequency"),
         Parameter("phi", "phase_rad", "at time 0 of the run", "1", 0.0, 2.0 * math.pi, 0.5, 0.0, per_run=True,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.effects.declare import Parameter, effect
+from workbench.effects.declare import Parameter, amount, effect
 
 TORQUE = {"hoist": "torque_sensor", "axis": "torque_sensor"}
 SPEED = {"hoist": "speed_sensor", "axis": "speed_sensor"}
@@ -65,10 +65,7 @@ def _sharpened(s: Any, e: Any, p: Any) -> Array:
 
 @effect(
     place=TORQUE, subsystem="torque_sensor", regime="acceleration",
-    parameters=[
-        Parameter("tau", "time_constant_s", "of the first-order low-pass", "1", 0.0, 2.0, 0.02, 0.1,
-                  vanishes_at=0.0, domain="not_negative"),
-    ],
+    parameters=[amount("tau", "time_constant_s", "of the first-order low-pass", "1", 2.0, 0.02, 0.1)],
     reads=READS,
     equation="τ d(logged)/dt = true − logged, exact for a true torque that is linear between samples",
     reference="A. V. Oppenheim, A. S. Willsky, Signals and Systems, 1997, section 6.5",
@@ -101,10 +98,7 @@ def _early(s: Any, e: Any, p: Any) -> Array:
 
 @effect(
     place=SPEED, subsystem="speed_sensor", regime="acceleration",
-    parameters=[
-        Parameter("delay", "delay_s", "logged after true", "1", 0.0, 1.0, 0.01, 0.05,
-                  vanishes_at=0.0, domain="not_negative"),
-    ],
+    parameters=[amount("delay", "delay_s", "logged after true", "1", 1.0, 0.01, 0.05)],
     reads=READS,
     equation="logged(t) = true(t − delay), linear between samples",
     reference="a bus or a filter between encoder and log",

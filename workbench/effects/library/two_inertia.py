@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from workbench.effects.declare import Parameter, effect
+from workbench.effects.declare import Parameter, amount, effect
 from workbench.machines.kinds.two_inertia import coupling
 from workbench.symbolic.expr import Scalar
 
@@ -13,8 +13,7 @@ from workbench.symbolic.expr import Scalar
     place={"two_inertia": "coupling_torque_nm"}, subsystem="gearbox", regime="event",
     parameters=[
         # Little and large play look nothing alike: it is tried, and the share says whether there is any.
-        Parameter("share", "play_share", "of the coupling that has play; the rest has none", "1", 0.0, 1.05, 0.05, 1.0,
-                  vanishes_at=0.0, domain="not_negative"),
+        amount("share", "play_share", "of the coupling that has play; the rest has none", "1", 1.05, 0.05, 1.0),
         Parameter("play", "play_{m}", "from flank to flank, beyond the nominal", "1", 1e-4, 0.5, 0.002, 0.02,
                   domain="positive", tries=(0.001, 0.003, 0.006, 0.01, 0.015, 0.02, 0.03, 0.05, 0.08)),
     ],
