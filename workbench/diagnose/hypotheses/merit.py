@@ -19,7 +19,7 @@ from workbench.diagnose.hypotheses.score import Score, explained
 from workbench.effects import find
 from workbench.machines import kind_of
 
-PLAY = "backlash"  # the effect whose impacts are found in the logs (`simulate/impacts.py`)
+PLAY = "backlash"  # the effect whose impacts are found in the logs (`simulate/motion.py`)
 BLOWS = 150.0  # merit of a play where impacts come again: no other effect has them, and no fit looks at them
 BESIDE_PLAY = 0.3  # as SECOND, where the first is a play: when its teeth meet is foretold to some milliseconds only
 LAGS = 0.3  # of the residual, rms: what a lag leaves that made the impacts itself; a play has left 0.5 to its lag

@@ -17,8 +17,8 @@ from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSIO
 from workbench.effects import find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
-from workbench.simulate.impacts import GUARD_S, beside, impacts_of
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
+from workbench.simulate.motion import GUARD_S, beside, impacts_of
 
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the discrepancy, which hangs together
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
