@@ -3,7 +3,7 @@
 Fitted on campaigns of the simulators of a seed that is kept for it (SEED), and on blind tests that are open, so of no
 further use as such (`--with TEST...`); nothing recorded takes part. With `--make N` the campaigns are made and
 diagnosed first, in FOLDER, as `workbench blind` does it; what is there stays, and everything else needs no more than
-the kept answers. What is stated of an answer (`surer`, `missed_*`, see `verdict/probability.py`) is fitted by the
+the kept answers. What is stated of an answer (`surer`, `missed_*`, see `verdict/answer.py`) is fitted by the
 likelihood of the answers being right or wrong; it changes no answer.
 
 With `--decide` the numbers that decide are fitted too: every campaign of a single effect is diagnosed once more with
@@ -29,7 +29,6 @@ import numpy as np
 from workbench.blind.answer import answer, load, save, text_of
 from workbench.blind.criteria import (
     Share,
-    estimates_within,
     family_of,
     pair,
     right,
@@ -43,15 +42,15 @@ from workbench.blind.run import run
 from workbench.blind.score import Score, open_and_score
 from workbench.blind.seal import CAMPAIGNS, key_of
 from workbench.core.run import Array
-from workbench.diagnose.verdict.probability import CALIBRATION, calibration, is_lost, logistic_argument, rank
-from workbench.diagnose.verdict.records import Hypothesis
+from workbench.diagnose.hypotheses.settings import CALIBRATION, calibration
+from workbench.diagnose.verdict.answer import Hypothesis, logistic_argument, rank
 
 Row = Mapping[str, Any]
 WEIGHT = "unknown_"  # of what speaks for an unknown cause; the bias is the logistic's own
 EVIDENCE = tuple(
     name.removeprefix(WEIGHT) for name in calibration() if name.startswith(WEIGHT) and name != f"{WEIGHT}bias"
 )
-STATED = ("surer", "missed_no_gap", "missed_unknown", "missed_lost")
+STATED = ("surer", "missed_no_gap", "missed_unknown")
 FACTOR = 3.0  # by which `surer` may be off 1
 ONE = 1.0  # campaign more that was missed, and one that was not: shares of few campaigns are neither 0 nor 1
 SEED = 7001  # of the campaigns that calibrate; what is scored has another one
@@ -61,7 +60,7 @@ FALSE_ALARMS = 0.02
 INSIDE = 0.90
 EQUAL = 0.01  # merit
 SURE = (-30.0, 30.0)  # arguments of the logistic: as good as no unknown cause, and as nothing else
-BEFORE_RANKING = ("interval", "pair")  # to change these is to diagnose anew
+BEFORE_RANKING = ("pair",)  # to change these is to diagnose anew
 
 
 def main() -> None:
@@ -79,7 +78,7 @@ def main() -> None:
         "--judge", type=Path, nargs="+", default=[], metavar="TEST", help="judge opened blind tests by it"
     )
     parser.add_argument("--sensitivity", action="store_true", help="say what 30 %% of each number changes")
-    parser.add_argument("--write", action="store_true", help="write workbench/diagnose/verdict/calibration.json")
+    parser.add_argument("--write", action="store_true", help="write workbench/diagnose/hypotheses/calibration.json")
     given = parser.parse_args()
     if given.make:
         made(given.folder, given.make, given.processes, first=given.first, withhold=given.decide)
@@ -94,7 +93,7 @@ def main() -> None:
     if given.sensitivity:
         print("\n".join(sensitivity(rows, numbers)))
     if given.write:
-        what = "all" if given.decide else f"what decides: set by hand; {', '.join(STATED)}, interval"
+        what = "all" if given.decide else f"what decides: set by hand; {', '.join(STATED)}"
         made_by = f"{what}: python -m benchmarks.calibrate, {len(rows)} answers"
         CALIBRATION.write_text(json.dumps({"made_by": made_by, "numbers": numbers}, indent=1) + "\n", encoding="utf-8")
 
@@ -126,14 +125,11 @@ def _with_effect_out(score: Score, answers: Path, row: Row) -> str:
 
 
 def rows_of(folder: Path) -> list[Row]:
-    """All answers of a folder that `made` wrote, joined with their labels; interval: of the calibration that gave their
-    standard errors."""
+    """All answers of a folder that `made` wrote, joined with their labels."""
     score = open_and_score(folder / SEALED, key_of(folder / SEALED))
     labels = {row["folder"]: row["label"] for row in score.rows}
     withheld = load(folder / WITHHELD) if (folder / WITHHELD).is_dir() else {}
-    rows = [*score.rows, *({**row, "label": labels[name]} for name, row in withheld.items())]
-    interval = json.loads((folder / ANSWERED_WITH).read_text(encoding="utf-8"))["interval"]
-    return [{**row, "interval": interval} for row in rows]
+    return [*score.rows, *({**row, "label": labels[name]} for name, row in withheld.items())]
 
 
 def opened(test: Path) -> list[Row]:
@@ -235,12 +231,7 @@ def _anew(row: Row, numbers: Mapping[str, float]) -> dict[str, Any]:
 
 def _ranked(row: Row, numbers: Mapping[str, float]) -> tuple[Hypothesis, ...]:
     twins = [[tuple(names) for names in group] for group in row.get("twins") or ()]
-    return rank(_merits(row), row["evidence"], numbers, twins, _left(row))
-
-
-def _left(row: Row) -> float:
-    """Per cent of the input that the best hypothesis leaves; 0 of a diagnosis that does not say."""
-    return float((row.get("left") or {}).get("percent_of_input", 0.0))
+    return rank(_merits(row), row["evidence"], numbers, twins)
 
 
 def _merits(row: Row) -> list[tuple[tuple[str, ...], float]]:
@@ -255,8 +246,6 @@ def fitted(rows: Sequence[Row], decide: bool = False) -> dict[str, float]:
         numbers |= _unknown(rows)
         numbers["temperature"] = _temperature(rows, numbers)
     numbers |= _stated(rows, numbers)
-    if "interval" in numbers:
-        numbers["interval"] = _interval(rows)
     return {name: float(f"{value:.4g}") for name, value in numbers.items()}
 
 
@@ -344,22 +333,19 @@ class Corners:
     """What the probability of each answer is stated from, for it is linear in each `missed_*`, and in the share that no
     unknown cause takes.
 
-    x: (n,) the argument of the logistic. lost: (n,) whether the fits are. at: (2, 2, 2, n) the probability where no
-    unknown cause takes anything, or all (first index), where no gap is never missed, or always, and where an unknown
-    cause is.
+    x: (n,) the argument of the logistic. at: (2, 2, 2, n) the probability where no unknown cause takes anything, or all
+    (first index), where no gap is never missed, or always, and where an unknown cause is.
     """
 
     x: Array
-    lost: np.ndarray
     at: Array
 
     def stated(self, numbers: Mapping[str, float]) -> Array:
         """(n,) of the answers, by `surer` and `missed_*`."""
         x = np.where(self.x < 0.0, numbers["surer"] * self.x, self.x)
         unknown = 1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0)))
-        cause = np.where(self.lost, numbers["missed_lost"], numbers["missed_unknown"])
-        none = np.full(len(cause), numbers["missed_no_gap"])
-        weights = (np.stack([1.0 - p, p]) for p in (unknown, none, cause))
+        missed = (np.full(len(x), numbers[name]) for name in STATED[1:])
+        weights = (np.stack([1.0 - p, p]) for p in (unknown, *missed))
         return np.asarray(np.einsum("in,jn,kn,ijkn->n", *weights, self.at))
 
 
@@ -369,11 +355,10 @@ def _corners(rows: Sequence[Row], numbers: Mapping[str, float]) -> Corners:
         answer = _ranked(row, numbers)[0]
         plain = {**row, "evidence": dict.fromkeys(row["evidence"], 0.0)}
         for i, j, k in itertools.product((0, 1), repeat=3):
-            corner = {"unknown_bias": SURE[i], "missed_no_gap": j, "missed_unknown": k, "missed_lost": k}
+            corner = {"unknown_bias": SURE[i], "missed_no_gap": j, "missed_unknown": k}
             at[i, j, k, n] = _of(answer, _ranked(plain, {**numbers, "surer": 1.0, **corner}))
     x = [logistic_argument(row["evidence"], numbers) for row in rows]
-    lost = [is_lost(_merits(row), numbers["threshold"], _left(row)) for row in rows]
-    return Corners(np.array(x), np.array(lost, dtype=bool), at)
+    return Corners(np.array(x), at)
 
 
 def _of(answer: Hypothesis, ranking: Sequence[Hypothesis]) -> float:
@@ -382,15 +367,6 @@ def _of(answer: Hypothesis, ranking: Sequence[Hypothesis]) -> float:
 
 def _share(logit: float) -> float:
     return 1.0 / (1.0 + math.exp(-logit))
-
-
-def _interval(rows: Sequence[Row]) -> float:
-    """The factor on standard errors at which nine of ten true values lie within the 90 % interval."""
-    known = calibration()["interval"]
-    ratios = sorted(ratio * row.get("interval", known) for row in rows for _, _, ratio in estimates_within(row))
-    if not ratios:
-        return known
-    return ratios[min(len(ratios) - 1, math.ceil(INSIDE * len(ratios)) - 1)] / 1.6449
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ import argparse
 import ast
 import importlib
 import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -30,11 +29,11 @@ from workbench.blind.seal import CAMPAIGNS
 from workbench.core.table import Column, Table, words
 
 if TYPE_CHECKING:
-    from workbench.diagnose.hypotheses.records import Names
+    from workbench.diagnose.hypotheses.free_parameters import Names
     from workbench.diagnose.hypotheses.search import SearchResult
 
 ROOT = Path(__file__).resolve().parents[1]
-PLACES = ("workbench/diagnose/verdict", "workbench/diagnose/hypotheses/merit.py")
+PLACES = ("workbench/diagnose/hypotheses/settings.py", "workbench/diagnose/verdict")
 FACTORS = (0.7, 1.3)
 CALIBRATION = "calibration.json"
 SHARE = "missed_"  # how names begin that are shares, 1 at most
@@ -44,16 +43,12 @@ REASONS = {
     "pair": "merit that a second effect costs beside its parameters",
     "temperature": "merits count divided by it: the sureness of the answers",
     "elsewhere": "of the logarithm of the number of hypotheses: of many, one looks good by chance",
-    "interval": "factor on standard errors: nine of ten true values inside the 90 % interval",
     "surer": "factor on the log odds where nothing speaks for an unknown cause: of what is stated, no answer changes",
     "missed_no_gap": "of answers of no gap, as stated: so many have a listed cause that is too small to see",
     "missed_unknown": "of unknown causes, as stated: so many are a listed one that the fits miss",
-    "missed_lost": "the same where a named cause leaves more than LOST_PERCENT",
     "unknown_bias": "log odds of an unknown cause where nothing speaks for one",
     "unknown_left": "weight of what the best hypothesis leaves",
     "unknown_prior": "weight of tolerances stretched beyond chance",
-    "unknown_bound": "weight of an effect's value at its bound",
-    "unknown_against": "weight of two effects that undo each other",
 }
 
 
@@ -84,7 +79,7 @@ def _times(value: Any, factor: float) -> Any:
 
 def numbers() -> list[Number]:
     """In the order of the code; the calibration's first."""
-    from workbench.diagnose.verdict.probability import calibration
+    from workbench.diagnose.hypotheses.settings import calibration
 
     listed = [Number(CALIBRATION, name, value, reason_of(name)) for name, value in calibration().items()]
     for place in PLACES:
@@ -135,9 +130,9 @@ def _comment(lines: Sequence[str], at: int) -> str:
 
 @contextmanager
 def changed(number: Number, factor: float) -> Iterator[None]:
-    """The number at `factor` of itself, in every module of the diagnosis that has imported it."""
+    """The number at `factor` of itself."""
     if number.place == CALIBRATION:
-        from workbench.diagnose.verdict.probability import calibration
+        from workbench.diagnose.hypotheses.settings import calibration
 
         kept: Any = calibration()
         kept[number.name] = number.times(factor)
@@ -146,19 +141,9 @@ def changed(number: Number, factor: float) -> Iterator[None]:
         finally:
             kept[number.name] = number.value
         return
-    own = getattr(importlib.import_module(number.place), number.name)
-    users = [
-        module
-        for name, module in sorted(sys.modules.items())
-        if name.startswith("workbench.diagnose") and getattr(module, number.name, None) is own
-    ]
-    for module in users:
-        setattr(module, number.name, number.times(factor))
-    try:
+    module = importlib.import_module(number.place)  # no other module has imported the number by name
+    with patch.object(module, number.name, number.times(factor)):
         yield
-    finally:
-        for module in users:
-            setattr(module, number.name, own)
 
 
 def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[str, Any]:
@@ -167,7 +152,7 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
     """
     from workbench.core.errors import InputError
     from workbench.diagnose import diagnose as whole
-    from workbench.diagnose.verdict.judge import alike
+    from workbench.diagnose.verdict import judge
     from workbench.logs import read_campaign
 
     try:
@@ -175,7 +160,7 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
     except InputError:
         return {}
     search, kind = diagnosis.search, diagnosis.search.problem.active.kind
-    weigh = whole.harmful
+    weigh = judge.harmful
     harms: dict[Names, bool] = {}
 
     def harmful(search: SearchResult, names: Names) -> bool:
@@ -184,15 +169,15 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
         return harms[names]
 
     def said() -> dict[str, Any]:
-        with patch.object(whole, "harmful", harmful):
-            judged = whole.judged_to_help(search)
+        with patch.object(judge, "harmful", harmful):
+            judged = judge.judged_to_help(search)
         first = judged.ranking[0]
         return {
             "word": judged.word,
             "names": list(judged.names),
-            "alike": list(alike(judged, kind)),
+            "alike": list(judge.alike(judged, kind)),
             "ranking": [[first.verdict, list(first.effects), first.probability]],
-            "twins": [[list(names) for names in group] for group in judged.twins],
+            "twins": [[list(names) for names in group] for group in judged.groups],
         }
 
     as_is = said()

@@ -22,8 +22,8 @@ from workbench.blind.score import Score
 from workbench.blind.seal import Order
 from workbench.diagnose.diagnose import chosen_effects
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.scan import atoms
 from workbench.diagnose.hypotheses.search import Search, SearchResult
+from workbench.diagnose.hypotheses.signatures import signatures_of
 from workbench.diagnose.isolability import isolability
 from workbench.diagnose.isolation.planned import from_moves
 from workbench.logs import read_campaign
@@ -137,5 +137,5 @@ def shows(content: Content, seeds: tuple[int, ...]) -> Mapping[str, float]:
         problem = Problem(campaign.machine, campaign.runs)
         effects = chosen_effects(campaign, None)
         base = Search(problem, effects).base_fit()
-        search = SearchResult(problem, base, base, {}, {}, atoms(problem, effects, base.setting))
+        search = SearchResult(problem, base, base, {}, {}, signatures_of(problem, effects, base.setting))
         return {name: amount for name, (_, amount) in isolability(problem, search).visible.items()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +9,13 @@ import pytest
 
 from benchmarks import sensitivity
 from benchmarks.sensitivity import Number, changed, numbers
-from workbench.diagnose.hypotheses import merit
+from workbench.diagnose.hypotheses import evidence, settings
 from workbench.diagnose.verdict import judge
 
 PAGE = sensitivity.ROOT / "docs" / "verdict_numbers.md"
 
 
-def the(name: str, place: str = "judge") -> Number:
+def the(name: str, place: str = "settings") -> Number:
     (one,) = (number for number in numbers() if number.name == name and number.place.endswith(place))
     return one
 
@@ -31,30 +30,18 @@ def test_every_number_of_the_verdict_has_a_reason_and_a_line_on_the_page():
 
 
 def test_a_changed_number_is_another_one_wherever_the_diagnosis_reads_it_and_comes_back():
-    kept = merit.SECOND
-    with changed(the("SECOND", "merit"), 0.5):
-        assert merit.SECOND == judge.SECOND == pytest.approx(0.5 * kept)  # judge has imported it by name
-    assert merit.SECOND == judge.SECOND == kept
-    threshold = judge.calibration()["threshold"]
+    kept = settings.LAW
+    with changed(the("LAW"), 0.5):
+        assert evidence.settings.LAW == judge.settings.LAW == pytest.approx(0.5 * kept)
+    assert evidence.settings.LAW == judge.settings.LAW == kept
+    threshold = settings.calibration()["threshold"]
     with changed(the("threshold", "json"), 2.0):
-        assert judge.calibration()["threshold"] == 2.0 * threshold
-    assert judge.calibration()["threshold"] == threshold
-
-
-def test_numbers_of_one_name_in_two_modules_are_two():
-    structure: Any = importlib.import_module("workbench.diagnose.verdict.structure")
-    of_both = ("structure", "judge")
-    kept = {place: the("BY_CHANCE", place) for place in of_both}
-    with changed(kept["structure"], 0.7):
-        assert the("BY_CHANCE").value == judge.BY_CHANCE
-        assert structure.BY_CHANCE == pytest.approx(0.7 * kept["structure"].value)  # noqa: SIM300
-    with changed(kept["judge"], 1.5):
-        assert judge.BY_CHANCE[True] == 1.5 * kept["judge"].value[True]
-        assert kept["structure"].value == structure.BY_CHANCE
+        assert settings.calibration()["threshold"] == 2.0 * threshold
+    assert settings.calibration()["threshold"] == threshold
 
 
 def test_whole_numbers_stay_whole():
-    assert the("BINS", "structure").times(0.7) == 17
+    assert the("BINS", "unknown_cause").times(0.7) == 17
     assert Number("", "N", 1, "").times(0.3) == 1
 
 

@@ -13,7 +13,7 @@ import pytest
 from benchmarks import calibrate, practice
 from workbench.blind import criteria, measures
 from workbench.blind.criteria import Share
-from workbench.diagnose.verdict.probability import calibration
+from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view import blind as tables
 
 EVIDENCE = dict.fromkeys(calibrate.EVIDENCE, 0.0)
@@ -278,22 +278,6 @@ def none_of(merit: float) -> dict[str, Any]:
     return made([], "no_gap", merits=[((VISCOUS,), merit), ((OFFSET,), merit - 3.0)])
 
 
-def test_the_interval_is_widened_until_nine_of_ten_true_values_are_inside():
-    rows = [
-        made(
-            [OFFSET], "named", [OFFSET],
-            truth={OFFSET: {"offset_nm": 30.0}}, estimates={OFFSET: {"offset_nm": (30.0 + 0.1 * k, 1.0)}},
-        )
-        for k in range(1, 51)
-    ]  # fmt: skip
-    factor = calibrate._interval(rows) / calibration()["interval"]
-    inside = [s <= 1.6449 * factor * (1.0 + 1e-9) for row in rows for _, _, s in criteria.estimates_within(row)]
-    assert sum(inside) / len(inside) == pytest.approx(0.9)
-    assert calibrate._interval([]) == calibration()["interval"]
-    kept = [{**row, "interval": 1.0} for row in rows]  # answered with another one
-    assert calibrate._interval(kept) == pytest.approx(factor)
-
-
 def sure(lead: float, right: bool) -> dict[str, Any]:
     """Two causes, of which the first leads by so much merit."""
     told = VISCOUS if right else OFFSET
@@ -325,7 +309,7 @@ def test_what_is_stated_is_fitted_to_how_often_answers_are_right():
         told = ["unlisted: a fan"] if k % 4 else [OFFSET]
         rows.append(made(told, "unknown", merits=[((VISCOUS,), 30.0)], evidence=left))
     numbers = calibrate.fitted(rows)
-    decided = {**calibration(), **{name: numbers[name] for name in calibrate.STATED}, "interval": numbers["interval"]}
+    decided = {**calibration(), **{name: numbers[name] for name in calibrate.STATED}}
     assert numbers == pytest.approx(decided, rel=1e-3)
     anew = [calibrate._anew(row, numbers) for row in rows]
     said = {

@@ -1,4 +1,4 @@
-"""What a search rests on: knobs, noise-free residuals, signatures of effects, linear and nonlinear fits."""
+"""What a search rests on: free, noise-free residuals, signatures of effects, linear and nonlinear fits."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
 from workbench.core.run import Array, Run
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.error_model import ErrorModel
-from workbench.diagnose.hypotheses.fits import Projection, fit_knobs, linear_gain, start_of
-from workbench.diagnose.hypotheses.knobs import (
+from workbench.diagnose.hypotheses.evidence import discounted
+from workbench.diagnose.hypotheses.fit import fit_hypothesis
+from workbench.diagnose.hypotheses.free_parameters import (
     GAIN,
     LOG_TIMING,
     OFFSET,
-    Knob,
+    FreeParameter,
     PhaseOfEachRun,
-    Value,
+    Scalar,
     Wave,
+    base_parameters,
     bounds_of,
-    effect_knobs,
+    effect_parameters,
     setting_of,
 )
-from workbench.diagnose.hypotheses.merit import NOISE_KNOWN, discounted
+from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
-from workbench.diagnose.hypotheses.scan import atoms, loudest
 from workbench.diagnose.hypotheses.search import Search
+from workbench.diagnose.hypotheses.settings import NOISE_KNOWN
+from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, loudest, signatures_of, start_of
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation
@@ -63,32 +64,32 @@ def float_of(value: float | tuple[float, ...]) -> float:
 
 @given(st.floats(-5.0, 5.0), st.floats(0.1, 10.0), st.floats(-3.0, 3.0))
 def test_a_value_moves_by_its_scale(origin: float, scale: float, z: float):
-    assert Value("x", origin, scale).values([z])["x"] == pytest.approx(origin + scale * z)
+    assert Scalar("x", origin, scale).values([z])["x"] == pytest.approx(origin + scale * z)
 
 
 def test_a_logarithmic_value_moves_by_factors_and_never_reaches_zero():
-    knob = Value("x", 40.0, 0.5, least=0.0, logarithmic=True)
-    assert knob.values([2.0])["x"] == pytest.approx(40.0 * math.e)
-    assert 0.0 < float_of(knob.values([-40.0])["x"]) < 1e-6
-    assert knob.lowest == (-math.inf,)
-    assert knob.highest == (math.inf,)
+    parameter = Scalar("x", 40.0, 0.5, least=0.0, logarithmic=True)
+    assert parameter.values([2.0])["x"] == pytest.approx(40.0 * math.e)
+    assert 0.0 < float_of(parameter.values([-40.0])["x"]) < 1e-6
+    assert parameter.lowest == (-math.inf,)
+    assert parameter.highest == (math.inf,)
 
 
 @pytest.mark.parametrize("logarithmic", [False, True])
 def test_the_bounds_of_a_value_are_where_z_says(logarithmic: bool):
-    knob = Value("x", 3.0, 0.7, least=1.0, most=8.0, logarithmic=logarithmic)
-    (low,), (high,) = knob.lowest, knob.highest
-    assert knob.values([low])["x"] == pytest.approx(1.0)
-    assert knob.values([high])["x"] == pytest.approx(8.0)
-    assert knob.values([high + 5.0])["x"] == 8.0
-    near = replace(knob, furthest=0.25)
+    parameter = Scalar("x", 3.0, 0.7, least=1.0, most=8.0, logarithmic=logarithmic)
+    (low,), (high,) = parameter.lowest, parameter.highest
+    assert parameter.values([low])["x"] == pytest.approx(1.0)
+    assert parameter.values([high])["x"] == pytest.approx(8.0)
+    assert parameter.values([high + 5.0])["x"] == 8.0
+    near = replace(parameter, furthest=0.25)
     assert (near.lowest, near.highest) == ((-0.25,), (0.25,))
 
 
 @given(st.floats(0.01, 5.0), st.floats(0.0, 6.28))
 def test_a_wave_starts_at_its_amplitude_and_phase(amplitude: float, phase: float):
-    knob = Wave("A", "phi", phase, 0.5, 5.0)
-    values = knob.values([amplitude / 0.5, 0.0])
+    parameter = Wave("A", "phi", phase, 0.5, 5.0)
+    values = parameter.values([amplitude / 0.5, 0.0])
     assert values["A"] == pytest.approx(amplitude)
     assert values["phi"] == pytest.approx(phase)
 
@@ -104,9 +105,9 @@ def test_the_quadratures_of_a_wave_add_up(origin: float, a: float, b: float):
 
 
 def test_each_run_has_a_phase_of_its_own():
-    knob = PhaseOfEachRun("phi", (0.5, 6.0, 1.0))
-    assert knob.values([0.0, 1.0, -0.25])["phi"] == pytest.approx((0.5, 7.0 - TURN, 0.75))
-    lowest, highest, std = bounds_of([knob, Value("x", 0.0, 1.0, 0.0, std=1.0)])
+    parameter = PhaseOfEachRun("phi", (0.5, 6.0, 1.0))
+    assert parameter.values([0.0, 1.0, -0.25])["phi"] == pytest.approx((0.5, 7.0 - TURN, 0.75))
+    lowest, highest, std = bounds_of([parameter, Scalar("x", 0.0, 1.0, 0.0, std=1.0)])
     assert lowest.tolist() == [-math.inf] * 3 + [0.0]
     assert highest.tolist() == [math.inf] * 4
     assert std.tolist() == [math.inf] * 3 + [1.0]
@@ -133,11 +134,11 @@ def test_the_knobs_of_every_effect_give_back_the_point_they_start_from(machine: 
     ranges, random = ranges_of(effect, machine), np.random.default_rng(5)
     for _ in range(5):
         at = {r.symbol: middle(effect, r, random) for r in ranges}
-        knobs, start = effect_knobs(effect, ranges, at)
-        lowest, highest, _ = bounds_of(knobs)
+        free, start = effect_parameters(effect, ranges, at)
+        lowest, highest, _ = bounds_of(free)
         assert len(lowest) == len(start)
         assert np.all(np.array(start) >= lowest - 1e-12) and np.all(np.array(start) <= highest + 1e-12)
-        setting = setting_of(knobs, np.array(start))
+        setting = setting_of(free, np.array(start))
         turned = {r.symbol for r in ranges if len(r.tries) != 1 or r.vanishes_at is not None}
         assert set(setting) == turned
         for symbol in turned:
@@ -156,7 +157,7 @@ def test_a_shape_that_no_fit_turns_is_tried_as_it_is_declared(machine: Hoist | A
 def test_no_base_parameter_turns_what_an_effect_turns(kind: str, request: pytest.FixtureRequest):
     """Else a signature would be measured from where the base stands, not from where the effect is off."""
     problem: Problem = request.getfixturevalue(kind)
-    own = {knob.symbol for knob in base_knobs(problem.machine, problem.runs).values()}
+    own = {parameter.symbol for parameter in base_parameters(problem.machine, problem.runs).values()}
     for effect in effects_for(problem.active.kind).values():
         assert not own & {r.symbol for r in ranges_of(effect, problem.machine)}, effect.id
 
@@ -167,8 +168,8 @@ def test_no_base_parameter_turns_what_an_effect_turns(kind: str, request: pytest
 @pytest.mark.parametrize("kind", ["hoist", "axis"])
 def test_changing_nothing_changes_exactly_nothing(kind: str, request: pytest.FixtureRequest):
     problem: Problem = request.getfixturevalue(kind)
-    knobs = list(base_knobs(problem.machine, problem.runs).values())
-    same = setting_of(knobs, np.zeros(len(knobs)))
+    free = list(base_parameters(problem.machine, problem.runs).values())
+    same = setting_of(free, np.zeros(len(free)))
     base, change = problem.differences(same, [same] * (2 * GROUP))
     assert np.array_equal(change, np.zeros((2 * GROUP, problem.samples)))
     nothing, _ = problem.differences({}, [])
@@ -216,17 +217,17 @@ def test_a_logs_timing_comes_on_top_of_an_effects_delay(axis: Problem):
 
 
 def test_the_jacobian_is_the_slope(hoist: Problem):
-    knobs = list(base_knobs(hoist.machine, hoist.runs).values())
-    z = np.linspace(-0.5, 0.5, len(knobs))
-    base, jacobian = hoist.evaluate(knobs, z)
-    ends = [setting_of(knobs, z + h * row) for row in np.eye(len(z)) for h in (0.02, -0.02)]
-    _, change = hoist.differences(setting_of(knobs, z), ends)
+    free = list(base_parameters(hoist.machine, hoist.runs).values())
+    z = np.linspace(-0.5, 0.5, len(free))
+    base, jacobian = hoist.evaluate(free, z)
+    ends = [setting_of(free, z + h * row) for row in np.eye(len(z)) for h in (0.02, -0.02)]
+    _, change = hoist.differences(setting_of(free, z), ends)
     slope = (change[0::2] - change[1::2]).T / 0.04
     size = np.linalg.norm(slope, axis=0)
     # A delay is differenced over a part of the band's period, for friction jumps between two samples.
-    late = np.array([knob.symbol == LOG_TIMING for knob in knobs])
+    late = np.array([parameter.symbol == LOG_TIMING for parameter in free])
     assert np.all(np.linalg.norm(jacobian - slope, axis=0) < np.where(late, 0.1, 0.01) * size + 1e-6)
-    some, part = hoist.evaluate(knobs, z, only=[3, 1])
+    some, part = hoist.evaluate(free, z, only=[3, 1])
     assert part == pytest.approx(jacobian[:, [3, 1]], abs=1e-5 * float(np.max(size)))
     assert some == pytest.approx(base, abs=0.02 * hoist.noise)  # lanes that differ in time take other steps
 
@@ -257,12 +258,12 @@ def test_a_logs_timing_is_judged_by_what_a_step_of_some_size_changes():
     """Friction jumps between two samples: over a thousandth of a step the slope is that of one sample's jump."""
     machine = linear_axis()
     problem = Problem(machine, axis_runs(machine))
-    knob = base_knobs(machine, problem.runs)[LOG_TIMING]
+    parameter = base_parameters(machine, problem.runs)[LOG_TIMING]
     step = max(0.5, 0.05 / (problem.band_hz * problem.runs[0].sample_time_s))  # samples
     sizes = []
     for at in (0.0, 0.2, 0.48, 1.0, 1.5):
-        _, jacobian = problem.evaluate([knob], np.array([at]))
-        _, change = problem.differences(knob.values([at]), [knob.values([at + step])])
+        _, jacobian = problem.evaluate([parameter], np.array([at]))
+        _, change = problem.differences(parameter.values([at]), [parameter.values([at + step])])
         assert jacobian[:, 0] == pytest.approx(change[0] / step, abs=1e-9)
         sizes.append(rms(jacobian))
     assert max(sizes) < 1.5 * min(sizes)
@@ -297,7 +298,7 @@ def test_the_base_fit_tells_how_late_a_log_is(late_samples: int):
 
 def test_what_an_axis_noise_may_hide_speaks_for_no_cause(axis: Problem):
     share = axis.errors.at_speed[: axis.inputs]
-    allowed = ((1.0 + NOISE_KNOWN) ** 2 - 1.0) * axis.row_noise**2 + axis.errors.discrepancy[: axis.inputs] ** 2
+    allowed = ((1.0 + NOISE_KNOWN) ** 2 - 1.0) * axis.row_noise**2 + axis.errors.model_error[: axis.inputs] ** 2
     after = np.zeros(axis.samples)
     for times, expected in ((0.99, 0.0), (2.0, 50.0)):
         before = np.zeros(axis.samples)
@@ -327,47 +328,47 @@ SOME = (
 @pytest.mark.parametrize("name", SOME)
 def test_a_signature_is_what_the_prediction_gains_by_that_much(hoist: Problem, name: str):
     effect = find(name, "hoist")
-    signatures = atoms(hoist, [effect], {})
-    atom = signatures[len(signatures) // 2]
-    for k, r in enumerate(atom.amounts):
-        point = dict(atom.at)
-        for amount in atom.amounts:
+    signatures = signatures_of(hoist, [effect], {})
+    signature = signatures[len(signatures) // 2]
+    for k, r in enumerate(signature.amounts):
+        point = dict(signature.at)
+        for amount in signature.amounts:
             assert amount.vanishes_at is not None
             point[amount.symbol] = amount.start if amount is r else amount.vanishes_at
         values = {amount.name: float(point[amount.symbol]) for amount in ranges_of(effect, hoist.machine, hoist.runs)
                   if amount.symbol in point}  # fmt: skip
         gained = signature_by_file(hoist, effect, values)
-        column = atom.columns[: hoist.inputs, k]
+        column = signature.columns[: hoist.inputs, k]
         assert rms(column) > 0.05 * hoist.noise
         assert rms(column - gained) < 0.02 * rms(gained) + 0.005 * hoist.noise
-        assert atom.scale[k] == pytest.approx(r.start - (r.vanishes_at or 0.0))
+        assert signature.scale[k] == pytest.approx(r.start - (r.vanishes_at or 0.0))
 
 
 def test_the_two_columns_of_a_wave_are_its_quadratures(hoist: Problem):
     effect = find("drum_eccentricity", "hoist")
-    (atom,) = atoms(hoist, [effect], {})
-    amount = 0.2 * atom.scale[0]
+    (signature,) = signatures_of(hoist, [effect], {})
+    amount = 0.2 * signature.scale[0]
     gained = signature_by_file(hoist, effect, {"amplitude_m": amount, "phase_rad": 2.0})
-    sine, cosine = atom.columns[: hoist.inputs].T
+    sine, cosine = signature.columns[: hoist.inputs].T
     assert rms(0.2 * (math.cos(2.0) * sine + math.sin(2.0) * cosine) - gained) < 0.03 * rms(gained)
-    assert atom.signed
+    assert signature.signed
 
 
 def test_a_phase_of_each_run_has_columns_of_each_run(hoist: Problem):
-    atom = atoms(hoist, [find("heave", "hoist")], {})[3]
-    assert atom.columns.shape == (hoist.samples, 2 * len(hoist.runs))
+    signature = signatures_of(hoist, [find("heave", "hoist")], {})[3]
+    assert signature.columns.shape == (hoist.samples, 2 * len(hoist.runs))
     for j in range(len(hoist.runs)):
         mine = hoist.run_of_row == j
-        assert not np.any(atom.columns[~mine][:, 2 * j : 2 * j + 2])
-        assert np.all(np.linalg.norm(atom.columns[mine][:, 2 * j : 2 * j + 2], axis=0) > 0.0)
+        assert not np.any(signature.columns[~mine][:, 2 * j : 2 * j + 2])
+        assert np.all(np.linalg.norm(signature.columns[mine][:, 2 * j : 2 * j + 2], axis=0) > 0.0)
 
 
 def test_places_are_tried_where_the_runs_have_been_and_no_wave_beyond_the_band(hoist: Problem):
-    tight = atoms(hoist, [find("friction_position_dependent", "hoist")], {})
-    places = sorted({value for atom in tight for name, value in atom.at.items() if name.endswith("centre_m")})
+    tight = signatures_of(hoist, [find("friction_position_dependent", "hoist")], {})
+    places = sorted({value for signature in tight for name, value in signature.at.items() if name.endswith("centre_m")})
     assert 4.0 < places[0] < places[-1] < 13.0
     assert max(np.diff(places)) < 0.5
-    swell = [atom.at["heave__frequency_rad_s"] for atom in atoms(hoist, [find("heave", "hoist")], {})]
+    swell = [signature.at["heave__frequency_rad_s"] for signature in signatures_of(hoist, [find("heave", "hoist")], {})]
     assert max(swell) <= TURN * hoist.band_hz
     assert max(np.diff(swell)) * 20.0 < math.pi  # two neighbours do not fall out of step within a run
 
@@ -431,12 +432,14 @@ class Straight:
         n = len(self.measured)
         return ErrorModel(np.full(n, 0.2 * math.sqrt(2.0)), np.zeros(n), np.zeros(n), np.append(0.0, np.ones(n - 1)))
 
-    def evaluate(self, knobs: Sequence[Knob], z: Array, only: Sequence[int] | None = None) -> tuple[Array, Array]:
+    def evaluate(
+        self, free: Sequence[FreeParameter], z: Array, only: Sequence[int] | None = None
+    ) -> tuple[Array, Array]:
         self.calls += 1
         step = 1e-4
 
         def values(at: Array) -> Array:
-            return np.array([float_of(value) for value in setting_of(knobs, at).values()])
+            return np.array([float_of(value) for value in setting_of(free, at).values()])
 
         rows = np.eye(len(z))[list(range(len(z)) if only is None else only)]
         slopes = np.array([(values(z + step * row) - values(z)) / step for row in rows]).reshape(-1, len(z))
@@ -449,10 +452,10 @@ def test_a_fit_ends_at_the_least_of_data_and_tolerances_within_bounds(seed: int,
     from scipy.optimize import lsq_linear
 
     random = np.random.default_rng(seed)
-    knobs = [Value(f"x{k}", 0.0, 1.0, -0.3, 0.4, std=(0.5 if k < 2 else math.inf)) for k in range(4)]
+    free = [Scalar(f"x{k}", 0.0, 1.0, -0.3, 0.4, std=(0.5 if k < 2 else math.inf)) for k in range(4)]
     problem = Straight(random.normal(size=(30, 4)), random.normal(size=30))
     weight = 1.0 / problem.errors.white[0]
-    fit = fit_knobs(problem, ("made",), knobs, np.full(4, 0.1), base=base)  # type: ignore[arg-type]
+    fit = fit_hypothesis(problem, ("made",), free, np.full(4, 0.1), base=base)  # type: ignore[arg-type]
     rows = np.vstack([weight * problem.columns, np.diag([2.0, 2.0, 0.0, 0.0])])
     exact = lsq_linear(rows, np.concatenate([weight * problem.measured, np.zeros(4)]), (-0.3, 0.4), method="bvls")
     assert fit.settled
@@ -466,18 +469,18 @@ def test_a_fit_ends_at_the_least_of_data_and_tolerances_within_bounds(seed: int,
 def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     """The torque without noise, for values that are off by up to two tolerances and a tight stretch besides."""
     effect = find("friction_position_dependent", "hoist")
-    knobs: list[Knob] = list(base_knobs(hoist.machine, hoist.runs).values())
+    free: list[FreeParameter] = list(base_parameters(hoist.machine, hoist.runs).values())
     truth = np.array([2.0, -1.0, 0.3, 1.0, -1.5, 1.0, -1.0, 0.5, 1.0, -1.0, 0.0])
-    assert len(truth) == len(knobs)
+    assert len(truth) == len(free)
     ranges = ranges_of(effect, hoist.machine, hoist.runs)
     true = dict(zip([r.symbol for r in ranges], (4000.0, 8.2, 0.45), strict=True))
-    problem = made_by(hoist, {**setting_of(knobs, truth), **true})
+    problem = made_by(hoist, {**setting_of(free, truth), **true})
     none = np.zeros(problem.samples)
     problem.errors = replace(problem.errors, white=none + 0.1, moving=none, standstill=none)
     begin = dict(zip([r.symbol for r in ranges], (2500.0, 8.6, 0.7), strict=True))
-    more, start = effect_knobs(effect, ranges, begin)
-    z = np.concatenate([np.zeros(len(knobs)), start])
-    fit = fit_knobs(problem, (effect.id,), [*knobs, *more], z, 60, base=len(knobs))
+    more, start = effect_parameters(effect, ranges, begin)
+    z = np.concatenate([np.zeros(len(free)), start])
+    fit = fit_hypothesis(problem, (effect.id,), [*free, *more], z, 60, base=len(free))
     assert fit.rms(problem.inputs) < 0.005 * rms(problem.residuals([{}])[0])
     for symbol, value in true.items():
         assert fit.setting[symbol] == pytest.approx(value, rel=0.002), symbol
@@ -487,17 +490,17 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
 @pytest.mark.parametrize("name", ["friction_viscous_asymmetric", "drum_eccentricity", "heave", "torque_scale"])
 def test_a_fit_begins_where_the_linear_one_ended(hoist: Problem, name: str):
     """What the amounts of the signatures promise is what the setting at the start then takes away."""
-    atom = atoms(hoist, [find(name, "hoist")], {})[0]
-    amounts = np.full(atom.columns.shape[1], 0.5)
-    knobs, start = start_of(hoist, atom, amounts)
-    _, (change,) = hoist.differences({}, [setting_of(knobs, np.array(start))])
-    promised = atom.columns @ amounts
+    signature = signatures_of(hoist, [find(name, "hoist")], {})[0]
+    amounts = np.full(signature.columns.shape[1], 0.5)
+    free, start = start_of(hoist, signature, amounts)
+    _, (change,) = hoist.differences({}, [setting_of(free, np.array(start))])
+    promised = signature.columns @ amounts
     assert rms(-change - promised) < 0.06 * rms(promised)
 
 
 def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: Problem):
-    knobs = list(base_knobs(hoist.machine, hoist.runs).values())
-    base = fit_knobs(hoist, (), knobs, np.zeros(len(knobs)))
+    free = list(base_parameters(hoist.machine, hoist.runs).values())
+    base = fit_hypothesis(hoist, (), free, np.zeros(len(free)))
     projection = Projection.of(hoist, base)
     assert np.max(np.abs(projection.rows.T @ projection.clean(np.ones((hoist.samples, 1))))) < 1e-8
     assert np.linalg.norm(projection.rows.T @ projection.residual) < 1e-8

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.noisy_runs import hoist_runs
-from workbench.diagnose.hypotheses.discrepancy import carries, discrepancy_of
-from workbench.diagnose.hypotheses.error_model import ErrorModel
+from workbench.diagnose.hypotheses.model_error import ErrorModel, carries, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.machines import default_hoist, kind_of
 
@@ -25,7 +24,7 @@ def dense(errors: ErrorModel) -> np.ndarray:
         for j in range(i, n):
             if j > i:
                 along *= errors.carry[j]
-            both = errors.discrepancy[i] * errors.discrepancy[j] * along
+            both = errors.model_error[i] * errors.model_error[j] * along
             covariance[i, j] += both
             covariance[j, i] += both if j > i else 0.0
     return covariance
@@ -83,7 +82,7 @@ def problem() -> Problem:
 
 
 def test_the_discrepancy_of_a_hoist_grows_with_the_torque_and_near_standstill(problem: Problem):
-    d = np.hypot(*discrepancy_of(problem.bench, problem.rows))
+    d = np.hypot(*model_error_of(problem.bench, problem.rows))
     speed = np.concatenate([np.abs(m.speed[r]) for m, r in zip(problem.bench.motions, problem.rows, strict=True)])
     torque = np.concatenate([np.abs(u[r]) for u, r in zip(problem.bench.measured, problem.rows, strict=True)])
     assert np.all(d >= kind_of(problem.machine).model_error.load * torque - 1e-9)

@@ -14,16 +14,14 @@ from tests.support.searched_campaign import simulated_search
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.gap import delivered_of
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.error_model import ErrorModel
-from workbench.diagnose.hypotheses.fits import fit_knobs
+from workbench.diagnose.hypotheses.fit import fit_hypothesis
+from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
+from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.machines import corrected_machine, refitted_machine
+from workbench.diagnose.verdict.answer import Hypothesis, shared
 from workbench.diagnose.verdict.constancy import constancies
-from workbench.diagnose.verdict.probability import shared
-from workbench.diagnose.verdict.records import Hypothesis
-from workbench.effects import find
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import load_machine, save_machine
 from workbench.simulate.replay import replay_runs
@@ -39,9 +37,7 @@ def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, SearchResu
 
 
 def broken(search: SearchResult, name: str) -> bool:
-    problem = search.problem
-    effects = [find(name, problem.active.kind)]
-    return any(one.broken for one in constancies(problem, search.within_tolerances, search.fits[name,], effects))
+    return any(one.broken for one in constancies(search.problem, search.within_tolerances, search.fits[name,]))
 
 
 def test_a_true_law_has_one_amount_everywhere_and_a_mimic_has_not(bump: tuple[Campaign, SearchResult]):
@@ -52,7 +48,7 @@ def test_a_true_law_has_one_amount_everywhere_and_a_mimic_has_not(bump: tuple[Ca
 def test_the_delivered_file_gives_the_fits_residual_run_by_run(bump: tuple[Campaign, SearchResult], tmp_path: Path):
     campaign, search = bump
     problem, fit = search.problem, search.fits[TRUE,]
-    keys = base_knobs(problem.machine, problem.runs)
+    keys = base_parameters(problem.machine, problem.runs)
     corrected = corrected_machine(problem, keys, fit)
     save_machine(corrected, tmp_path / "machine.yaml")
     replayed = replay_runs(load_machine(tmp_path / "machine.yaml"), campaign.runs, problem.band_hz)
@@ -90,7 +86,7 @@ def test_a_run_is_held_out_of_a_fit_that_has_converged_without_it(bump: tuple[Ca
         hidden = problem.run_of_row == run
         blind = copy(problem)
         blind.errors = cast(ErrorModel, WithoutRows(problem.errors, hidden))
-        plain = fit_knobs(blind, fit.effects, fit.knobs, fit.z, 40)
+        plain = fit_hypothesis(blind, fit.effects, fit.free, fit.z, 40)
         setting = told.settings[run]
         seen = float(np.sum(blind.errors.whiten(problem.residuals([setting])[0]) ** 2))
         # No better fit to the other runs is found (chi²; the tolerances hold what those runs do not show).

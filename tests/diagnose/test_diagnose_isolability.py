@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.support.searched_campaign import simulated_search
-from workbench.diagnose.hypotheses.fits import Projection
 from workbench.diagnose.hypotheses.search import SearchResult
+from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.isolability import angle_between, groups, isolability, separations, smallest_amount
 from workbench.diagnose.isolability import best_signatures as signatures
 
@@ -88,7 +88,7 @@ def test_a_special_case_is_no_fault_of_the_campaign(heavier: SearchResult):
     assert "friction_viscous" not in " ".join(answer.sentences)
     projection = Projection.of(heavier.problem, heavier.within_tolerances)
     scale = heavier.problem.share * heavier.problem.inputs
-    best = signatures(projection, heavier.atoms, scale)
+    best = signatures(projection, heavier.signatures, scale)
     apart = separations(best, projection.priors, scale)
     i, j = (list(best).index(name) for name in ("friction_viscous", "friction_viscous_asymmetric"))
     assert apart[i, j] == math.inf

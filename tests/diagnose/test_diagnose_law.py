@@ -10,8 +10,8 @@ import pytest
 
 from tests.support.driven_campaign import driven, planned
 from workbench.core.run import Run
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search
 from workbench.diagnose.law import Law, find_law, unit_of
@@ -39,7 +39,7 @@ def still() -> list[Run]:
 
 def fitted(runs: list[Run]) -> tuple[Problem, Fitted]:
     problem = Problem(AXIS, runs)
-    search = Search(problem, [], base=base_knobs(AXIS, runs))
+    search = Search(problem, [], base=base_parameters(AXIS, runs))
     return problem, search._within_tolerances(search.base_fit())
 
 

@@ -19,11 +19,9 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.hypotheses import search
-from workbench.diagnose.hypotheses.fits import start_of
-from workbench.diagnose.hypotheses.knobs import Knob
+from workbench.diagnose.hypotheses.free_parameters import Estimate, FreeParameter
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.records import Estimate
-from workbench.diagnose.hypotheses.scan import Atom
+from workbench.diagnose.hypotheses.signatures import Signature, start_of
 from workbench.diagnose.readiness.checks import Rigid, as_well_shown, check_runs
 from workbench.effects import Effect, effects_for, find, forget_users, load_effects, ranges_of
 from workbench.logs import Campaign
@@ -312,10 +310,10 @@ def test_candidates_that_raise_are_rows_and_not_the_end(monkeypatch: pytest.Monk
     runs = runs_of(with_effects(nominal("axis-linear"), {"inertia_error": LINEAR["inertia_error"]}))
     errors = {"torque_scale": ZeroDivisionError("a shape of no width"), "torque_filter": ValueError("no such place")}
 
-    def start(problem: Problem, atom: Atom, amounts: Array) -> tuple[list[Knob], list[float]]:
-        if atom.effect.id in errors:
-            raise errors[atom.effect.id]
-        return start_of(problem, atom, amounts)
+    def start(problem: Problem, signature: Signature, amounts: Array) -> tuple[list[FreeParameter], list[float]]:
+        if signature.effect.id in errors:
+            raise errors[signature.effect.id]
+        return start_of(problem, signature, amounts)
 
     monkeypatch.setattr(search, "start_of", start)
     d = diagnosed("axis-linear", runs)

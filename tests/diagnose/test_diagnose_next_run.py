@@ -11,8 +11,8 @@ import pytest
 
 from tests.support.searched_campaign import simulated_search
 from workbench.core.run import Run
-from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import Value
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import Scalar
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.lines import Line
 from workbench.diagnose.isolation.next_run import APART, LEAST, Offer, chance_to_decide, choose, next_run, separation
@@ -42,8 +42,8 @@ def line(level: float, slope: float, own: bool = False) -> Line:
 
 
 def fitted(z: float = 0.0) -> Fitted:
-    knob = Value("x", 0.0, 1.0, std=1.0)
-    return Fitted(("e",), (knob,), np.array([z]), np.zeros(ROWS), np.zeros((ROWS, 1)), 0.0, z * z, 1, True)
+    parameter = Scalar("x", 0.0, 1.0, std=1.0)
+    return Fitted(("e",), (parameter,), np.array([z]), np.zeros(ROWS), np.zeros((ROWS, 1)), 0.0, z * z, 1, True)
 
 
 def test_predictions_that_no_base_parameter_brings_together_are_apart_by_their_distance():
@@ -156,7 +156,9 @@ def test_the_same_question_has_the_same_answer(heavier: SearchResult):
 
 def test_what_was_not_refitted_is_taken_from_its_signature(heavier: SearchResult):
     fits = {names: fit for names, fit in heavier.fits.items() if names != ("carriage_mass_error",)}
-    bare = SearchResult(heavier.problem, heavier.base, heavier.within_tolerances, fits, heavier.linear, heavier.atoms)
+    bare = SearchResult(
+        heavier.problem, heavier.base, heavier.within_tolerances, fits, heavier.linear, heavier.signatures
+    )
     advice = next_run(heavier.problem, bare, ["torque_offset", "carriage_mass_error"])
     assert advice is not None
     assert advice.separation > advice.now

@@ -10,8 +10,8 @@ import pytest
 
 from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.places import Placed, Weigher, comes_back, pulses_of, weighed
 from workbench.diagnose.location.survey import Course, Survey, at_rows, loop_of, survey_of
@@ -20,9 +20,9 @@ from workbench.logs import read_campaign
 
 def looked_at(problem: Problem) -> Survey:
     """From its nominal values."""
-    knobs = tuple(base_knobs(problem.machine, problem.runs).values())
-    z = np.zeros(len(knobs))
-    return survey_of(problem, Fitted((), knobs, z, *problem.evaluate(knobs, z), 0.0, 0.0, 1, True))
+    free = tuple(base_parameters(problem.machine, problem.runs).values())
+    z = np.zeros(len(free))
+    return survey_of(problem, Fitted((), free, z, *problem.evaluate(free, z), 0.0, 0.0, 1, True))
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.emps_campaign import RUNS
 from workbench.diagnose.diagnose import Diagnosis, diagnose
-from workbench.diagnose.verdict.records import Reason, ReasonKind
+from workbench.diagnose.verdict.answer import Reason, ReasonKind
 from workbench.logs import read_campaign
 
 # What is marked as proof has a quicker counterpart: effects that are found again and unknown causes of simulated runs
@@ -145,7 +145,7 @@ def test_what_a_real_axis_leaves_itself_moves_no_base_parameter_off(emps: Emps):
     diagnosis = emps()
     far = [
         abs(z)
-        for z, knob in zip(diagnosis.search.base.z, diagnosis.search.base.knobs, strict=True)
-        if not getattr(knob, "logarithmic", False)
+        for z, parameter in zip(diagnosis.search.base.z, diagnosis.search.base.free, strict=True)
+        if not parameter.logarithmic
     ]
     assert max(far) < 1.0

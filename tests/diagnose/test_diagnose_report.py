@@ -21,9 +21,9 @@ from workbench.cli.campaign import chosen_candidates
 from workbench.core.errors import InputError
 from workbench.core.record import LogTraits
 from workbench.diagnose.diagnose import Diagnosis
-from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.location.where import Window
-from workbench.diagnose.verdict.records import Candidate, Hypothesis, Verdict
+from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Verdict
 from workbench.effects import check
 from workbench.effects.declare import SUBSYSTEMS
 from workbench.machines import load_machine

@@ -11,7 +11,7 @@ import pytest
 from tests.support.noisy_runs import hoist_runs
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.verdict.structure import lasting_share, loaded_share, repeated_share, sudden_share
+from workbench.diagnose.verdict.unknown_cause import lasting_share, loaded_share, repeated_share, sudden_share
 from workbench.machines import default_hoist, kind_of
 
 

@@ -13,13 +13,11 @@ import numpy as np
 import pytest
 
 from tests.support.noisy_runs import hoist_runs, with_effects
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.error_model import ErrorModel
-from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
-from workbench.diagnose.hypotheses.knobs import Knob, Value, effect_knobs
+from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
+from workbench.diagnose.hypotheses.free_parameters import FreeParameter, Scalar, base_parameters, effect_parameters
+from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.verdict.cancellation import cancellation, cancelled
-from workbench.diagnose.verdict.tolerance_excess import _nearer, tolerance_excess
+from workbench.diagnose.verdict.unknown_cause import _nearer, cancellation, cancelled, tolerance_excess
 from workbench.effects import find, ranges_of
 from workbench.machines import default_hoist
 
@@ -41,9 +39,9 @@ def linear(random: np.random.Generator, off: float = 1.0) -> Fitted:
     weight2 = SHARE / SIGMA**2
     z = np.linalg.solve(weight2 * columns.T @ columns + np.diag(held), weight2 * columns.T @ measured)
     residual = measured - columns @ z
-    knobs: list[Knob] = [Value(f"p{k}", 0.0, 1.0, std=1.0 if h else math.inf) for k, h in enumerate(held)]
+    free: list[FreeParameter] = [Scalar(f"p{k}", 0.0, 1.0, std=1.0 if h else math.inf) for k, h in enumerate(held)]
     chi2 = weight2 * float(residual @ residual)
-    return Fitted(("e",), tuple(knobs), z, residual, -columns, chi2, float(z[:6] @ z[:6]), 1, True)
+    return Fitted(("e",), tuple(free), z, residual, -columns, chi2, float(z[:6] @ z[:6]), 1, True)
 
 
 def test_honest_tolerances_are_stretched_by_chance_alone_however_few_of_them_the_data_determine():
@@ -60,8 +58,8 @@ def test_tolerances_that_are_not_kept_are_stretched():
 
 def test_how_steeply_friction_turns_over_at_standstill_is_no_tolerance():
     fit = linear(np.random.default_rng(6))
-    first = cast(Value, fit.knobs[0])
-    free = replace(fit, knobs=(replace(first, origin=1.0, least=1e-9, logarithmic=True), *fit.knobs[1:]))
+    first = cast(Scalar, fit.free[0])
+    free = replace(fit, free=(replace(first, origin=1.0, least=1e-9, logarithmic=True), *fit.free[1:]))
     torn = np.append(30.0, fit.z[1:])
     assert tolerance_excess(LINEAR, replace(free, z=torn)) == pytest.approx(tolerance_excess(LINEAR, free))
     assert tolerance_excess(LINEAR, replace(fit, z=torn)) > 10.0
@@ -70,7 +68,7 @@ def test_how_steeply_friction_turns_over_at_standstill_is_no_tolerance():
 def test_without_tolerances_nothing_is_stretched():
     fit = linear(np.random.default_rng(7))
     assert (
-        tolerance_excess(LINEAR, replace(fit, knobs=tuple(replace(cast(Value, k), std=math.inf) for k in fit.knobs)))
+        tolerance_excess(LINEAR, replace(fit, free=tuple(replace(cast(Scalar, k), std=math.inf) for k in fit.free)))
         == 0.0
     )
 
@@ -103,13 +101,13 @@ def answered(
 ) -> tuple[Problem, Fitted]:
     """Runs of a hoist with noise and the effects of `truth` in it, and the fit of the effects `named`."""
     problem = Problem(default_hoist(), hoist_runs(with_effects(default_hoist(), truth), seed=4))
-    knobs: list[Knob] = list(base_knobs(problem.machine, problem.runs).values())
-    z = [0.0] * len(knobs)
+    free: list[FreeParameter] = list(base_parameters(problem.machine, problem.runs).values())
+    z = [0.0] * len(free)
     for effect in [find(name, "hoist") for name in named]:
         ranges = ranges_of(effect, problem.machine, problem.runs)
-        more, start = effect_knobs(effect, ranges, {r.symbol: begin[r.name] for r in ranges})
-        knobs, z = [*knobs, *more], [*z, *start]
-    return problem, fit_knobs(problem, named, knobs, np.array(z), 60)
+        more, start = effect_parameters(effect, ranges, {r.symbol: begin[r.name] for r in ranges})
+        free, z = [*free, *more], [*z, *start]
+    return problem, fit_hypothesis(problem, named, free, np.array(z), 60)
 
 
 @pytest.mark.parametrize(
@@ -124,7 +122,7 @@ def test_a_stand_in_that_leaves_no_residual_stretches_the_tolerances(
 ):
     problem, own = answered({true: amount}, [true], dict.fromkeys(amount, begin))
     same, wrong = answered({true: amount}, [instead], other)
-    floor = math.hypot(problem.noise, float(np.sqrt(np.mean(problem.errors.discrepancy**2))))
+    floor = math.hypot(problem.noise, float(np.sqrt(np.mean(problem.errors.model_error**2))))
     assert own.rms(problem.inputs) < 1.1 * problem.noise
     assert wrong.rms(same.inputs) < 1.1 * floor
     assert tolerance_excess(problem, own) < 1.0
@@ -155,7 +153,7 @@ def test_a_pair_that_stands_in_for_one_cause_is_against_itself_and_a_true_pair_i
     same, instead = answered({"gearbox_inertia": {"inertia_kg_m2": 1.0}}, pair, begin)
     true = {"friction_viscous": {"viscous_n_s_per_m": 2000.0}, "payload_mass_error": {"payload_scale": 1.06}}
     problem, both = answered(true, tuple(true), {"viscous_n_s_per_m": 1500.0, "payload_scale": 1.05})
-    base = len(base_knobs(problem.machine, problem.runs))
+    base = len(base_parameters(problem.machine, problem.runs))
     assert cancellation(same, instead, base) > 0.5
     assert cancellation(problem, both, base) < 0.1
     assert cancellation(problem, replace(both, effects=both.effects[:1]), base) == 0.0

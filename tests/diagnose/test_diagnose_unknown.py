@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from workbench.core.run import Array, Run
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
+from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
+from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.tables import (
@@ -38,8 +38,8 @@ Case = tuple[Problem, Fitted, Explained]
 
 
 def base_fit(problem: Problem) -> Fitted:
-    knobs = list(base_knobs(problem.machine, problem.runs).values())
-    return fit_knobs(problem, (), knobs, np.zeros(len(knobs)), 40)
+    free = list(base_parameters(problem.machine, problem.runs).values())
+    return fit_hypothesis(problem, (), free, np.zeros(len(free)), 40)
 
 
 def explained(folder: Path) -> Case:
@@ -113,7 +113,7 @@ def test_the_corrected_machine_is_a_file_that_replay_takes(rail: Case, tmp_path:
     assert isinstance(machine, Hoist) and machine.measured_correction is not None
     assert machine.measured_correction.over == "position_carriage_m"
     replayed = replay_runs(machine, problem.runs, problem.band_hz)
-    keys = base_knobs(problem.machine, problem.runs)
+    keys = base_parameters(problem.machine, problem.runs)
     plain = replay_runs(refitted_machine(problem, keys, base), problem.runs, problem.band_hz)
     beside = in_no_file(problem, explanation.fitted.setting)
     (left,) = Problem(machine, problem.runs, problem.band_hz).residuals([beside])

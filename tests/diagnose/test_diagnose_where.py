@@ -13,8 +13,8 @@ import pytest
 from tests.support.searched_campaign import searched_in, simulated_search
 from workbench.core.run import Array
 from workbench.diagnose.gap import Gap, gap_of
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
+from workbench.diagnose.hypotheses.fit import parts_of
+from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.location.places import Placed, weighed
@@ -235,11 +235,9 @@ def test_windows_of_a_named_bump_are_its_passages(bump: tuple[Campaign, SearchRe
 def test_the_parts_of_effects_are_what_they_add_to_the_prediction(bump: tuple[Campaign, SearchResult]):
     problem, search = bump[1].problem, bump[1]
     fit = search.fits[("friction_position_dependent",)]
-    effect = find("friction_position_dependent", "hoist")
-    (part,) = parts_of(problem, fit, [effect])
-    assert part.rows == pytest.approx(sum_of(problem, fit, [effect]))
+    (part,) = parts_of(problem, fit, [("friction_position_dependent",)])
     without = problem.residuals([{**fit.setting, "friction_position_dependent__peak_n": 0.0}])[0]
-    assert without == pytest.approx(fit.residual + part.rows, abs=0.02 * problem.noise)
+    assert without == pytest.approx(fit.residual + part, abs=0.02 * problem.noise)
 
 
 def test_the_same_seed_gives_the_same_place(bump: tuple[Campaign, SearchResult]):
@@ -251,9 +249,10 @@ def test_the_same_seed_gives_the_same_place(bump: tuple[Campaign, SearchResult])
 
 def gap_in(campaign: Campaign, search: SearchResult) -> Gap:
     problem = search.problem
-    keys = base_knobs(problem.machine, problem.runs)
+    keys = base_parameters(problem.machine, problem.runs)
     refitted = refitted_machine(problem, keys, search.within_tolerances)
-    return gap_of(problem, search, replay_runs(refitted, campaign.runs, problem.band_hz))
+    plain, after = (replay_runs(m, campaign.runs, problem.band_hz) for m in (problem.machine, refitted))
+    return gap_of(problem, search, plain, after)
 
 
 def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Campaign, SearchResult]):
@@ -278,7 +277,7 @@ def test_a_gap_is_given_as_torque_as_force_on_the_carriage_and_as_speed(bump: tu
 def test_the_refitted_machine_leaves_the_residual_of_its_fit(bump: tuple[Campaign, SearchResult]):
     campaign, search = bump
     problem = search.problem
-    machine = refitted_machine(problem, base_knobs(problem.machine, problem.runs), search.within_tolerances)
+    machine = refitted_machine(problem, base_parameters(problem.machine, problem.runs), search.within_tolerances)
     left = Problem(machine, campaign.runs, problem.band_hz).residuals([{}])[0]
     assert left == pytest.approx(search.within_tolerances.residual, abs=0.02 * problem.noise)
     assert not machine.effects
@@ -288,7 +287,7 @@ def test_the_corrected_machine_is_saved_loaded_and_replayed(bump: tuple[Campaign
     campaign, search = bump
     problem = search.problem
     fit = search.fits[("friction_position_dependent",)]
-    machine = corrected_machine(problem, base_knobs(problem.machine, problem.runs), fit)
+    machine = corrected_machine(problem, base_parameters(problem.machine, problem.runs), fit)
     assert machine.effects["friction_position_dependent"]["peak_n"] == pytest.approx(4000.0, rel=0.1)
     save_machine(machine, tmp_path / "machine.yaml")
     again = load_machine(tmp_path / "machine.yaml")
@@ -300,7 +299,7 @@ def test_the_corrected_machine_is_saved_loaded_and_replayed(bump: tuple[Campaign
 def test_a_machine_file_holds_what_is_each_runs_own(bump: tuple[Campaign, SearchResult]):
     campaign, search = bump
     fit = search.fits[("heave",)]
-    machine = corrected_machine(search.problem, base_knobs(search.problem.machine, search.problem.runs), fit)
+    machine = corrected_machine(search.problem, base_parameters(search.problem.machine, search.problem.runs), fit)
     phases = fit.setting["heave__phase_rad"]
     assert isinstance(phases, tuple)
     own = [machine.log.of_runs[run.name]["heave"]["phase_rad"] for run in campaign.runs]

@@ -8,9 +8,8 @@ import numpy as np
 
 from tests.support.noisy_runs import hoist_runs, with_effects
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.fits import Fitted, fit_knobs
-from workbench.diagnose.hypotheses.knobs import Setting, effect_knobs
+from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
+from workbench.diagnose.hypotheses.free_parameters import Setting, base_parameters, effect_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import find, ranges_of
 from workbench.machines import default_hoist
@@ -38,7 +37,7 @@ def fitted_to(
     (name,) = truth
     effect = find(name, "hoist")
     ranges = ranges_of(effect, problem.machine, problem.runs)
-    more, start = effect_knobs(effect, ranges, {r.symbol: begin[r.name] for r in ranges})
-    knobs = [*base_knobs(problem.machine, problem.runs).values(), *more]
-    z = np.concatenate([np.zeros(len(knobs) - len(more)), start])
-    return problem, fit_knobs(problem, (name,), knobs, z, 60)
+    more, start = effect_parameters(effect, ranges, {r.symbol: begin[r.name] for r in ranges})
+    free = [*base_parameters(problem.machine, problem.runs).values(), *more]
+    z = np.concatenate([np.zeros(len(free) - len(more)), start])
+    return problem, fit_hypothesis(problem, (name,), free, z, 60)

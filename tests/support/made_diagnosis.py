@@ -15,7 +15,7 @@ from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.gap import Gap, Shrink, delivered_of
-from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolability import Isolability
 from workbench.diagnose.isolation.next_run import NextRun
 from workbench.diagnose.location.profiles import Profile
@@ -23,7 +23,7 @@ from workbench.diagnose.location.where import Where, Window
 from workbench.diagnose.readiness.condition import Condition, RunCondition
 from workbench.diagnose.tables import Curve
 from workbench.diagnose.unknown import Unknown
-from workbench.diagnose.verdict.records import Candidate, Hypothesis, Reason, ReasonKind, Verdict
+from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, Verdict
 from workbench.effects import effects_for
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import Axis, Hoist, default_hoist, plant_of, with_correction

@@ -15,7 +15,8 @@ from workbench.blind.make import validation
 from workbench.core.errors import InputError
 from workbench.core.input_file import read_input
 from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
-from workbench.diagnose.verdict.judge import same_but_freer
+from workbench.diagnose.hypotheses.evidence import same_but_freer
+from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.logs import read_campaign
 from workbench.machines import plant_of
 
@@ -67,7 +68,7 @@ class Answer:
     warnings: tuple[str, ...] = ()
 
 
-def answer(folder: Path, withheld: Sequence[str] = (), most_effects: int = 2) -> Answer:
+def answer(folder: Path, withheld: Sequence[str] = (), most_effects: int = MOST_EFFECTS) -> Answer:
     """Diagnose one campaign; `withheld` effects are taken out of the library first, and laws that hold them."""
     cpu, wall = time.process_time(), time.monotonic()
 
@@ -98,10 +99,10 @@ def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[
         names=d.verdict.effects,
         alike=d.verdict.alike,
         ranking=[(row.verdict, list(row.effects), row.probability) for row in d.verdict.ranking[:8]],
-        twins=[[list(names) for names in group] for group in d.judged.twins],
+        twins=[[list(names) for names in group] for group in d.judged.groups],
         weighed=[_weighed(w, len(base.z)) for w in d.judged.weighed],
         counted=[(list(names), merit) for names, merit in d.judged.counted],
-        evidence=dict(d.judged.evidence),
+        evidence=dict(d.judged.signs),
         estimates={
             name: {e.name: (e.value, e.std_error) for e in rows}
             for name, rows in (d.candidates[0].parameters if d.candidates else {}).items()
@@ -143,7 +144,7 @@ def _weighed(w: Any, base: int) -> dict[str, Any]:
     """base: number of the machine's own parameters in every fit."""
     return {
         "names": [] if w.rival else list(w.names),
-        "merit": w.merit,
+        "merit": w.evidence,
         "fit": list(w.names),
         "chi2": w.fit.chi2,
         "prior": w.fit.prior,

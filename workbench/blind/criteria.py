@@ -60,6 +60,12 @@ def single(row: Row) -> bool:
     return right_word(row) == "named" and len(row["label"]["effects"]) == 1
 
 
+def detectable(row: Row) -> bool:
+    """A single effect on a recorded machine whose energy, less what base values within a tolerance take up, is at least
+    that of noise and the machine's own remainder: what is below cannot be found by anybody."""
+    return single(row) and float((row["label"].get("truth") or {}).get("detectability", 0.0)) >= 1.0
+
+
 def pair(row: Row) -> bool:
     return right_word(row) == "named" and len(row["label"]["effects"]) == 2
 

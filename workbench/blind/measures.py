@@ -78,6 +78,7 @@ MEASURES = (
     Measure(
         "named_or_alike", "named, or\nsaid to be alike", criteria.single, criteria.right_or_alike, {"recorded": 85.0}
     ),
+    Measure("detectable", "named or alike,\nof the detectable", criteria.detectable, criteria.right_or_alike),
     Measure("wrong", "single effect:\nwrong one named", criteria.single, criteria.wrong, {"recorded": 3.0}, True),
     Measure("first_three", "among the\nfirst three", criteria.single, criteria.among_first_three),
     Measure("pair_both", "pair:\nboth named", criteria.pair, right, {"hoist": 80.0, "axis": 80.0}),

@@ -409,7 +409,11 @@ def _label(known: Recording, order: Order, made: Bent | None, change: Array) -> 
         family=known.name,
         machine=known.machine.name,
         seed=tuple(order.seed),
-        truth={"remainder_rms": known.remainder_rms, "input_rms": known.input_rms},
+        truth={
+            "remainder_rms": known.remainder_rms,
+            "input_rms": known.input_rms,
+            "detectability": (known.left(change, 1.0) / known.remainder_rms) ** 2 if made else 0.0,
+        },
         source=SOURCE,
         torque_change_rms_nm=float(f"{rms(change):.4g}"),
     )

@@ -27,6 +27,7 @@ from workbench.blind.ledger import Entry, append, compare, entries, head_of, man
 from workbench.blind.seal import CAMPAIGNS, check_campaign, read_manifest, sha256
 from workbench.core.errors import InputError
 from workbench.core.input_file import read_input
+from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 
 ANSWERS, LOCK = "answers", ".run.lock"
 Tell = Callable[[str], None]
@@ -48,7 +49,7 @@ def run(
     *,
     processes: int = 2,
     count: int | None = None,
-    most_effects: int = 2,
+    most_effects: int = MOST_EFFECTS,
     tell: Tell = lambda line: None,
     diagnose: Diagnose | None = None,
     cluster: str | None = None,
@@ -84,7 +85,7 @@ def run(
         return Ran(len(manifest.cases), len(kept), len(kept) + done, head_of(folder, found))
 
 
-def answered(folder: Path, most_effects: int = 2) -> str:
+def answered(folder: Path, most_effects: int = MOST_EFFECTS) -> str:
     """The answer to one campaign, as JSON."""
     return text_of(answer(folder, most_effects=most_effects))
 

@@ -101,8 +101,8 @@ def make_(
 )
 @click.option(
     "--max-effects",
-    type=click.IntRange(1, 3),
-    default=2,
+    type=click.IntRange(1, 5),
+    default=5,
     show_default=True,
     help="Largest number of effects that may be missing at once.",
 )

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 @click.option("--candidates", help="Candidate effects, separated by commas; 'all' includes the unlisted ones.")
 @click.option(
     "--max-effects",
-    type=click.IntRange(1, 3),
-    default=2,
+    type=click.IntRange(1, 5),
+    default=5,
     show_default=True,
     help="Largest number of effects that may be missing at once.",
 )

@@ -3,48 +3,46 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 
-from workbench.diagnose.hypotheses.estimates import estimates
-from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.held_out import folds_by_payload, folds_by_run, held_out
-from workbench.diagnose.hypotheses.knobs import Value
+from workbench.diagnose.hypotheses.evidence import Weighed
+from workbench.diagnose.hypotheses.fit import estimates
+from workbench.diagnose.hypotheses.free_parameters import Scalar
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.verdict.judge import Judged, Weighed
-from workbench.diagnose.verdict.probability import calibration
-from workbench.diagnose.verdict.records import Candidate
+from workbench.diagnose.verdict.answer import Candidate
+from workbench.diagnose.verdict.judge import Judged
 
-SCORED = 5  # hypotheses whose held-out score is computed
+SCORED = 3  # hypotheses whose held-out score is computed
 FAR = 3.0  # tolerances
+WORSE = 1.02  # of the held-out residual without an effect
 
 
-def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Value]) -> tuple[Candidate, ...]:
+def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar]) -> tuple[Candidate, ...]:
     """All weighed hypotheses, the best first; then those with a linear fit only, then those whose fit failed."""
-    problem = search.problem
-    gap = max(_energy(search, search.within_tolerances) - problem.noise**2, 1e-300)
-    rows, folds = [], _folds(search)
+    problem, near, folds = search.problem, search.within_tolerances, folds_by_run(search.problem)
+    without = held_out(problem, near, folds).rms(problem.inputs)
+    before = near.rms(problem.inputs) ** 2
+    gap = max(before - problem.noise**2, 1e-300)
+    rows = []
     for k, hypothesis in enumerate(judged.weighed):
-        unseen = (
-            [held_out(problem, hypothesis.fit, f.fold_of_row).rms(problem.inputs) for f in folds] if k < SCORED else []
-        )
+        unseen = held_out(problem, hypothesis.fit, folds).rms(problem.inputs) if k < SCORED else None
+        against = _against(search, judged, hypothesis, keys)
+        if unseen is not None and unseen > WORSE * without:
+            against.append("predicts a run it has not seen worse than without it")
         rows.append(
             Candidate(
                 effects=hypothesis.names,
                 gain=hypothesis.gain,
-                merit=hypothesis.merit,
+                merit=hypothesis.evidence,
                 residual_rms=hypothesis.fit.rms(problem.inputs),
-                held_out_rms=unseen[0] if unseen else None,
-                explained=float(
-                    np.clip(
-                        (_energy(search, search.within_tolerances) - _energy(search, hypothesis.fit)) / gap, 0.0, 1.0
-                    )
-                ),
-                parameters=estimates(problem, hypothesis.fit, calibration()["interval"]),
+                held_out_rms=unseen,
+                explained=float(np.clip((before - hypothesis.fit.rms(problem.inputs) ** 2) / gap, 0.0, 1.0)),
+                parameters=estimates(problem, hypothesis.fit),
                 fitted=True,
-                against=tuple(_against(search, judged, hypothesis, keys, list(zip(folds, unseen, strict=False)))),
+                against=tuple(against),
             )
         )
     known = {hypothesis.names for hypothesis in judged.weighed}
@@ -61,56 +59,22 @@ def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Value]) 
     return tuple(rows)
 
 
-def _energy(search: SearchResult, fit: Fitted) -> float:
-    return fit.rms(search.problem.inputs) ** 2
-
-
-def _against(
-    search: SearchResult,
-    judged: Judged,
-    hypothesis: Weighed,
-    keys: Mapping[str, Value],
-    unseen: Sequence[tuple[_Folds, float]],
-) -> list[str]:
+def _against(search: SearchResult, judged: Judged, hypothesis: Weighed, keys: Mapping[str, Scalar]) -> list[str]:
     """The objections to a hypothesis, as sentences."""
-    problem, fit = search.problem, hypothesis.fit
-    said = []
+    problem, fit, best, said = search.problem, hypothesis.fit, judged.best, list[str]()
     left = fit.rms(problem.inputs) / problem.noise
     if left > 1.5:
         said.append(f"leaves {left:.1f} times the noise")
-    best = judged.best
     if hypothesis.rival:
         said.append("is none of the causes that are named unasked")
     if best is not None and hypothesis.names != best.names and best.gain > hypothesis.gain:
         said.append(f"gains {best.gain - hypothesis.gain:.0f} less in chi-squared than {' and '.join(best.names)}")
     far = [
-        (abs(float(z)) / knob.std, key)
-        for (key, knob), z in zip(keys.items(), fit.z, strict=False)
-        if not knob.logarithmic and math.isfinite(knob.std)
+        (abs(float(z)) / parameter.std, key)
+        for (key, parameter), z in zip(keys.items(), fit.z, strict=False)
+        if not parameter.logarithmic and math.isfinite(parameter.std)
     ]
     worst = max(far, default=(0.0, ""))
     if worst[0] > FAR:
         said.append(f"needs {worst[1]} {worst[0]:.1f} tolerances off")
-    said += [
-        f"predicts a {f.what} it has not seen worse than without it" for f, left in unseen if left > 1.02 * f.without
-    ]
     return said
-
-
-@dataclass(frozen=True)
-class _Folds:
-    """One way of cross-validation: the fold of each row, and the held-out residual without any effect."""
-
-    what: str
-    fold_of_row: np.ndarray
-    without: float
-
-
-def _folds(search: SearchResult) -> list[_Folds]:
-    problem = search.problem
-    ways = (("run", folds_by_run(problem)), ("payload", folds_by_payload(problem)))
-    return [
-        _Folds(what, folds, held_out(problem, search.within_tolerances, folds).rms(problem.inputs))
-        for what, folds in ways
-        if folds is not None
-    ]

@@ -14,10 +14,10 @@ from workbench.core.shown import Shown
 from workbench.core.verb import attribute
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.gap import Delivered, Gap, Shrink, delivered_of, folds_of, gap_of, shrink_of
-from workbench.diagnose.hypotheses.base import base_knobs
+from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
 from workbench.diagnose.hypotheses.problem import Problem, rms
-from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import SearchResult, searched
+from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.diagnose.isolability import Isolability, isolability
 from workbench.diagnose.isolation.next_run import NextRun, next_run
 from workbench.diagnose.location.where import Where, where_of
@@ -29,9 +29,8 @@ from workbench.diagnose.readiness.noise import informative_band, motion_noise
 from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.residual_tests import ResidualTest, residual_tests
 from workbench.diagnose.unknown import Unknown, explain, explained_machine
-from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judge, steps
-from workbench.diagnose.verdict.probability import shared
-from workbench.diagnose.verdict.records import Candidate, Left, ReasonKind, Remainder, Verdict
+from workbench.diagnose.verdict.answer import Candidate, Left, ReasonKind, Remainder, Verdict, shared
+from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged_to_help, steps
 from workbench.effects import Effect, effects_for
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
@@ -198,7 +197,6 @@ class Diagnosis(Shown):
 
 
 BASELINES = ("tolerances", "nominal")
-HARM = 1.0  # of the held-out residual without a correction: no name without a gain
 
 
 def diagnose(
@@ -206,7 +204,7 @@ def diagnose(
     *,
     baseline: str = "tolerances",
     candidates: Sequence[str] | None = None,
-    most_effects: int = 2,
+    most_effects: int = MOST_EFFECTS,
     seed: int = 0,
     band_hz: float | None = None,
     study: bool = True,
@@ -219,7 +217,7 @@ def diagnose(
 
     baseline: "tolerances" refits the base parameters with their tolerances as priors, "nominal" keeps them.
     candidates: ids of the effects to weigh, None for the listed ones of the machine's kind. most_effects: largest
-    number of effects at once, 1 to 3; each further one is searched beside the best hypotheses so far. study:
+    number of effects at once; each further one is searched as long as it is worth its parameters. study:
     whether to compute the changes in the control study. scenario: a user's study, whose moves, limits, payloads and
     controller these are computed with. quick: names and places within seconds: single effects, one search, no study.
     validate: names of runs that are kept for the end; no number is fitted to them. tell: receives the progress. The
@@ -242,13 +240,13 @@ def diagnose(
 
     others = [effect for effect in effects_for(problem.active.kind).values() if not effect.listed]
     rivals = others if candidates is None else []
-    keys = base_knobs(campaign.machine, campaign.runs)
+    keys = base_parameters(campaign.machine, campaign.runs)
     if baseline == "nominal":
-        keys = {key: knob for key, knob in keys.items() if knob.logarithmic}
+        keys = {key: parameter for key, parameter in keys.items() if parameter.logarithmic}
     elif baseline != "tolerances":
         raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="baseline")
 
-    search = searched(problem, effects, most_effects, say, rivals, keys)
+    search = searched(problem, effects, most_effects, say, rivals, keys, quick)
     problem = search.problem
     say(Progress(Stage.JUDGE))
     judged = judged_to_help(search)
@@ -359,22 +357,6 @@ def differing(delivered: Delivered) -> list[str]:
     ]
 
 
-def judged_to_help(search: SearchResult) -> Judged:
-    """The verdict. A cause is not named if its correction makes held-out runs worse."""
-    barred: list[Names] = []
-    while True:
-        judged = judge(search, barred)
-        if not judged.names or not harmful(search, judged.names):
-            return judged
-        barred.append(judged.names)
-
-
-def harmful(search: SearchResult, names: Names) -> bool:
-    """Whether the correction increases the held-out residual."""
-    folds, inputs = folds_of(search, names), search.problem.inputs
-    return folds.after.rms(inputs) > HARM * folds.before.rms(inputs)
-
-
 def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effect]:
     """The effects to weigh. InputError for a name that is none, with the nearest."""
     from workbench.machines import plant_of
@@ -392,6 +374,5 @@ def _open(judged: Judged, also: Sequence[Names]) -> list[Names]:
     """The hypotheses that the campaign does not decide between, the most probable first."""
     first: list[Names] = [judged.names] if judged.names else []
     rest = list(also)
-    if not any(reason.kind is ReasonKind.FITS_ARE_LOST for reason in judged.reasons):  # then all are alike likely
-        rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
+    rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
     return list(dict.fromkeys([*first, *rest]))

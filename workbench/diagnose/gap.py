@@ -11,12 +11,10 @@ from scipy.stats import t as student
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting, base_parameters
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
-from workbench.diagnose.hypotheses.knobs import Setting, Value
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.machines import machine_of
 from workbench.diagnose.unknown import Explained
@@ -124,7 +122,7 @@ def gap_of(problem: Problem, search: SearchResult, plain: ReplayResult, refitted
     A fit that tolerances merely hold, `search.base`, may stretch one to ten times itself and hide a gap there;
     how far it does is the worst tolerance. plain, refitted: the machine as given and as refitted, replayed.
     """
-    base, keys = search.base, base_knobs(problem.machine, problem.runs)
+    base, keys = search.base, base_parameters(problem.machine, problem.runs)
     left = refitted.residual_rms_moving
     worst = worst_tolerance(keys, base)
     excess = math.sqrt(max(left**2 - problem.noise**2, 0.0))
@@ -146,12 +144,12 @@ def gap_of(problem: Problem, search: SearchResult, plain: ReplayResult, refitted
     return replace(gap, sentences=tuple(_sentences(gap, unit_of(problem.machine))))
 
 
-def worst_tolerance(keys: Mapping[str, Value], base: Fitted) -> tuple[str, float]:
+def worst_tolerance(keys: Mapping[str, Scalar], base: Fitted) -> tuple[str, float]:
     """The key of the base parameter that the fit moved furthest, and by how many of its tolerances."""
     moved = {
-        key: float(z) / knob.std
-        for (key, knob), z in zip(keys.items(), base.z, strict=False)  # the base parameters are the first of all
-        if not knob.logarithmic
+        key: float(z) / parameter.std
+        for (key, parameter), z in zip(keys.items(), base.z, strict=False)  # the base parameters are the first of all
+        if not parameter.logarithmic
     }
     key = max(moved, key=lambda k: abs(moved[k]), default="")
     return key, moved.get(key, 0.0)
@@ -228,7 +226,7 @@ def folds_of(search: SearchResult, names: Names, unknown: Explained | None = Non
 
 def shrink_of(
     search: SearchResult,
-    keys: Mapping[str, Value],
+    keys: Mapping[str, Scalar],
     names: Names,
     folds: Folds,
     seed: int,
@@ -288,7 +286,7 @@ def _interval(folds: Folds, inputs: int, seed: int) -> tuple[float, float]:
 
 
 def _machines(
-    problem: Problem, keys: Mapping[str, Value], names: Names, settings: Sequence[Setting]
+    problem: Problem, keys: Mapping[str, Scalar], names: Names, settings: Sequence[Setting]
 ) -> list[Hoist | Axis | None]:
     """For each run the machine that was fitted to the other runs; None if the fit is not a valid machine."""
     machines: list[Hoist | Axis | None] = []

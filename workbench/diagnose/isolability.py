@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fits import Projection, columns_signed, linear_gain
+from workbench.diagnose.hypotheses.evidence import cost, independent
+from workbench.diagnose.hypotheses.free_parameters import Names
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.hypotheses.scan import Atom
-from workbench.diagnose.hypotheses.score import cost, independent
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.verdict.probability import calibration
+from workbench.diagnose.hypotheses.settings import calibration
+from workbench.diagnose.hypotheses.signatures import Projection, Signature, columns_signed, linear_gain
 
 
 @dataclass(frozen=True)
@@ -33,16 +32,16 @@ class Isolability:
 
 ALIKE_DEG = 10.0
 APART = 3.0  # standard deviations, between the fits of two effects
-SPECIAL = 1e-3  # of a signature: less than this outside another is none
+SPECIAL = 1e-3  # of a projected: less than this outside another is none
 NOTHING = 1e-9  # of a column's size: what the base parameters take away whole
 
 
 @dataclass(frozen=True)
-class Signature:
-    """An effect at its best shape: its atom, and its columns without the part of the base parameters,
+class Projected:
+    """An effect at its best shape: its signature, and its columns without the part of the base parameters,
     (samples + priors, k)."""
 
-    atom: Atom
+    signature: Signature
     columns: Array
     gain: float
     merit: float
@@ -52,33 +51,33 @@ def isolability(problem: Problem, search: SearchResult) -> Isolability:
     """Angles between the effects' signatures, the base parameters projected out with tolerances as priors.
 
     The angle is the smallest one between the two signatures' spaces (A. Bjorck, G. H. Golub, Mathematics of
-    Computation 27, 1973): at 0 an amount of one effect has exactly the signature of an amount of the other.
+    Computation 27, 1973): at 0 an amount of one effect has exactly the projected of an amount of the other.
     """
     n = independent(problem)
     projection = Projection.of(problem, search.within_tolerances)
-    best = best_signatures(projection, search.atoms, n)
+    best = best_signatures(projection, search.signatures, n)
     names = tuple(best)
     spaces = [_space(best[name].columns) for name in names]
     angle = np.zeros((len(names), len(names)))
     for i, a in enumerate(spaces):
         for j, b in enumerate(spaces[:i]):
             angle[i, j] = angle[j, i] = angle_between(a, b)
-    visible = {name: _visible(signature, projection.priors, n) for name, signature in best.items()}
+    visible = {name: _visible(projected, projection.priors, n) for name, projected in best.items()}
     return Isolability(names, angle, visible, tuple(_sentences(best, angle, search, projection.priors, n)))
 
 
-def best_signatures(projection: Projection, atoms: Iterable[Atom], n: float) -> dict[str, Signature]:
+def best_signatures(projection: Projection, signatures: Iterable[Signature], n: float) -> dict[str, Projected]:
     """Effect -> its signature at the shape that fits the data best."""
-    best: dict[str, Signature] = {}
-    for atom in atoms:
-        columns = projection.clean(atom.columns)
-        if not np.any(np.abs(atom.columns) > 0.0):  # such as a place that no run has passed
+    best: dict[str, Projected] = {}
+    for signature in signatures:
+        columns = projection.clean(signature.columns)
+        if not np.any(np.abs(signature.columns) > 0.0):  # such as a place that no run has passed
             continue
-        data, prior, _ = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
-        worth = data + prior - (columns.shape[1] + len(atom.at)) * math.log(max(n, 2.0))
-        name = atom.effect.id
+        data, prior, _ = linear_gain(columns, projection.residual, columns_signed(signature), projection.priors)
+        worth = data + prior - (columns.shape[1] + len(signature.at)) * math.log(max(n, 2.0))
+        name = signature.effect.id
         if name not in best or worth > best[name].merit:
-            best[name] = Signature(atom, columns, data + prior, worth)
+            best[name] = Projected(signature, columns, data + prior, worth)
     return best
 
 
@@ -102,17 +101,17 @@ def angle_between(a: Array, b: Array) -> float:
     return math.degrees(math.asin(min(float(np.linalg.norm(away)), 1.0)))
 
 
-def _visible(signature: Signature, priors: int, n: float) -> tuple[str, float]:
+def _visible(projected: Projected, priors: int, n: float) -> tuple[str, float]:
     """The first parameter's smallest distance from its vanishing value at which the effect would be named."""
-    wave = signature.atom.wave is not None
+    wave = projected.signature.wave is not None
     if wave:  # the quadratures of all runs, a mean over phases
-        squares = np.sum(signature.columns**2, axis=1) / 2.0
+        squares = np.sum(projected.columns**2, axis=1) / 2.0
     else:  # all amounts alike, each on its own scale
-        squares = np.sum(signature.columns, axis=1) ** 2
+        squares = np.sum(projected.columns, axis=1) ** 2
     data, prior = float(np.sum(squares[:-priors])), float(np.sum(squares[-priors:]))
-    parameters = signature.columns.shape[1] + len(signature.atom.at)
+    parameters = projected.columns.shape[1] + len(projected.signature.at)
     amount = smallest_amount(data, prior, parameters, n)
-    return signature.atom.amounts[0].name, amount * abs(signature.atom.scale[0])
+    return projected.signature.amounts[0].name, amount * abs(projected.signature.scale[0])
 
 
 def smallest_amount(data: float, prior: float, parameters: int, n: float) -> float:
@@ -121,7 +120,7 @@ def smallest_amount(data: float, prior: float, parameters: int, n: float) -> flo
     return math.sqrt(worth / (data + prior)) if data + prior > 0.0 else math.inf
 
 
-def _sentences(best: Mapping[str, Signature], angle: Array, search: SearchResult, priors: int, n: float) -> list[str]:
+def _sentences(best: Mapping[str, Projected], angle: Array, search: SearchResult, priors: int, n: float) -> list[str]:
     names, out = list(best), []
     for group in groups(separations(best, priors, n), APART):
         members = [names[k] for k in group]
@@ -134,14 +133,14 @@ def _sentences(best: Mapping[str, Signature], angle: Array, search: SearchResult
     return [*out, *_near_the_best(search, n)]
 
 
-def separations(best: Mapping[str, Signature], priors: int, n: float) -> Array:
+def separations(best: Mapping[str, Projected], priors: int, n: float) -> Array:
     """(k, k) distances between effects in standard deviations: one at twice its smallest visible amount, the other
     fitted to it as closely as possible.
 
     inf if one effect is a special case of the other: no campaign tells these apart; the simpler one is preferred.
     """
     signatures = list(best.values())
-    spaces, raw = [_space(one.columns) for one in signatures], [_space(one.atom.columns) for one in signatures]
+    spaces, raw = [_space(one.columns) for one in signatures], [_space(one.signature.columns) for one in signatures]
     apart = np.full((len(signatures), len(signatures)), np.inf)
     for i, one in enumerate(signatures):
         vector = _twice_visible(one, priors, n)
@@ -157,12 +156,12 @@ def _distance(away: Array, priors: int, n: float) -> float:
     return math.sqrt(max(data, 0.0) + prior)
 
 
-def _twice_visible(signature: Signature, priors: int, n: float) -> Array:
-    """(samples + priors,) the signature at twice its smallest visible amount; of a wave at phase 0 in every run."""
-    columns = signature.columns[:, ::2] if signature.atom.wave is not None else signature.columns
+def _twice_visible(projected: Projected, priors: int, n: float) -> Array:
+    """(samples + priors,) the projected at twice its smallest visible amount; of a wave at phase 0 in every run."""
+    columns = projected.columns[:, ::2] if projected.signature.wave is not None else projected.columns
     vector = np.sum(columns, axis=1)
     data, prior = float(np.sum(vector[:-priors] ** 2)), float(np.sum(vector[-priors:] ** 2))
-    amount = smallest_amount(data, prior, signature.columns.shape[1] + len(signature.atom.at), n)
+    amount = smallest_amount(data, prior, projected.columns.shape[1] + len(projected.signature.at), n)
     return np.asarray(vector * (2.0 * amount), dtype=float) if math.isfinite(amount) else np.zeros(len(vector))
 
 

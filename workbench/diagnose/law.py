@@ -19,9 +19,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import bounds_of
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import base_parameters, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine, with_effects
 from workbench.diagnose.tables import TableFitter, gain_of, lever_of
@@ -380,8 +379,8 @@ def _finished(
     """The chosen terms with their inner numbers refined and their amplitudes fitted in the driven simulation."""
 
     x = columns(problem, rides, terms, acts_on, gain)
-    base, lowest, highest = start.base, *bounds_of(fitted.knobs)[:2]
-    keys = base_knobs(problem.machine, problem.runs)
+    base, lowest, highest = start.base, *bounds_of(fitted.free)[:2]
+    keys = base_parameters(problem.machine, problem.runs)
     port = kind_of(problem.machine).ports[acts_on]
     solved, withouts, _ = start.solve(start.normal(x), [range(x.shape[1])])
     shown, others = solved[0], withouts[0]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar, cast
 
-from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Setting, Value
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Scalar, Setting
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Ranged, find, of, ranges_of
 from workbench.machines import Axis, Hoist, kind_of, plant_of, value_names, with_values
@@ -15,17 +15,17 @@ DIGITS = 8  # of a fitted number: far below its standard error
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
 
 
-def corrected_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: Fitted) -> Hoist | Axis:
+def corrected_machine(problem: Problem, base_keys: Mapping[str, Scalar], fitted: Fitted) -> Hoist | Axis:
     """The nominal machine with the fit's base values and, under `effects`, those of its hypothesis.
 
-    base_keys: key of machine.yaml -> its knob, as `base_knobs` gives them.
+    base_keys: key of machine.yaml -> its parameter, as `base_parameters` gives them.
     InputError where a value does not fit the machine.
     """
     return machine_of(problem, base_keys, fitted.effects, fitted.setting)
 
 
 def machine_of(
-    problem: Problem, base_keys: Mapping[str, Value], names: Sequence[str], setting: Setting
+    problem: Problem, base_keys: Mapping[str, Scalar], names: Sequence[str], setting: Setting
 ) -> Hoist | Axis:
     """The nominal machine with everything that a setting predicts with: base values, the effects `names`, the
     allowances of the kind, the lateness of the log, and what is each run's own."""
@@ -47,7 +47,7 @@ def machine_of(
     )
 
 
-def refitted_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: Fitted | Setting) -> Hoist | Axis:
+def refitted_machine(problem: Problem, base_keys: Mapping[str, Scalar], fitted: Fitted | Setting) -> Hoist | Axis:
     """The nominal machine with the base values of a fit, or of its setting, the allowances and the lateness of the log,
     and no effect beyond the nominal ones."""
     setting = fitted.setting if isinstance(fitted, Fitted) else fitted
@@ -55,9 +55,9 @@ def refitted_machine(problem: Problem, base_keys: Mapping[str, Value], fitted: F
     machine = with_values(
         problem.machine,
         {
-            key: _rounded(_first(setting[knob.symbol]))
-            for key, knob in base_keys.items()
-            if key in known and knob.symbol in setting
+            key: _rounded(_first(setting[parameter.symbol]))
+            for key, parameter in base_keys.items()
+            if key in known and parameter.symbol in setting
         },
     )
     allowances = dict(machine.allowances)

@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 
 from workbench.diagnose.gap import Shrink
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses import settings
+from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.places import placed
 from workbench.diagnose.location.profiles import Explained, OnTop, basis, best_of, share_of, variables
 from workbench.diagnose.location.where import free_of, regime_of
-from workbench.diagnose.verdict.judge import RELEVANT_PERCENT, input_rms
-from workbench.diagnose.verdict.records import Remainder
+from workbench.diagnose.verdict.answer import Remainder
+from workbench.diagnose.verdict.judge import input_rms
 from workbench.machines import kind_of
 
 FORETOLD = 0.1  # of the remainder's energy, on held-out runs: a variable that explains less is none of its own
@@ -31,7 +32,7 @@ def remainder_of(problem: Problem, fit: Fitted, base: int, shrink: Shrink, seed:
     kind = kind_of(problem.machine)
     left = fit.residual[: problem.inputs]
     regime, subsystem = "all", kind.whole or "guide"
-    if percent > RELEVANT_PERCENT:
+    if percent > settings.RELEVANT_PERCENT:
         on_top = OnTop(problem, left, free_of(problem, fit))
         shares = []
         for variable in variables(problem, left):
@@ -43,4 +44,4 @@ def remainder_of(problem: Problem, fit: Fitted, base: int, shrink: Shrink, seed:
         if not kind.whole:
             subsystem = placed(problem, fit, base).places[0].subsystem
     share = min(rest / gap, 1.0) if gap > 0.0 else float(rest > 0.0)
-    return Remainder(rms, percent, percent > RELEVANT_PERCENT, share, subsystem, regime)
+    return Remainder(rms, percent, percent > settings.RELEVANT_PERCENT, share, subsystem, regime)

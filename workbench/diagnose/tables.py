@@ -16,10 +16,9 @@ from typing import TypeVar
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import GAIN, Setting, base_parameters, bounds_of, setting_of
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run
-from workbench.diagnose.hypotheses.knobs import GAIN, Setting, bounds_of, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
 from workbench.machines import Axis, Hoist, Table, kind_of, value_names, with_correction
@@ -187,11 +186,11 @@ class TableFitter:
 
     def __init__(self, problem: Problem, fitted: Fitted) -> None:
         self.problem, self.fitted = problem, fitted
-        _, _, self.std = bounds_of(fitted.knobs)
+        _, _, self.std = bounds_of(fitted.free)
         self.groups = folds_by_run(problem)
         self.count = int(self.groups.max()) + 1
         self.careful = np.concatenate(
-            [np.full(len(knob.lowest), bool(getattr(knob, "logarithmic", False))) for knob in fitted.knobs]
+            [np.full(len(parameter.lowest), bool(parameter.logarithmic)) for parameter in fitted.free]
         )
         self.move_to(np.zeros(len(fitted.z)))
         self.before = self._alone()
@@ -199,7 +198,7 @@ class TableFitter:
     def move_to(self, z: Array) -> None:
         """Linearise at other base values."""
         self.z = z
-        self.residual, self.jacobian = self.problem.evaluate(self.fitted.knobs, z)
+        self.residual, self.jacobian = self.problem.evaluate(self.fitted.free, z)
 
     def left(self, columns: Array, fit: TableFit) -> Array:
         """(samples,) the residual with a table, linearised."""
@@ -388,9 +387,9 @@ class Tables:
 
     def __init__(self, problem: Problem, base: Fitted) -> None:
         self.problem, self.base = problem, base
-        self.keys = base_knobs(problem.machine, problem.runs)
+        self.keys = base_parameters(problem.machine, problem.runs)
         self.fitter = TableFitter(problem, base)
-        nominal = setting_of(base.knobs, self.fitter.z)
+        nominal = setting_of(base.free, self.fitter.z)
         self.rides, self.gain = rides_of(problem, nominal), gain_of(problem, nominal)
 
     def linear(self, variable: Table, at: Array | None = None) -> Tried:
@@ -412,7 +411,7 @@ class Tables:
     def driven(self, tried: Tried) -> Driven:
         """The table in the driven simulation, refitted while that leaves more than the stiff machine did."""
         problem, variable, at = self.problem, tried.variable, tried.at
-        lowest, highest, _ = bounds_of(self.base.knobs)
+        lowest, highest, _ = bounds_of(self.base.free)
         fitter = TableFitter(problem, self.base)
         fit, columns, best = tried.fit, tried.columns, None
         for _ in range(ROUNDS):
@@ -434,7 +433,7 @@ class Tables:
     def held_out(self, driven: Driven) -> tuple[HeldOut, tuple[Hoist | Axis, ...]]:
         """Each fold driven with table and base values fitted without it; and the machines, one for each fold."""
         problem, base = self.problem, len(self.base.z)
-        lowest, highest, _ = bounds_of(self.base.knobs)
+        lowest, highest, _ = bounds_of(self.base.free)
         residual, settings, machines = np.array(driven.fitted.residual), [], []
         for fold, other in enumerate(driven.last.others):
             fitted = replace(self.base, z=np.clip(other[:base], lowest, highest))
@@ -457,8 +456,8 @@ class Tables:
 def in_no_file(problem: Problem, setting: Setting) -> Setting:
     """The part of a setting that machine.yaml does not hold: traces and the values of the log itself."""
     known = set(value_names(problem.machine))
-    keys = base_knobs(problem.machine, problem.runs)
-    said = {knob.symbol for key, knob in keys.items() if key in known}
+    keys = base_parameters(problem.machine, problem.runs)
+    said = {parameter.symbol for key, parameter in keys.items() if key in known}
     return {symbol: value for symbol, value in setting.items() if symbol not in said}
 
 

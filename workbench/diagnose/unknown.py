@@ -17,8 +17,8 @@ import numpy as np
 
 from workbench.core.names import powers
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.base import base_knobs
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.law import Law, find_law
@@ -125,7 +125,7 @@ def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = ()) -> 
     )
     if unseen.rms(problem.inputs) > found.held_out.rms(problem.inputs):
         return found
-    keys = base_knobs(problem.machine, problem.runs)
+    keys = base_parameters(problem.machine, problem.runs)
     machines = tuple(machine_of(problem, keys, rival.effects, setting) for setting in unseen.settings)
     whole = corrected_machine(problem, keys, rival)
     effects = {name: whole.effects[name] for name in rival.effects}
@@ -187,7 +187,7 @@ def _share(problem: Problem, before: float, after: float) -> float:
 
 def _in_vain(problem: Problem, fitted: Fitted, alone: HeldOut, best: Curve) -> Explained:
     """The result without a useful table: the base parameters' fit as it is."""
-    keys, before = base_knobs(problem.machine, problem.runs), fitted.rms(problem.inputs)
+    keys, before = base_parameters(problem.machine, problem.runs), fitted.rms(problem.inputs)
     machines = tuple(refitted_machine(problem, keys, setting) for setting in alone.settings)
     sentence = (
         f"No force over speed, place, load or time explains what is left: the best, over {over_what(best.over)}, "
@@ -205,7 +205,7 @@ def with_unknown(machine: AnyMachine, unknown: Unknown) -> AnyMachine:
 
 def explained_machine(problem: Problem, explained: Explained) -> Hoist | Axis:
     """The nominal machine with the base values that go with the table, and the table."""
-    keys = base_knobs(problem.machine, problem.runs)
+    keys = base_parameters(problem.machine, problem.runs)
     if explained.effects:
         return corrected_machine(problem, keys, explained.fitted)
     return with_unknown(refitted_machine(problem, keys, explained.fitted), explained)

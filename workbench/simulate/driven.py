@@ -12,6 +12,7 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from operator import attrgetter
 from types import SimpleNamespace
 
@@ -81,7 +82,12 @@ class InverseSimulation:
         self.impacts = tuple(impacts) or tuple(np.zeros(0) for _ in self.runs)
         self._driven = (self.plant.positions[0], self.plant.speeds[0])
         true = [true_run(run, self.model.active) for run in self.runs]
-        self.motions = [self._motion(j, run, 0.0) for j, run in enumerate(true)]
+        self.motions = []
+        for run, at in zip(true, self.impacts, strict=True):
+            motion = motion_of(run, self.plant, self.band_hz)
+            if len(at):
+                motion = replace(motion, acceleration=bridged(run.time_s, motion.acceleration, at))
+            self.motions.append(motion)
         self.symbols = tuple(vars(self.base[0]))
         self.row_of = {symbol: row for row, symbol in enumerate(self.symbols)}
         self.parts = tuple(parts)
@@ -133,10 +139,10 @@ class InverseSimulation:
             its = slice(ends[j], ends[j + 1])
             return self._required_in(j, model, tables[j][rows], *motions[j], start[:, its], scales[:, its])
 
-        workers = min(len(self.runs), os.cpu_count() or 1)
         before = one(0)  # compiles, if need be, in one thread only
-        with ThreadPoolExecutor(workers) as pool:
-            return [before, *pool.map(one, range(1, len(self.runs)))]
+        if len(self.runs) == 1:
+            return [before]
+        return [before, *_pool(os.getpid()).map(one, range(1, len(self.runs)))]
 
     def _required_in(
         self,
@@ -185,12 +191,6 @@ class InverseSimulation:
             needed[idle] = k
         return needed
 
-    def _motion(self, j: int, run: Run, earlier_s: float) -> Motion:
-        motion = motion_of(run, self.plant, self.band_hz)
-        if not len(self.impacts[j]):
-            return motion
-        return replace(motion, acceleration=bridged(run.time_s, motion.acceleration, self.impacts[j] - earlier_s))
-
     def _motions_behind(self, j: int, table: Array) -> tuple[list[Motion], list[int]]:
         """The true motions of run j, which differ where sets differ in the sensor's delay, and each set's."""
         rows = [self.row_of[name] for name in self._late]
@@ -199,14 +199,20 @@ class InverseSimulation:
         return [self._motion_behind(j, key) for key in different], [different[key] for key in keys]
 
     def _motion_behind(self, j: int, key: tuple[float, ...]) -> Motion:
-        if key == tuple(getattr(self.base[j], name) for name in self._late):
+        own = tuple(getattr(self.base[j], name) for name in self._late)
+        if key == own:
             return self.motions[j]
         if (j, key) not in self._behind:
-            behind = true_run(self.runs[j], self.model.active, dict(zip(self._late, key, strict=True)))
-            self._behind[j, key] = self._motion(j, behind, sum(key))
+            self._behind[j, key] = self._shifted(j, sum(key) - sum(own))
             while len(self._behind) > MOTIONS_KEPT * len(self.runs):
                 self._behind.popitem(last=False)
         return self._behind[j, key]
+
+    def _shifted(self, j: int, earlier_s: float) -> Motion:
+        """The motion of run j, brought forward: a delay and the low-pass may change places."""
+        time_s, motion = self.runs[j].time_s, self.motions[j]
+        at = time_s + earlier_s
+        return Motion(*(np.interp(at, time_s, x) for x in (motion.position, motion.speed, motion.acceleration)))
 
     def starts(self) -> Array:
         """(states, runs): where each run begins, with the load held."""
@@ -251,6 +257,12 @@ class InverseSimulation:
                 self.runs, self.motions, self.measured, predicted, self.inside, self.judged, self.noise, strict=True
             )
         ]
+
+
+@lru_cache(maxsize=1)
+def _pool(process: int) -> ThreadPoolExecutor:
+    """The threads of a process: a fit asks for them hundreds of times, and a child has none of its parent's."""
+    return ThreadPoolExecutor(os.cpu_count() or 1)
 
 
 def sensor(machine: Hoist | Axis) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +23,8 @@ from workbench.machines import Axis, Hoist, Plant
 
 POWER = 8  # gain 1/(1 + (f/f0)^8): a 4th-order Butterworth run forth and back
 EDGE_PERIODS = 2.0  # what the filter may spoil at each end, in periods of the band
+GRIDS_KEPT = 64
+_grids: dict[int, tuple[Array, tuple[float, Array, bool]]] = {}  # id of times -> the times, and their grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +40,7 @@ class Circle:
     gain: Array
 
     @staticmethod
+    @lru_cache(maxsize=64)
     def of(samples: int, step: float, band_hz: float) -> Circle:
         pad = min(samples - 1, int(np.ceil(3.0 / (band_hz * step))))
         size = _good_size(samples + 2 * pad)
@@ -70,7 +74,17 @@ def lowpass(time_s: Array, values: Array, band_hz: float) -> Array:
 
 
 def grid_of(time_s: Array) -> tuple[float, Array, bool]:
-    """The median step, the even grid of it, and whether the times are that grid."""
+    """The median step, the even grid of it, and whether the times are that grid. A fit asks for those of the same few
+    runs thousands of times: the last ones are kept."""
+    kept = _grids.get(id(time_s))
+    if kept is None or kept[0] is not time_s:
+        while len(_grids) >= GRIDS_KEPT:
+            _grids.pop(next(iter(_grids)), None)
+        kept = _grids[id(time_s)] = (time_s, _grid_of(time_s))
+    return kept[1]
+
+
+def _grid_of(time_s: Array) -> tuple[float, Array, bool]:
     step = float(np.median(np.diff(time_s)))
     even = np.linspace(time_s[0], time_s[-1], max(1, round((time_s[-1] - time_s[0]) / step)) + 1)
     return step, even, len(even) == len(time_s) and bool(np.all(np.abs(even - time_s) <= 0.02 * step))

@@ -22,7 +22,7 @@ from workbench.core.json_records import plain
 from workbench.core.names import unit_of, words_of
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
-from workbench.diagnose.verdict.probability import calibration
+from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view.page import Section, save_page
 from workbench.view.style import BLUE, FAINT, GREY, ORANGE, SKY, TEMPLATE, VERMILLION, heading
 

@@ -17,13 +17,13 @@ from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.diagnose import Diagnosis
-from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS
 from workbench.diagnose.saved import FILE, write_diagnosis_file
 from workbench.diagnose.unknown import OVER, over_what
-from workbench.diagnose.verdict.records import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
+from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import Effect, effects_for
 from workbench.machines import kind_of, plant_of, save_machine
 from workbench.references import Step
@@ -121,8 +121,6 @@ def _reason(reason: Reason, unit: str) -> str:
         ReasonKind.UNLISTED_EXPLAINS_MORE: f"An unlisted effect explains more: {names}. Weigh it among the candidates.",
         ReasonKind.LEAVES_MUCH: f"The best hypothesis leaves {reason.value:.2g} {unit}, {reason.percent:.2g} % of the "
         "input, beyond noise and what a model may miss.",
-        ReasonKind.FITS_ARE_LOST: "So much is left that it is rather a listed effect whose law the fits cannot follow, "
-        "such as a play whose blows a slow log does not show.",
         ReasonKind.STRETCHES_TOLERANCES: "It needs base parameters further off than their tolerances allow together.",
         ReasonKind.ON_A_BOUND: "It sits on the bound of one of its parameters.",
         ReasonKind.UNDO_EACH_OTHER: f"{names} largely undo each other, as two do that stand in for a third.",

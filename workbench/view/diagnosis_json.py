@@ -9,7 +9,7 @@ from typing import Any
 from workbench import __version__
 from workbench.core.json_records import plain
 from workbench.diagnose.diagnose import Diagnosis
-from workbench.diagnose.hypotheses.records import Estimate
+from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.planned import Planned
 from workbench.study.consequences import as_json
 from workbench.view.words import words_of

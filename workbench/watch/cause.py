@@ -26,8 +26,7 @@ from workbench.core.errors import InputError
 from workbench.core.names import unit_of, words_of
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import Diagnosis, diagnose
-from workbench.diagnose.hypotheses.estimates import estimates
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted, estimates
 from workbench.diagnose.machines import machine_of, with_effects
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, get_value, kind_of, with_values
@@ -160,7 +159,7 @@ def _discriminated(
     count = sum(group.count for group in groups)
     sizes = (
         f"{words_of(row.name)} {_plain(row.value, 3)} ± {_plain(row.std_error, 2)} {unit_of(row.name)}".strip()
-        for row in estimates(made.search.problem, fits[first], 1.0)[first]
+        for row in estimates(made.search.problem, fits[first])[first]
     )
     by = f"by {count} cycle{'s' if count > 1 else ''} beside the healthy ones"
     told = f"The change comes from {first} (probability {p:.2f}; {', '.join(sizes)}), {by}"
@@ -179,7 +178,7 @@ def _plain(value: float | tuple[float, ...], digits: int) -> str:
 def _cause(made: Diagnosis, name: str, fit: Fitted) -> Cause:
     """The machine with a cause as it was fitted, and with each of its parameters a standard error off."""
     fitted, others = machine_of(made.search.problem, {}, (name,), fit.setting), []
-    for estimate in estimates(made.search.problem, fit, 1.0, exact=True)[name]:
+    for estimate in estimates(made.search.problem, fit, exact=True)[name]:
         off = {estimate.name: fitted.effects[name][estimate.name] + _first(estimate.std_error)}
         with contextlib.suppress(InputError):  # beyond what the effect can be
             others.append(with_effects(fitted, {**fitted.effects, name: {**fitted.effects[name], **off}}))

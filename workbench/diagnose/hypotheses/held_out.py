@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import PhaseOfEachRun, Setting, bounds_of, setting_of
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import PhaseOfEachRun, Setting, bounds_of, setting_of
 from workbench.diagnose.hypotheses.problem import Problem
 
 BLOCKS = 4  # that a single run is cut into
@@ -43,23 +43,23 @@ def folds_by_run(problem: Problem) -> np.ndarray:
     return np.tile(blocks, problem.samples // max(problem.inputs, 1))
 
 
-def folds_by_payload(problem: Problem) -> np.ndarray | None:
-    """Runs of one payload are a fold; None where all runs have the same."""
-    payloads = sorted({run.payload_kg for run in problem.runs})
-    if len(payloads) < 2:
-        return None
-    of_run = np.array([payloads.index(run.payload_kg) for run in problem.runs])
-    return np.asarray(of_run[problem.run_of_row])
-
-
 def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
     """A refit to the other rows for each fold, started at the joint fit and followed to convergence.
 
     Gauss-Newton steps with a Jacobian that each step corrects (C. G. Broyden, Mathematics of Computation 19, 1965); all
     folds are simulated together. A step is taken as far as it serves the runs that are left: all of it, or a part.
-    What is each run's own (a phase) is taken from that run itself: another run cannot know it.
+    What is each run's own (a phase) is taken from that run itself: another run cannot know it. What was computed once
+    is kept.
     """
-    lowest, highest, std = bounds_of(fitted.knobs)
+    asked = (fitted, fold_of_row.tobytes(), problem.errors.sizes)
+    if asked not in problem.kept:
+        problem.kept[asked] = _held_out(problem, fitted, fold_of_row)
+    found: HeldOut = problem.kept[asked]
+    return found
+
+
+def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
+    lowest, highest, std = bounds_of(fitted.free)
     prior = np.diag(1.0 / std**2)
     white = problem.errors.whiten(np.column_stack([fitted.jacobian, fitted.residual]))
     folds = int(np.max(fold_of_row)) + 1 if len(fold_of_row) else 0
@@ -84,7 +84,7 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
             tried += [(fold, np.clip(at + part * step, lowest, highest)) for part in PARTS]
         if not tried:
             break
-        whitened = problem.errors.whiten(problem.residuals([setting_of(fitted.knobs, at) for _, at in tried]).T).T
+        whitened = problem.errors.whiten(problem.residuals([setting_of(fitted.free, at) for _, at in tried]).T).T
         better: dict[int, tuple[float, Array, Array]] = {}
         for (fold, at), row in zip(tried, whitened, strict=True):
             left = row[~inside[fold]]
@@ -100,7 +100,7 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
             worth[fold], z[fold], rows[fold] = size, at, left
     points = [at + _own(fitted, mine, at - fitted.z) for at, mine in zip(z, inside, strict=True)]
     points = [np.clip(at, lowest, highest) for at in points]
-    settings = tuple(setting_of(fitted.knobs, at) for at in points)
+    settings = tuple(setting_of(fitted.free, at) for at in points)
     residual = np.empty(problem.samples)
     for row, mine in zip(problem.residuals(settings), inside, strict=True):
         residual[mine] = row[mine]
@@ -126,7 +126,9 @@ def _step(hessian: Array, gradient: Array, down: np.ndarray, up: np.ndarray) -> 
 
 def _own(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
     """The least-squares step of the values that belong to this fold's own runs, after `step` of all the others."""
-    own = np.array([isinstance(knob, PhaseOfEachRun) for knob in fitted.knobs for _ in knob.lowest], dtype=bool)
+    own = np.array(
+        [isinstance(parameter, PhaseOfEachRun) for parameter in fitted.free for _ in parameter.lowest], dtype=bool
+    )
     sizes = np.abs(fitted.jacobian)
     elsewhere, anywhere = np.max(sizes[~fold], axis=0, initial=0.0), np.max(sizes, axis=0, initial=0.0)
     mine = np.flatnonzero(own & (elsewhere <= ROUNDING * anywhere))

@@ -11,22 +11,29 @@ from typing import Any
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.diagnose.hypotheses.discrepancy import error_model
-from workbench.diagnose.hypotheses.error_model import ErrorModel, Sizes
-from workbench.diagnose.hypotheses.knobs import GAIN, LOG_TIMING, OFFSET, TENSION_GAIN, Knob, Setting, Value, setting_of
-from workbench.effects import find, idle_sensors, logged_input, parts, ranges_of, searchable
+from workbench.diagnose.hypotheses.free_parameters import (
+    GAIN,
+    LOG_TIMING,
+    OFFSET,
+    TENSION_GAIN,
+    FreeParameter,
+    Scalar,
+    Setting,
+    setting_of,
+)
+from workbench.diagnose.hypotheses.model_error import ErrorModel, Sizes, error_model
+from workbench.effects import Effect, find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, beside, impacts_of
 
-MOST_ROWS = 1500  # of a run: many more take long and say little beside the discrepancy, which hangs together
+MOST_ROWS = 1500  # of a run: many more take long and say little beside the model error, which hangs together
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
 STEP = 1e-3  # of z, for derivatives
 LATE_STEP = 0.5  # of a sample, for derivatives by a delay: friction jumps between two samples, not on the way
 LATE_OF_BAND = 0.05  # of its period, at least: over less, the jumps of friction outweigh what the band shows
-
 
 TENSION = "tension_dead_line_n"
 LEAST_KEPT = 0.5  # of a run's samples: fewer are no run any more
@@ -46,7 +53,7 @@ class Problem:
     rows: of each run, the samples looked at; run_lengths: how many. share: how many
     independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit;
     row_noise: (inputs,) that of each sample.
-    errors: noise and discrepancy, as the data are weighed (`ErrorModel`).
+    errors: noise and model error, as the data are weighed (`ErrorModel`).
     Where every run of a hoist logs the dead line's tension, its residual follows behind
     that of the torque, on the torque's scale: `inputs` is how many rows are the torque's.
     """
@@ -76,10 +83,11 @@ class Problem:
         self.inputs = sum(self.run_lengths)
         self.run_of_row = np.tile(np.repeat(np.arange(len(self.runs)), self.run_lengths), 1 + self.has_tension)
         self.share = min(1.0, 2.0 * self.band_hz * float(np.mean(spacing)))
-        self.late = ranges_of(find("speed_delay", self.active.kind), machine, self.runs)[0].symbol
+        self.late = ranges_of(self.effect("speed_delay"), machine, self.runs)[0].symbol
         self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
         self.row_noise = np.full(self.inputs, self.noise)
         self.evaluations = 0
+        self.kept: dict[Any, Any] = {}  # held-out fits, by fit and folds: several steps ask for the same
         self.lagging = False
         if self.line is not None:
             name = self.line.signal
@@ -88,6 +96,10 @@ class Problem:
             level = float(np.mean([np.mean(tension) for tension in self.tension]))
             self.tension_noise = float(np.hypot(np.sqrt(np.mean(np.square(floor))), TENSION_TRUST * level))
         self.errors = self._errors()
+
+    def effect(self, name: str) -> Effect:
+        """A declared effect of the machine's kind."""
+        return find(name, self.active.kind)
 
     def _errors(self) -> ErrorModel:
         tension = 0.5 * self.noise if self.has_tension else None
@@ -102,8 +114,8 @@ class Problem:
         beside.errors = beside._errors().sized(self.errors.sizes)
         return beside
 
-    def with_discrepancy(self, sizes: Sizes) -> Problem:
-        """The same campaign, weighed with a discrepancy of other sizes (see `ErrorModel`)."""
+    def with_model_error(self, sizes: Sizes) -> Problem:
+        """The same campaign, weighed with a model error of other sizes (see `ErrorModel`)."""
         weighed = copy(self)
         weighed.errors = self.errors.sized(sizes)
         return weighed
@@ -163,19 +175,23 @@ class Problem:
         assert first is not None
         return first, change
 
-    def evaluate(self, knobs: Sequence[Knob], z: Array, only: Iterable[int] | None = None) -> tuple[Array, Array]:
+    def evaluate(
+        self, free: Sequence[FreeParameter], z: Array, only: Iterable[int] | None = None
+    ) -> tuple[Array, Array]:
         """Residual (samples,) and its Jacobian (samples, len(z), or those of `only`) by differences."""
         which = list(range(len(z)) if only is None else only)
-        steps = np.concatenate([self._steps(knob) for knob in knobs])
-        moved = [setting_of(knobs, z + steps[k] * np.eye(len(z))[k]) for k in which]
-        base, change = self.differences(setting_of(knobs, z), moved)
+        steps = np.concatenate([self._steps(parameter) for parameter in free])
+        moved = [setting_of(free, z + steps[k] * np.eye(len(z))[k]) for k in which]
+        base, change = self.differences(setting_of(free, z), moved)
         return base, change.T / steps[which]
 
-    def _steps(self, knob: Knob) -> Array:
-        """Of each z of a knob, for derivatives."""
-        if isinstance(knob, Value) and knob.symbol in (LOG_TIMING, self.late):
-            return np.array([max(LATE_STEP * self.runs[0].sample_time_s, LATE_OF_BAND / self.band_hz) / knob.scale])
-        return np.full(len(knob.lowest), STEP)
+    def _steps(self, parameter: FreeParameter) -> Array:
+        """Of each z of a parameter, for derivatives."""
+        if isinstance(parameter, Scalar) and parameter.symbol in (LOG_TIMING, self.late):
+            return np.array(
+                [max(LATE_STEP * self.runs[0].sample_time_s, LATE_OF_BAND / self.band_hz) / parameter.scale]
+            )
+        return np.full(parameter.size, STEP)
 
     def _group(self, settings: Sequence[Setting]) -> Array:
         self.evaluations += 1

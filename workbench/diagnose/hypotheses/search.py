@@ -1,58 +1,83 @@
-"""The search: the fit without effects, then every effect alone, then pairs around the best single effects.
+"""The search: the fit without effects, every effect alone, then one further effect after the other.
 
-Every shape of an effect is tried linearly, on its signatures. The most promising effects are fitted nonlinearly.
+Every shape of an effect is tried linearly, on its signatures. The most promising effects are fitted nonlinearly, each
+with all that are there before it, until no further one is worth its parameters.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import combinations, takewhile
 
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.base import base_knobs, trace_knobs
-from workbench.diagnose.hypotheses.fits import (
-    Fitted,
+from workbench.diagnose.hypotheses import settings
+from workbench.diagnose.hypotheses.evidence import (
+    PLAY,
+    STEP,
+    Weighed,
+    beyond,
+    cost,
+    discounted,
+    inexact,
+    score_of,
+    weigh,
+)
+from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis, stepped
+from workbench.diagnose.hypotheses.free_parameters import (
+    LOG_TIMING,
+    FreeParameter,
+    Names,
+    Scalar,
+    base_parameters,
+    bounds_of,
+    effect_parameters,
+    nuisance_parameters,
+    setting_of,
+    within,
+)
+from workbench.diagnose.hypotheses.model_error import Sizes
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.signatures import (
     Projection,
+    Signature,
     columns_signed,
-    fit_knobs,
     linear_gain,
+    signatures_of,
     start_of,
     stepped_aside,
 )
-from workbench.diagnose.hypotheses.knobs import LOG_TIMING, Knob, Value, bounds_of, effect_knobs, setting_of, within
-from workbench.diagnose.hypotheses.merit import PLAY, beyond, beyond_discrepancy, discounted, inexact, of_impacts
-from workbench.diagnose.hypotheses.pattern import stepped
-from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.records import Names
-from workbench.diagnose.hypotheses.scan import Atom, atoms
-from workbench.diagnose.hypotheses.score import STEP, cost, score_of
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
-from workbench.effects import Effect, Ranged, find, ranges_of
+from workbench.effects import Effect, Ranged, ranges_of
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
+FEW = 3  # of them to begin with
 FIRST_ROUND = 6  # evaluations each, before the field is narrowed
 LAST_ROUND = 40
 ALWAYS = 2  # effects refitted whatever they promise
-HOPELESS = -10.0  # merit, linearly
+HOPELESS = -10.0  # evidence, linearly
+SLACK = 5.0  # evidence that a linear estimate may be short of
 EXTENDED_REFITTED = 6
-LEADS = 0.4  # of the best single effect's gain
+LEADS = 0.4  # of the best hypothesis' evidence
 TOLERANCES = 3.0  # within which signatures are taken
 TURNED = 1.5  # the same, of the logarithm of what nobody knows: how friction turns over
-DROPPED = 1  # pairs
 PAIR_IN_REACH = 0.9
-STRAINED = 2.0  # standard deviations of a trace
-BEGUN = 0.2  # standard deviations of a trace that keeps a state, where the base fit begins
+STRAINED = 2.0  # standard deviations of a nuisance amount
+BEGUN = 0.2  # standard deviations of a nuisance amount that keeps a state, where the base fit begins
 STUCK = 0.5  # of the logarithm of how friction turns over: further apart lie different minima
 IN_REACH = 0.3  # of the best gain: what is followed to its end
-PARTNERS = 3  # of each leading effect, that are refitted with it
+PARTNERS = 3  # of each leading hypothesis, that are refitted with it
 LEADERS = 3
+LARGE = 0.5  # of what a leader leaves: a further effect that promises so much tells what the model error is
+SEARCHED_AGAIN = 2  # times, with other sizes of the model error
 TOO_LATE = 5.0  # sampling steps of the log's motion behind its input
-TOO_SMALL = 1.5  # sizes of the discrepancy: what needs more is searched again with them
+TOO_SMALL = 1.5  # sizes of the model error: what needs more is searched again with them
 ASIDE = (1.0, 0.3, 0.0)  # of the way that a fit's own parameters step aside
-SHAPES_KEPT = 3  # atoms of an effect that a pair is tried with
+SHAPES_KEPT = 3  # signatures of an effect that a pair is tried with
 ROUNDS_OF_PLAY = 3  # steps of its values, then a fit of all
 SHAPES_AGAIN = 6  # of an effect, simulated anew where another point is linearised
 
@@ -65,7 +90,7 @@ class SearchResult:
     TOLERANCES standard deviations off nominal. fits: names -> the best fit.
 
     linear: names -> what a linear fit promises, also for what was not refitted. failures: names -> why a fit broke
-    down. atoms: the signatures at `within_tolerances`. rivals: effects weighed alone that no answer may name.
+    down. signatures: the signatures at `within_tolerances`. rivals: effects weighed alone that no answer may name.
     """
 
     problem: Problem
@@ -73,7 +98,7 @@ class SearchResult:
     within_tolerances: Fitted
     fits: Mapping[Names, Fitted]
     linear: Mapping[Names, float]
-    atoms: Sequence[Atom]
+    signatures: Sequence[Signature]
     failures: Mapping[Names, str] = field(default_factory=dict)
     rivals: frozenset[str] = frozenset()
 
@@ -85,61 +110,50 @@ class SearchResult:
 @dataclass(frozen=True)
 class Promise:
     """The linear estimate for one effect at its best shape. gain: the fall of the objective, `data` of it in the
-    residual. merit: the gain less the cost of the parameters."""
+    residual. evidence: the gain less the cost of the parameters."""
 
     gain: float
     data: float
-    merit: float
-    atom: Atom
+    evidence: float
+    signature: Signature
     amounts: Array
 
 
 def searched(
     problem: Problem,
     effects: Sequence[Effect],
-    most_effects: int = 2,
+    most_effects: int = settings.MOST_EFFECTS,
     tell: Tell | None = None,
     rivals: Sequence[Effect] = (),
-    base: Mapping[str, Value] | None = None,
+    base: Mapping[str, Scalar] | None = None,
+    quick: bool = False,
 ) -> SearchResult:
-    """The search, with the size of discrepancy that the best hypothesis needs.
+    """The search, with the size of model error that the best hypothesis needs.
 
     Where the base parameters alone put the log's motion more than TOO_LATE sampling steps behind its input, the samples
-    are left out whose motion had ended by then. It begins with the default sizes. If the best hypothesis leaves a
-    larger residual, the base parameters have absorbed part of the gap. The search is then repeated with the sizes that
-    the best hypothesis needs.
+    are left out whose motion had ended by then. The search begins with the default sizes. If the best hypothesis leaves
+    a larger residual, the base parameters have absorbed part of the gap: it goes on from there with the sizes that the
+    best hypothesis needs. quick: single effects only, and no second search.
     """
-
-    def begun(problem: Problem) -> Search:
-        return Search(problem, effects, tell, rivals, base)
-
-    def search(one: Search) -> SearchResult:
-        result = one.singles()
-        if most_effects > 1:
-            result = one.pairs(result)
-        for _ in range(2, most_effects):
-            result = one.more(result)
-        return result
-
-    first = begun(problem)
-    late_s = first.late_s()
+    search = Search(problem, effects, tell, rivals, base)
+    late_s = search.late_s()
     if late_s > 0.0:
-        problem = problem.moving_after(late_s)
-        first = begun(problem)
-    result = search(first)
-    scores = (score_of(problem, fit) for fit in (result.base, *result.fits.values()))
-    size, standstill = min(scores, key=lambda score: score.value).sizes
-    if max(size, standstill) <= TOO_SMALL:
-        return result
-    if standstill > 1.0:  # a fit has bent itself to what is near standstill, and asks for less than there is
-        standstill *= STEP
-    return search(begun(problem.with_discrepancy((size, standstill))))
+        search = Search(problem.moving_after(late_s), effects, tell, rivals, base)
+    most_effects = 1 if quick else most_effects
+    few = FEW  # single effects are enough to tell the sizes, in most campaigns
+    for _ in range(1 + SEARCHED_AGAIN):
+        result = search.causes(most_effects, few, LARGE)
+        sizes = None if quick else search.sizes_needed(result)
+        if sizes is None:
+            break
+        search, few = search.with_sizes(sizes), REFITTED
+    return result if quick else search.causes(most_effects, REFITTED, 0.0)
 
 
 @dataclass(frozen=True)
 class _Way:
-    """A leading hypothesis and the effect to add to it. worth: the merit of both; gain: the fall of the objective. Both
-    are linear estimates."""
+    """A leading hypothesis and the effect to add to it, by linear estimates. worth: the evidence of both; gain: the
+    fall of the objective."""
 
     worth: float
     gain: float
@@ -148,7 +162,7 @@ class _Way:
 
 
 class Search:
-    """One campaign's search. base: the knobs of the base parameters, which every fit has first, in this order."""
+    """One campaign's search. base: the base parameters, which every fit has first, in this order."""
 
     def __init__(
         self,
@@ -156,31 +170,35 @@ class Search:
         effects: Iterable[Effect],
         tell: Tell | None = None,
         rivals: Iterable[Effect] = (),
-        base: Mapping[str, Value] | None = None,
+        base: Mapping[str, Scalar] | None = None,
     ) -> None:
         """rivals: unlisted effects that are fitted alone too, so that no pair is named in the place of one of them.
 
-        base: the base parameters' knobs, None for all that have a tolerance.
+        base: the base parameters, None for all that have a tolerance.
         """
         self.problem = problem
         self.effects = {effect.id: effect for effect in effects}
         self.rivals = {effect.id: effect for effect in rivals if effect.id not in self.effects}
-        self.base = dict(base_knobs(problem.machine, problem.runs) if base is None else base)
-        self.traces = trace_knobs(problem.machine, problem.runs)
-        self.held = [*self.base.values(), *self.traces.values()]
-        self.count = sum(len(knob.lowest) for knob in self.held)
+        self.base = dict(base_parameters(problem.machine, problem.runs) if base is None else base)
+        self.nuisances = nuisance_parameters(problem.machine, problem.runs)
+        self.held = [*self.base.values(), *self.nuisances.values()]
+        self.count = sum(parameter.size for parameter in self.held)
         self._tell = tell or (lambda progress: None)
         self.fits: dict[Names, Fitted] = {}
         self.linear: dict[Names, float] = {}
         self.failures: dict[Names, str] = {}
-        self.scanned: Sequence[Atom] = ()
+        self.scanned: Sequence[Signature] = ()
         self._base: Fitted | None = None
+        self._begun: tuple[Fitted, Sequence[Signature]] | None = None  # within the tolerances, and the signatures there
+        self.begin: Array | None = None  # z of the base fit, where another search has found it
+        self.found: Mapping[Names, Fitted] = {}  # fits of that search
 
     def base_fit(self) -> Fitted:
         """The fit of the base parameters alone, without an effect."""
         if self._base is None:
             self._tell(Progress(Stage.SEARCH, Task.BASE))
-            self._base = fit_knobs(self.problem, (), self.held, self._start(), LAST_ROUND)
+            begin = self._start() if self.begin is None else self.begin
+            self._base = fit_hypothesis(self.problem, (), self.held, begin, LAST_ROUND)
         return self._base
 
     def late_s(self) -> float:
@@ -192,50 +210,72 @@ class Search:
         return late * self.base[LOG_TIMING].scale if late > TOO_LATE else 0.0
 
     def _start(self) -> Array:
-        """z where the base fit begins: nominal, with a little of each trace that keeps a state. Such a trace may show
+        """z where the base fit begins: nominal, with a little of each nuisance that keeps a state. Such a one may show
         nothing at exactly zero, and a fit would stay there."""
         z = np.zeros(self.count)
-        for key, knob in self.traces.items():
-            if find(key.partition(".")[0], self.problem.active.kind).memory:
-                z[self._place_of(knob)] = BEGUN * np.array(knob.prior_std)
+        for key, parameter in self.nuisances.items():
+            if self.problem.effect(key.partition(".")[0]).memory:
+                z[self._place_of(parameter)] = BEGUN * np.array(parameter.prior_std)
         return z
 
-    def singles(self) -> SearchResult:
+    def causes(self, most: int, refitted: int, least: float) -> SearchResult:
+        """The fits of single effects, `refitted` of them; then one further effect after the other beside the leading
+        hypotheses, as long as one more is worth it. least: of what a leader leaves, what a further effect has to
+        promise."""
+        result = self.singles(refitted)
+        for size in range(1, most):
+            self._extend(result, size, least)
+            if size == 1:
+                self._joint(result, least)
+            self._finish(result.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
+            if size == 1:
+                self._drop(result.base)
+            self._offer_standstill(result.base)
+            result = self._found(result.base, result.within_tolerances, result.signatures)
+            leading = next((w for w in self.weighed(result) if not w.rival), None)
+            if leading is None or len(leading.names) <= size:
+                break
+        return result
+
+    def sizes_needed(self, result: SearchResult) -> Sizes | None:
+        """The sizes of the model error at which the best hypothesis is likeliest; None where they are about those of
+        this search."""
+        scores = (score_of(self.problem, fit) for fit in (result.base, *result.fits.values()))
+        size, standstill = min(scores, key=lambda score: score.value).sizes
+        if standstill > 1.0 and max(size, standstill) > TOO_SMALL:
+            standstill *= STEP  # a fit has bent itself to what is near standstill, and asks for less than there is
+        sizes = (max(size, 1.0), standstill)
+        now = self.problem.errors.sizes
+        same = max(abs(math.log(a / b)) for a, b in zip(sizes, now, strict=True)) < math.log(TOO_SMALL)
+        return None if same else sizes
+
+    def with_sizes(self, sizes: Sizes) -> Search:
+        """The same search with other sizes of the model error, begun at what this one has found."""
+        again = copy(self)
+        again.problem = self.problem.with_model_error(sizes)
+        again.found, again.begin = self.fits, self.base_fit().z
+        again.fits, again.linear, again.failures, again._base, again._begun = {}, {}, {}, None, None
+        return again
+
+    def singles(self, refitted: int = REFITTED) -> SearchResult:
         """The fit without effects, and the fits of every effect alone."""
         base = self.base_fit()
-        within = self._within_tolerances(base)
-        near = replace(within, knobs=base.knobs)  # hypotheses start there, and may go further
-        self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
-        signatures = self._signatures([*self.effects.values(), *self.rivals.values()], near)
-        self.scanned = signatures
-        self._singles(base, near, signatures)
+        if self._begun is None:
+            within = self._within_tolerances(base)
+            self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
+            near = replace(within, free=base.free)
+            found = self._signatures([*self.effects.values(), *self.rivals.values()], near)
+            self.scanned = self.scanned or found
+            self._begun = within, found
+        within, signatures = self._begun
+        near = replace(within, free=base.free)  # hypotheses start there, and may go further
+        self._singles(base, near, signatures, refitted)
         self._offer_standstill(base)
         return self._found(base, within, signatures)
 
-    def pairs(self, singles: SearchResult) -> SearchResult:
-        """The result of `singles` with the pairs around the best single effects."""
-        near = replace(singles.within_tolerances, knobs=singles.base.knobs)
-        self._extend(singles.base, singles.within_tolerances, 1)
-        if any(len(names) == 1 and names[0] in self.effects for names in self.fits):
-            self._joint(singles.base, near, [atom for atom in singles.atoms if atom.effect.id in self.effects])
-        self._finish(singles.base, [names for names in self.fits if len(names) == 2], PAIR_IN_REACH)
-        self._drop(singles.base)
-        return self._result(singles)
-
-    def more(self, result: SearchResult) -> SearchResult:
-        """The result with the leading hypotheses extended by one more effect."""
-        size = max(len(names) for names in self.fits)
-        self._extend(result.base, result.within_tolerances, size)
-        self._finish(result.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
-        return self._result(result)
-
-    def _result(self, result: SearchResult) -> SearchResult:
-        self._offer_standstill(result.base)
-        return self._found(result.base, result.within_tolerances, result.atoms)
-
-    def _found(self, base: Fitted, near: Fitted, atoms: Sequence[Atom]) -> SearchResult:
+    def _found(self, base: Fitted, near: Fitted, signatures: Sequence[Signature]) -> SearchResult:
         return SearchResult(
-            self.problem, base, near, self.fits, self.linear, atoms, self.failures, frozenset(self.rivals)
+            self.problem, base, near, self.fits, self.linear, signatures, self.failures, frozenset(self.rivals)
         )
 
     def _within_tolerances(self, base: Fitted) -> Fitted:
@@ -244,82 +284,89 @@ class Search:
         if np.all(np.abs(base.z) <= TOLERANCES):
             return base
         # What happens at standstill must not stand in for the gap either.
-        far = [TURNED if getattr(k, "logarithmic", False) else TOLERANCES for k in self.held]
+        far = [TURNED if k.logarithmic else TOLERANCES for k in self.held]
         held = [within(k, limit) for k, limit in zip(self.held, far, strict=True)]
-        reach = np.repeat(far, [len(k.lowest) for k in self.held])
+        reach = np.repeat(far, [k.size for k in self.held])
         z = np.clip(base.z, -reach, reach)
-        return fit_knobs(self.problem, (), held, z, LAST_ROUND)
+        return fit_hypothesis(self.problem, (), held, z, LAST_ROUND)
 
-    def _signatures(self, effects: Sequence[Effect], at: Fitted) -> list[Atom]:
+    def _signatures(self, effects: Sequence[Effect], at: Fitted) -> list[Signature]:
         """The signatures of all effects that can be simulated. A failed simulation becomes a row of the report.
 
         The first call tries every shape of every effect. Later calls try only the most promising shapes of the first.
         """
         try:
-            signatures = atoms(self.problem, effects, at.setting, self._likely(effects, at))
+            signatures = signatures_of(self.problem, effects, at.setting, self._likely(effects, at))
         except BREAKDOWNS as error:
             if len(effects) == 1:
                 self.failures[(effects[0].id,)] = f"{type(error).__name__}: {error}"
                 return []
-            signatures = [atom for effect in effects for atom in self._signatures([effect], at)]
-        broken = {atom.effect.id for atom in signatures if not np.all(np.isfinite(atom.columns))}
+            signatures = [signature for effect in effects for signature in self._signatures([effect], at)]
+        broken = {signature.effect.id for signature in signatures if not np.all(np.isfinite(signature.columns))}
         self.failures |= {(name,): "the simulation breaks down at the values tried first" for name in broken}
-        return [atom for atom in signatures if atom.effect.id not in broken]
+        return [signature for signature in signatures if signature.effect.id not in broken]
 
     def _likely(self, effects: Sequence[Effect], at: Fitted) -> dict[str, list[Mapping[str, float]]] | None:
         """Effect -> its most promising shapes at a point, by the signatures already known. None without signatures."""
         wanted = {effect.id for effect in effects}
         gains: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
         projection = Projection.of(self.problem, at) if self.scanned else None
-        for atom in self.scanned:
-            if projection is not None and atom.effect.id in wanted:
-                data, prior, _ = projection.gain(atom)
-                gains.setdefault(atom.effect.id, []).append((data + prior, atom.at))
+        for signature in self.scanned:
+            if projection is not None and signature.effect.id in wanted:
+                data, prior, _ = projection.gain(signature)
+                gains.setdefault(signature.effect.id, []).append((data + prior, signature.at))
         best = {name: sorted(shapes, key=lambda q: -q[0])[:SHAPES_AGAIN] for name, shapes in gains.items()}
         return {name: [at for _, at in shapes] for name, shapes in best.items()} or None
 
-    def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
+    def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Signature], refitted: int) -> None:
         promised = self._promised(near, signatures)
         self.linear |= {(name,): promise.gain for name, promise in promised.items()}
-        order = sorted(promised, key=lambda name: -promised[name].merit)
+        order = sorted(promised, key=lambda name: -promised[name].evidence)
         strained = self._strained(base) | ({PLAY} if self.problem.struck else set())
         order = [
             name
             for k, name in enumerate(order)
-            if k < ALWAYS or name in strained or (k < REFITTED and promised[name].merit > HOPELESS)
+            if k < ALWAYS or name in strained or (k < refitted and promised[name].evidence > HOPELESS)
         ]
+        order = [name for name in order if (name,) not in self.fits]
         for k, name in enumerate(order):
             self._tell(Progress(Stage.SEARCH, Task.SINGLE, k + 1, len(order), (name,)))
             self._try((name,), lambda promise=promised[name]: self._fit_with(near, promise))  # type: ignore[misc]
+            if (found := self.found.get((name,))) is not None:
+                white = self.problem.errors.whiten(found.residual)
+                if (name,) not in self.fits or float(white @ white) + found.prior < self.fits[name,].objective:
+                    self._try((name,), lambda found=found: self._again(found))  # type: ignore[misc]
         if np.any(near.z != base.z):
-            self._from_base(base, order)
-            self._with_delay(base)
-        self._with_traces(base)
+            self._from_base(base, order[:FEW])
+        self._in_place(base)
         self._step_play()
         self._finish(base, [(name,) for name in order])
 
     def _step_play(self) -> None:
         """The fit of a play, continued from the best point that steps of its values lead to."""
+        singles = [fit.objective for names, fit in self.fits.items() if len(names) == 1]
         for _ in range(ROUNDS_OF_PLAY):
             fit = self.fits.get((PLAY,))
+            if fit is not None and not self.problem.struck and fit.objective > min(singles):
+                return  # one among others: its steps are not worth their time
             z = stepped(self.problem, fit, self.count) if fit is not None else None
             if fit is None or z is None or not np.any(z != fit.z):
                 return
             self._try((PLAY,), lambda fit=fit, z=z: self._again(replace(fit, z=z)))  # type: ignore[misc]
 
     def _strained(self, base: Fitted) -> set[str]:
-        """The effects whose trace the base fit puts far beyond its tolerance: one of them may be the cause."""
+        """The effects whose nuisance amount the base fit puts far off its tolerance: one of them may be the cause."""
         return {
             key.partition(".")[0]
-            for key, knob in self.traces.items()
-            if not getattr(knob, "logarithmic", False)
-            and np.any(np.abs(base.z[self._place_of(knob)]) > STRAINED * np.array(knob.prior_std))
+            for key, parameter in self.nuisances.items()
+            if not parameter.logarithmic
+            and np.any(np.abs(base.z[self._place_of(parameter)]) > STRAINED * np.array(parameter.prior_std))
         }
 
-    def _place_of(self, wanted: Knob) -> slice:
-        """The slice of z that belongs to a base parameter or a trace, the same in every fit."""
-        before = [len(knob.lowest) for knob in takewhile(lambda knob: knob is not wanted, self.held)]
-        return slice(sum(before), sum(before) + len(wanted.lowest))
+    def _place_of(self, wanted: FreeParameter) -> slice:
+        """The slice of z that belongs to a base or nuisance parameter, the same in every fit."""
+        before = [parameter.size for parameter in takewhile(lambda parameter: parameter is not wanted, self.held)]
+        return slice(sum(before), sum(before) + wanted.size)
 
     def _from_base(self, base: Fitted, names: Sequence[str]) -> None:
         """Fits started from the unrestricted base fit too, where that promises more than the fit so far: the first one
@@ -331,41 +378,29 @@ class Search:
             if fit is None or base.objective - fit.objective < 0.8 * promise.gain:
                 self._try((name,), lambda e=promise: self._fit_with(base, e))  # type: ignore[misc]
 
-    def _with_delay(self, at: Fitted) -> None:
-        """A delay in place of the log's timing, where a fit has taken the timing far beyond its tolerance. The step is
-        too large for a linear estimate."""
-        late = next((e for e in self.effects.values() for r in self._ranges(e) if r.symbol == self.problem.late), None)
-        if late is None or late.id in at.effects or LOG_TIMING not in self.base:
-            return
-        timing = self.base[LOG_TIMING]
-        own = self._place_of(timing)
-        taken = float(at.z[own][0])
-        if taken <= TOLERANCES:
-            return
-        more, amount = effect_knobs(late, self._ranges(late), {self.problem.late: taken * timing.scale})
-        z = np.concatenate([at.z, amount])
-        z[own] = 0.0
-        names = (*at.effects, late.id)
-        self._try(
-            tuple(sorted(names)), lambda: fit_knobs(self.problem, names, [*at.knobs, *more], z, LAST_ROUND, self.count)
-        )
-
-    def _with_traces(self, at: Fitted) -> None:
-        """An effect in place of its trace, where a fit has taken the trace far beyond its tolerance. That fit has the
-        effect's values already, and nothing is left for a linear estimate to explain."""
-        for name in self._strained(at) & set(self.effects) - set(at.effects):
-            ranges, setting = self._ranges(self.effects[name]), at.setting
-            if any(r.symbol not in setting for r in ranges):
+    def _in_place(self, at: Fitted) -> None:
+        """An effect in place of its nuisance, where a fit has taken that far beyond its tolerance; a delay in place of
+        the log's timing. That fit has the effect's values already, and nothing is left for a linear estimate."""
+        strained = self._strained(at) & set(self.effects) - set(at.effects)
+        if LOG_TIMING in self.base and float(at.z[self._place_of(self.base[LOG_TIMING])][0]) > TOLERANCES:
+            strained |= {e.id for e in self.effects.values() for r in self._ranges(e) if r.symbol == self.problem.late}
+        for name in strained - set(at.effects):
+            ranges, values = self._ranges(self.effects[name]), dict(at.setting)
+            own = [one for key, one in self.nuisances.items() if key.partition(".")[0] == name]
+            if not own:
+                own = [self.base[LOG_TIMING]]
+                values[self.problem.late] = values[LOG_TIMING]
+            if any(r.symbol not in values for r in ranges):
                 continue
-            more, amount = effect_knobs(self.effects[name], ranges, {r.symbol: setting[r.symbol] for r in ranges})
+            more, amount = effect_parameters(self.effects[name], ranges, {r.symbol: values[r.symbol] for r in ranges})
             z = np.concatenate([at.z, amount])
-            for key, knob in self.traces.items():
-                if key.partition(".")[0] == name:
-                    z[self._place_of(knob)] = 0.0
-            names = (*at.effects, name)
+            for parameter in own:
+                z[self._place_of(parameter)] = 0.0
             self._try(
-                tuple(sorted(names)),
-                lambda n=names, m=more, z=z: fit_knobs(self.problem, n, [*at.knobs, *m], z, LAST_ROUND, self.count),  # type: ignore[misc]
+                tuple(sorted((*at.effects, name))),
+                lambda n=(*at.effects, name), free=[*at.free, *more], z=z: fit_hypothesis(  # type: ignore[misc]
+                    self.problem, n, free, z, LAST_ROUND, self.count
+                ),
             )
 
     def _ranges(self, effect: Effect) -> tuple[Ranged, ...]:
@@ -388,7 +423,7 @@ class Search:
         if not self.fits:
             return
         donor = min(self.fits.values(), key=lambda fit: fit.objective)
-        turns = np.array([getattr(k, "logarithmic", False) for k in self.held for _ in k.lowest], dtype=bool)
+        turns = np.array([k.logarithmic for k in self.held for _ in k.lowest], dtype=bool)
         best = base.objective - donor.objective
         for names, fit in list(self.fits.items()):
             apart = np.abs(fit.z[: self.count] - donor.z[: self.count])[turns]
@@ -399,150 +434,139 @@ class Search:
             self._try(names, lambda f=fit, z=z: self._again(replace(f, z=z)))  # type: ignore[misc]
 
     def _again(self, fit: Fitted) -> Fitted:
-        return fit_knobs(self.problem, fit.effects, fit.knobs, fit.z, LAST_ROUND, self.count, fit.jacobian)
+        return fit_hypothesis(self.problem, fit.effects, fit.free, fit.z, LAST_ROUND, self.count, fit.jacobian)
 
-    def _extend(self, base: Fitted, near: Fitted, size: int) -> None:
-        """The leading hypotheses of `size` effects, extended by the most promising further effects."""
-        known = [names for names in self.fits if len(names) == size and set(names) <= set(self.effects)]
-        if not known:
-            return
-        none = score_of(self.problem, base)
-        scores = {names: score_of(self.problem, self.fits[names]) for names in known}
-        worth = {names: self._worth(base, self.fits[names], none.value - scores[names].value) for names in known}
-        known.sort(key=lambda names: -worth[names])
-        leaders = [n for n in known[:LEADERS] if worth[n] > 0.0 and worth[n] >= LEADS * worth[known[0]]]
+    def _extend(self, result: SearchResult, size: int, least: float) -> None:
+        """The leading hypotheses of `size` effects, extended by the further effects that promise evidence, and `least`
+        of what a leader leaves."""
+        weighed = [w for w in self.weighed(result) if not w.rival]
+        leaders = [w for w in weighed if len(w.names) == size and w.evidence >= LEADS * weighed[0].evidence > 0.0]
         ways: dict[Names, list[_Way]] = {}
-        leading: set[Names] = set()
-        for k, names in enumerate(leaders):
-            leader = self.fits[names]
-            self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders), names))
-            again = self._signatures([e for e in self.effects.values() if e.id not in names], leader)
-            least = inexact(self.problem, near, leader, scores[names])
-            partners = {name: alone for name, alone in self._promised(leader, again).items() if alone.merit > 0.0}
-            added = {name: self._worth_beside(leader, alone, least) for name, alone in partners.items()}
-            gained = base.objective - leader.objective
-            for rank, name in enumerate(sorted(added, key=lambda name: -added[name])):
-                promise = partners[name]
-                together: Names = tuple(sorted((*names, name)))
-                if rank < PARTNERS:
-                    leading.add(together)
-                way = _Way(worth[names] + added[name], gained + promise.gain, leader, promise)
-                ways.setdefault(together, []).append(way)
-        for names in sorted(leading, key=lambda names: -max(way.worth for way in ways[names]))[:EXTENDED_REFITTED]:
+        for k, w in enumerate(leaders[:LEADERS]):
+            leader = w.fit
+            self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders[:LEADERS]), w.names))
+            again = self._signatures([e for e in self.effects.values() if e.id not in w.names], leader)
+            inexactly = inexact(self.problem, result.within_tolerances, leader, w.score)
+            added = [
+                (self._worth_beside(leader, promise, inexactly), promise)
+                for promise in self._promised(leader, again).values()
+                if promise.evidence > 0.0 and promise.gain > least * leader.chi2
+            ]
+            for worth, promise in sorted(added, key=lambda one: -one[0])[:PARTNERS]:
+                if worth > settings.calibration()["pair"] - SLACK:
+                    way = _Way(w.evidence + worth, result.gain(w.names) + promise.gain, leader, promise)
+                    ways.setdefault(tuple(sorted((*w.names, promise.signature.effect.id))), []).append(way)
+        for names in sorted(ways, key=lambda names: -max(way.worth for way in ways[names]))[:EXTENDED_REFITTED]:
             self.linear[names] = max(way.gain for way in ways[names])
             # A promise is linear, and may not be kept: the way from the better hypothesis is tried first.
             for way in sorted(ways[names], key=lambda way: way.leader.objective):
                 fit = self.fits.get(names)
                 if fit is None or fit.objective > way.leader.objective:
                     self._try(names, lambda w=way: self._fit_with(w.leader, w.promise))  # type: ignore[misc]
-        for names in leaders:
-            self._with_delay(self.fits[names])
-            self._with_traces(self.fits[names])
+        for w in leaders[:LEADERS]:
+            self._in_place(w.fit)
 
-    def _worth(self, base: Fitted, fit: Fitted, gain: float) -> float:
-        """A single effect's merit, less what the discrepancy alone could gain. gain: the fall of the score."""
-        paid = cost(self.problem, len(fit.z) - len(base.z))
-        return of_impacts(self.problem, fit.effects, beyond_discrepancy(self.problem, base, fit, gain) - paid)
+    def weighed(self, result: SearchResult) -> tuple[Weighed, ...]:
+        """All fits so far, as the verdict weighs them."""
+        return weigh(self.problem, result.base, result.within_tolerances, self.fits, self.rivals)[0]
 
     def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> float:
-        """The merit that a further effect adds to a leader, by its linear estimate. least: the gain that the leader's
-        inexact law alone could give."""
-        taken = promise.atom.columns @ promise.amounts
-        z = self._aside(leader, taken, promise.atom)
+        """The evidence that a further effect adds to a leader, by its linear estimate. least: the gain that the
+        leader's inexact law alone could give."""
+        taken = promise.signature.columns @ promise.amounts
+        z = self._aside(leader, taken, promise.signature)
         left = leader.residual - taken + leader.jacobian @ (z - leader.z)
-        data = discounted(self.problem, (promise.atom.effect.id,), promise.data, leader.residual, left)
-        paid = promise.gain - promise.merit
+        data = discounted(self.problem, (promise.signature.effect.id,), promise.data, leader.residual, left)
+        paid = promise.gain - promise.evidence
         return promise.gain - promise.data + beyond(data, least) - paid
 
     def _drop(self, base: Fitted) -> None:
-        """Refit each effect of the leading pairs alone, started from the pair: a pair needs both effects to earn their
+        """Refit each effect of the leading pair alone, started from the pair: a pair needs both effects to earn their
         cost."""
-        pairs = sorted((n for n in self.fits if len(n) == 2), key=lambda n: self.fits[n].objective)
-        for pair in pairs[:DROPPED]:
-            for left in pair:
-                self._try((left,), lambda p=pair, n=left: self._without(self.fits[p], n))  # type: ignore[misc]
-            self._finish(base, [(left,) for left in pair])
+        pair: Names = min((n for n in self.fits if len(n) == 2), key=lambda n: self.fits[n].objective, default=())
+        for left in pair:
+            self._try((left,), lambda n=left: self._without(self.fits[pair], n))  # type: ignore[misc]
+        self._finish(base, [(left,) for left in pair])
 
     def _without(self, pair: Fitted, left: str) -> Fitted:
         """The pair's fit with only the effect `left` in it."""
         own = len(self.held)
-        mine = [knob for knob in pair.knobs[own:] if left in _effects_of(knob)]
-        kept = np.array([True] * self.count + [left in _effects_of(k) for k in pair.knobs[own:] for _ in k.lowest])
-        knobs = [*pair.knobs[:own], *mine]
-        return fit_knobs(self.problem, (left,), knobs, pair.z[kept], FIRST_ROUND, self.count)
+        mine = [parameter for parameter in pair.free[own:] if left in _effects_of(parameter)]
+        kept = np.array([True] * self.count + [left in _effects_of(k) for k in pair.free[own:] for _ in k.lowest])
+        free = [*pair.free[:own], *mine]
+        return fit_hypothesis(self.problem, (left,), free, pair.z[kept], FIRST_ROUND, self.count)
 
-    def _joint(self, base: Fitted, near: Fitted, signatures: Sequence[Atom]) -> None:
-        """Pairs of effects that promise more together than the best single effect, though neither leads alone."""
-        alone = (fit.objective for names, fit in self.fits.items() if len(names) == 1 and names[0] in self.effects)
-        best = near.objective - min(alone)  # what the best alone takes off, from the same point
+    def _joint(self, result: SearchResult, least: float) -> None:
+        """Pairs of effects that promise more together than the best single effect, and `least` of what it leaves,
+        though neither leads alone."""
+        near = replace(result.within_tolerances, free=result.base.free)
+        alone = [fit.objective for names, fit in self.fits.items() if len(names) == 1 and names[0] in self.effects]
+        best = near.objective - min(alone, default=near.objective)  # taken off by the best alone, from the same point
+        enough = best + max(settings.calibration()["pair"], least * (near.objective - best))
         projection = Projection.of(self.problem, near)
-        kept: dict[str, list[tuple[float, Atom, Array]]] = {}
-        for atom in signatures:
-            columns = projection.clean(atom.columns)
-            data, prior, _ = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
-            kept.setdefault(atom.effect.id, []).append((data + prior, atom, columns))
-        kept = {name: sorted(shapes, key=lambda q: -q[0])[:SHAPES_KEPT] for name, shapes in kept.items()}
-        pairs: list[tuple[float, Names, Atom, Atom, Array]] = []
-        for first, second in combinations(sorted(kept), 2):
-            if (first, second) in self.fits:
+        kept: dict[str, list[tuple[float, Signature, Array]]] = {}
+        for one in result.signatures:
+            if one.effect.id in self.effects:
+                columns = projection.clean(one.columns)
+                data, prior, _ = linear_gain(columns, projection.residual, columns_signed(one), projection.priors)
+                kept.setdefault(one.effect.id, []).append((data + prior, one, columns))
+        shapes = [q for name in sorted(kept) for q in sorted(kept[name], key=lambda q: -q[0])[:SHAPES_KEPT]]
+        pairs: dict[tuple[str, str], tuple[float, Signature, Signature, Array]] = {}
+        for (_, a, left), (_, b, right) in combinations(shapes, 2):
+            names = (a.effect.id, b.effect.id)
+            if names[0] == names[1] or names in self.fits:
                 continue
-            options = []
-            for _, a, left in kept[first]:
-                for _, b, right in kept[second]:
-                    signs = [*columns_signed(a), *columns_signed(b)]
-                    both = np.hstack([left, right])
-                    data, prior, amounts = linear_gain(both, projection.residual, signs, projection.priors)
-                    worth = data + prior - cost(self.problem, both.shape[1])
-                    options.append((worth, (first, second), a, b, amounts, data + prior))
-            worth, names, a, b, amounts, gain = max(options, key=lambda q: q[0])
-            self.linear[names] = max(gain, self.linear.get(names, 0.0))
-            if gain > best:
-                pairs.append((worth, names, a, b, amounts))
-        for _, pair, a, b, amounts in sorted(pairs, key=lambda q: -q[0])[:PARTNERS]:
+            both, signs = np.hstack([left, right]), [*columns_signed(a), *columns_signed(b)]
+            data, prior, amounts = linear_gain(both, projection.residual, signs, projection.priors)
+            self.linear[names] = max(data + prior, self.linear.get(names, 0.0))
+            worth = data + prior - cost(self.problem, both.shape[1])
+            if data + prior > enough and worth > pairs.get(names, (-math.inf,))[0]:
+                pairs[names] = (worth, a, b, amounts)
+        for pair, (_, a, b, amounts) in sorted(pairs.items(), key=lambda q: -q[1][0])[:PARTNERS]:
             self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]
 
-    def _promised(self, at: Fitted, signatures: Sequence[Atom]) -> dict[str, Promise]:
+    def _promised(self, at: Fitted, signatures: Sequence[Signature]) -> dict[str, Promise]:
         """Effect -> its best shape, linearly."""
         projection = Projection.of(self.problem, at)
         best: dict[str, Promise] = {}
-        for atom in signatures:
-            data, prior, amounts = projection.gain(atom)
-            size = atom.columns.shape[1] + len(atom.at)
-            promise = Promise(data + prior, data, data + prior - cost(self.problem, size), atom, amounts)
-            if atom.effect.id not in best or promise.merit > best[atom.effect.id].merit:
-                best[atom.effect.id] = promise
+        for signature in signatures:
+            data, prior, amounts = projection.gain(signature)
+            size = signature.columns.shape[1] + len(signature.at)
+            promise = Promise(data + prior, data, data + prior - cost(self.problem, size), signature, amounts)
+            if signature.effect.id not in best or promise.evidence > best[signature.effect.id].evidence:
+                best[signature.effect.id] = promise
         return best
 
     def _fit_with(self, at: Fitted, promise: Promise) -> Fitted:
-        more, start = start_of(self.problem, promise.atom, promise.amounts)
-        names = (*at.effects, promise.atom.effect.id)
-        beside = self._aside(at, promise.atom.columns @ promise.amounts, promise.atom)
-        return self._fit_from(names, [*at.knobs, *more], at.z, beside, start)
+        more, start = start_of(self.problem, promise.signature, promise.amounts)
+        names = (*at.effects, promise.signature.effect.id)
+        beside = self._aside(at, promise.signature.columns @ promise.amounts, promise.signature)
+        return self._fit_from(names, [*at.free, *more], at.z, beside, start)
 
-    def _fit_both(self, near: Fitted, a: Atom, b: Atom, amounts: Array) -> Fitted:
+    def _fit_both(self, near: Fitted, a: Signature, b: Signature, amounts: Array) -> Fitted:
         split = a.columns.shape[1]
         taken = a.columns @ amounts[:split] + b.columns @ amounts[split:]
-        knobs, start = list(near.knobs), list[float]()
-        for atom, part in ((a, amounts[:split]), (b, amounts[split:])):
-            more, z = start_of(self.problem, atom, part)
-            knobs, start = [*knobs, *more], [*start, *z]
-        return self._fit_from((a.effect.id, b.effect.id), knobs, near.z, self._aside(near, taken, a, b), start)
+        free, start = list(near.free), list[float]()
+        for signature, part in ((a, amounts[:split]), (b, amounts[split:])):
+            more, z = start_of(self.problem, signature, part)
+            free, start = [*free, *more], [*start, *z]
+        return self._fit_from((a.effect.id, b.effect.id), free, near.z, self._aside(near, taken, a, b), start)
 
     def _fit_from(
-        self, names: Names, knobs: Sequence[Knob], at: Array, beside: Array, start: Sequence[float]
+        self, names: Names, free: Sequence[FreeParameter], at: Array, beside: Array, start: Sequence[float]
     ) -> Fitted:
         """A fit started with its base parameters moved to `beside`, or part of the way there if that fits better: the
         linear step may be too long."""
         ways = [np.concatenate([at + part * (beside - at), start]) for part in ASIDE]
-        white = self.problem.errors.whiten(self.problem.residuals([setting_of(knobs, z) for z in ways]).T)
-        std = bounds_of(knobs)[2]
+        white = self.problem.errors.whiten(self.problem.residuals([setting_of(free, z) for z in ways]).T)
+        std = bounds_of(free)[2]
         left = np.sum(white**2, axis=0) + np.array([np.sum((z / std) ** 2) for z in ways])
         z = ways[int(np.argmin(np.where(np.isfinite(left), left, np.inf)))]
-        return fit_knobs(self.problem, names, knobs, z, FIRST_ROUND, self.count)
+        return fit_hypothesis(self.problem, names, free, z, FIRST_ROUND, self.count)
 
-    def _aside(self, at: Fitted, taken: Array, *atoms: Atom) -> Array:
+    def _aside(self, at: Fitted, taken: Array, *signatures: Signature) -> Array:
         """z of the fit's own parameters, refitted linearly after effects have taken `taken`, (samples,), off it."""
-        delay = self.problem.late in {r.symbol for atom in atoms for r in atom.amounts}
+        delay = self.problem.late in {r.symbol for signature in signatures for r in signature.amounts}
         return stepped_aside(self.problem, at, taken, delay)
 
     def _try(self, names: Names, fit: Callable[[], Fitted]) -> None:
@@ -558,7 +582,7 @@ class Search:
             self.fits[names] = fitted
 
 
-def _effects_of(knob: Knob) -> set[str]:
-    """The effects whose values a knob sets."""
-    values = knob.values([0.0] * len(knob.lowest))
+def _effects_of(parameter: FreeParameter) -> set[str]:
+    """The effects whose values a parameter sets."""
+    values = parameter.values([0.0] * parameter.size)
     return {symbol.split("__")[0] for symbol in values}

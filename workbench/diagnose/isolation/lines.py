@@ -9,9 +9,15 @@ from types import SimpleNamespace
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.base import LOAD_CELL_STD
-from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import TENSION_GAIN, Knob, PhaseOfEachRun, Setting, setting_of
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import (
+    LOAD_CELL_STD,
+    TENSION_GAIN,
+    FreeParameter,
+    PhaseOfEachRun,
+    Setting,
+    setting_of,
+)
 from workbench.diagnose.hypotheses.problem import GROUP, SENSOR_KEYS, STEP, TENSION, TENSION_TRUST, Problem
 from workbench.machines import kind_of
 from workbench.simulate.driven import changed
@@ -49,13 +55,13 @@ def on_campaign(problem: Problem, fit: Fitted) -> Line:
 def on_menu(problem: Problem, ahead: Problem, fit: Fitted) -> Callable[[int, tuple[str, ...]], Line]:
     """A hypothesis on the planned runs, by the number of the run and its logged signals."""
     steps = [fit.z, *(fit.z + STEP * row for row in np.eye(len(fit.z)))]
-    settings: list[Setting] = [_of_one_run(setting_of(fit.knobs, z)) for z in steps]
+    settings: list[Setting] = [_of_one_run(setting_of(fit.free, z)) for z in steps]
     cell = TENSION_GAIN not in settings[0]
     if cell:  # a load cell that the campaign did not have: its gain is not known
         settings.append({**settings[0], TENSION_GAIN: 1.0 + STEP * LOAD_CELL_STD})
     base, change = ahead.differences(settings[0], settings[1:])
     heights: list[Array] = []
-    phases = _phases(fit.knobs)
+    phases = _phases(fit.free)
 
     def of_run(k: int, signals: tuple[str, ...]) -> Line:
         mine = np.flatnonzero(ahead.run_of_row == k)
@@ -115,13 +121,13 @@ def _values(ahead: Problem, setting: Setting) -> list[SimpleNamespace]:
     return [changed(p, plain) for p in ahead.bench.base]
 
 
-def _phases(knobs: Sequence[Knob]) -> list[tuple[int, int]]:
+def _phases(free: Sequence[FreeParameter]) -> list[tuple[int, int]]:
     """For each value that every run has of its own: its first index in z, and the number of runs."""
     phases, at = [], 0
-    for knob in knobs:
-        if isinstance(knob, PhaseOfEachRun):
-            phases.append((at, len(knob.start)))
-        at += len(knob.lowest)
+    for parameter in free:
+        if isinstance(parameter, PhaseOfEachRun):
+            phases.append((at, len(parameter.start)))
+        at += len(parameter.lowest)
     return phases
 
 

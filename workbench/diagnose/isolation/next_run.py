@@ -9,11 +9,11 @@ from statistics import NormalDist
 
 import numpy as np
 
-from workbench.diagnose.hypotheses.fits import Fitted, Projection, columns_signed, linear_gain, start_of
-from workbench.diagnose.hypotheses.knobs import bounds_of
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.records import Names
 from workbench.diagnose.hypotheses.search import SearchResult
+from workbench.diagnose.hypotheses.signatures import Projection, columns_signed, linear_gain, start_of
 from workbench.diagnose.isolation.lines import Line, on_campaign, on_menu
 from workbench.diagnose.isolation.planned import Planned, drawn, menu, planned_as, seen_in, varied
 from workbench.machines import kind_of
@@ -151,19 +151,19 @@ def _fit_of(problem: Problem, search: SearchResult, hypothesis: Fitted | str | N
     near = search.within_tolerances
     projection = Projection.of(problem, near)
     options = []
-    for atom in search.atoms:
-        if atom.effect.id == names[0]:
-            columns = projection.clean(atom.columns)
-            gain = linear_gain(columns, projection.residual, columns_signed(atom), projection.priors)
-            options.append((gain[0] + gain[1], atom, gain[2]))
+    for signature in search.signatures:
+        if signature.effect.id == names[0]:
+            columns = projection.clean(signature.columns)
+            gain = linear_gain(columns, projection.residual, columns_signed(signature), projection.priors)
+            options.append((gain[0] + gain[1], signature, gain[2]))
     if not options:
         return None
-    _, atom, amounts = max(options, key=lambda q: q[0])
-    more, start = start_of(problem, atom, amounts)
-    knobs, z = (*near.knobs, *more), np.concatenate([near.z, start])
-    residual, jacobian = problem.evaluate(knobs, z)
+    _, signature, amounts = max(options, key=lambda q: q[0])
+    more, start = start_of(problem, signature, amounts)
+    free, z = (*near.free, *more), np.concatenate([near.z, start])
+    residual, jacobian = problem.evaluate(free, z)
     chi2 = problem.share / problem.noise**2 * float(residual @ residual)
-    return Fitted(names, knobs, z, residual, jacobian, chi2, near.prior, 1, False)
+    return Fitted(names, free, z, residual, jacobian, chi2, near.prior, 1, False)
 
 
 def _apart(fits: Sequence[Fitted], campaign: Sequence[Line], more: Sequence[Line] | None) -> float:
@@ -180,7 +180,7 @@ def _apart(fits: Sequence[Fitted], campaign: Sequence[Line], more: Sequence[Line
 
 def separation(true: Fitted, rival: Fitted, lines: Sequence[tuple[Line, Line]]) -> float:
     """Standard deviations between the data of the true hypothesis and the rival that is refitted to them."""
-    _, _, std = bounds_of(rival.knobs)
+    _, _, std = bounds_of(rival.free)
     own = sum(line.own.shape[1] for _, line in lines)
     size, at = len(rival.z) + own, len(rival.z)
     matrix, target = [np.hstack([np.diag(1.0 / std), np.zeros((len(std), own))])], [-rival.z / std]

@@ -11,9 +11,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr, logsumexp
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.discrepancy import SPREAD
-from workbench.diagnose.hypotheses.error_model import ErrorModel
-from workbench.diagnose.hypotheses.fits import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.ports import SENSOR, Port, Ports
 from workbench.diagnose.location.survey import Course, Survey, at_rows, since_reversal, survey_of

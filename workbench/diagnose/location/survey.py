@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.error_model import ErrorModel
-from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import Setting, bounds_of
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import Setting, bounds_of
+from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.machines import kind_of
 from workbench.simulate.driven import changed
@@ -193,8 +193,8 @@ class Survey:
 def survey_of(problem: Problem, fit: Fitted, own: int | None = None) -> Survey:
     """fit: the base parameters' own, within their tolerances. own: how many of its first z are theirs, None for all;
     the others, of the effects it names, stay as fitted."""
-    _, _, std = bounds_of(fit.knobs)
-    held = np.array([bool(getattr(k, "logarithmic", False)) for k in fit.knobs for _ in k.lowest])
+    _, _, std = bounds_of(fit.free)
+    held = np.array([bool(k.logarithmic) for k in fit.free for _ in k.lowest])
     if own is not None:
         held[own:] = True
     # What nobody knows (a factor, either way) is looked at from where the fit put it; the rest from its nominal value.

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.contributions import parts_of, sum_of
-from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.knobs import bounds_of
+from workbench.diagnose.hypotheses.fit import Fitted, parts_of
+from workbench.diagnose.hypotheses.free_parameters import bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES
 from workbench.diagnose.location.places import Event, Placed, PlaceProbability, placed
@@ -197,11 +196,13 @@ def where_of(
     profiles, best, other = _profiles(problem, near, seed)
     events: tuple[Event, ...] = ()
     if named is not None and effects:
-        parts = sorted(parts_of(problem, named, effects), key=lambda part: -_energy(problem, part.rows))
-        gap = named.residual + sum_of(problem, named, effects)
-        own = parts[0].rows[: problem.inputs]
+        names = tuple(effect.id for effect in effects)
+        *parts, whole = parts_of(problem, named, [*((name,) for name in names), names])
+        gap = named.residual + whole
+        largest = max(range(len(parts)), key=lambda k: _energy(problem, parts[k]))
+        own = parts[largest][: problem.inputs]
         windows = windows_of(problem, own**2)
-        subsystem, regime = parts[0].effect.subsystem(problem.active.kind), parts[0].effect.regime
+        subsystem, regime = effects[largest].subsystem(problem.active.kind), effects[largest].regime
         places: tuple[PlaceProbability, ...] = (PlaceProbability(subsystem, 1.0),)
         said: tuple[str, ...] = ()
     else:
@@ -244,9 +245,9 @@ def _profiles(problem: Problem, near: Fitted, seed: int) -> tuple[list[Profile],
 
 def free_of(problem: Problem, near: Fitted) -> Free:
     """How far the base parameters may still go from a fit, within their tolerances."""
-    low, high, std = bounds_of(near.knobs)
+    low, high, std = bounds_of(near.free)
     z = near.z
-    tolerance = np.array([not getattr(knob, "logarithmic", False) for knob in near.knobs for _ in knob.lowest])
+    tolerance = np.array([not parameter.logarithmic for parameter in near.free for _ in parameter.lowest])
     reach = np.where(tolerance, TOLERANCES * std, np.inf)
     low, high = np.maximum(low, -reach) - z, np.minimum(high, reach) - z
     hold = problem.noise / np.sqrt(problem.share) / std

@@ -13,22 +13,16 @@ matters, whatever else is left in r. A mimic leaves a curve over its own variabl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from workbench.diagnose.hypotheses.contributions import parts_of
-from workbench.diagnose.hypotheses.fits import Fitted
-from workbench.diagnose.hypotheses.merit import PLAY
+from workbench.diagnose.hypotheses import settings
+from workbench.diagnose.hypotheses.evidence import PLAY
+from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.profiles import OnTop, basis, hats, spacing, variables
 from workbench.diagnose.location.where import free_of
-from workbench.effects import Effect
 
-VARIES = 0.08  # share: a true cause has shown 0.076 at most (a lag), mimics 0.09 and more
-RESTS = 0.25  # rest: 0.2 at most, and 0.4 and more
 LEAST = 1e-3  # of what is left: where the tolerances alone tell of a cause, it takes nothing off the residual
-FORETOLD = 0.1  # of what the fit leaves: so much of a remainder a curve over any variable foretells
-CHANCE = 0.05  # of what the fit leaves: so much of a remainder looks like a change of the cause's amount
 EVERYWHERE = ("all", "time")  # regimes of the variables over which every amount is constant
 OWN = {
     "low_speed": ("speed",),
@@ -49,10 +43,10 @@ class Constancy:
 
     @property
     def broken(self) -> bool:
-        return self.share > VARIES or self.rest > RESTS
+        return self.share > settings.VARIES or self.rest > settings.RESTS
 
 
-def constancies(problem: Problem, near: Fitted, fit: Fitted, effects: Sequence[Effect]) -> tuple[Constancy, ...]:
+def constancies(problem: Problem, near: Fitted, fit: Fitted) -> tuple[Constancy, ...]:
     """Of each effect of a fit, for the own variable that it is least constant over. near: the fit without effects.
 
     Not of a play with impacts: its own law is not looked at in the residual.
@@ -62,13 +56,13 @@ def constancies(problem: Problem, near: Fitted, fit: Fitted, effects: Sequence[E
     energy, before = (float(weight @ rows[: problem.inputs] ** 2) for rows in (left, near.residual))
     taken = max(before - energy, LEAST * energy)
     found = []
-    for part in parts_of(problem, fit, effects):
-        rows = part.rows[: problem.inputs]
+    for name, part in zip(fit.effects, parts_of(problem, fit, [(name,) for name in fit.effects]), strict=True):
+        rows, effect = part[: problem.inputs], problem.effect(name)
         own = float(weight @ rows**2)
-        if own <= 0.0 or (part.effect.id == PLAY and problem.struck):
+        if own <= 0.0 or (name == PLAY and problem.struck):
             continue
-        regime = part.effect.regime
-        sensor = part.effect.subsystem(problem.active.kind).endswith("sensor")
+        regime = effect.regime
+        sensor = effect.subsystem(problem.active.kind).endswith("sensor")
         regimes = (*EVERYWHERE, *(SENSED if sensor and regime == "all" else OWN.get(regime, (regime,))))
         tested = []
         for variable in variables(problem, left):
@@ -76,8 +70,8 @@ def constancies(problem: Problem, near: Fitted, fit: Fitted, effects: Sequence[E
                 shape, bend = hats(variable)
                 changing = energy - float(weight @ on_top.after(rows[:, None] * shape, bend) ** 2)
                 beside = energy - float(weight @ on_top.after(*basis(problem, variable)) ** 2)
-                share, rest = (changing - CHANCE * energy) / own, (beside - FORETOLD * energy) / taken
-                tested.append(Constancy(part.effect.id, variable.name, share, rest))
+                share, rest = (changing - settings.CHANCE * energy) / own, (beside - settings.FORETOLD * energy) / taken
+                tested.append(Constancy(name, variable.name, share, rest))
         if tested:
-            found.append(max(tested, key=lambda one: max(one.share / VARIES, one.rest / RESTS)))
+            found.append(max(tested, key=lambda one: max(one.share / settings.VARIES, one.rest / settings.RESTS)))
     return tuple(found)

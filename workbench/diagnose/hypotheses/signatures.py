@@ -1,4 +1,5 @@
-"""The signatures of all effects at one point: the change of the residual by a small amount, for every shape tried."""
+"""Signatures: the change of the residual by a small amount of an effect, for every shape tried; and what a linear fit
+of them promises, with everything projected out that base parameters could explain."""
 
 from __future__ import annotations
 
@@ -10,7 +11,14 @@ from itertools import product
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.knobs import Setting
+from workbench.diagnose.hypotheses.fit import Fitted, is_timing
+from workbench.diagnose.hypotheses.free_parameters import (
+    FreeParameter,
+    Setting,
+    bounds_of,
+    effect_parameters,
+)
+from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.machines import kind_of
@@ -23,7 +31,7 @@ SHAPES_TRIED = 4  # of a shape that says nothing else
 
 
 @dataclass(frozen=True)
-class Atom:
+class Signature:
     """An effect at one shape. columns: (samples, k), for one scale of each amount (two of a wave; of each run).
 
     at: symbol -> value of the shapes. amounts: the ranges of the columns; scale: their amount. signed: whether a
@@ -63,12 +71,12 @@ def _off(r: Ranged) -> float:
     return r.vanishes_at
 
 
-def atoms(
+def signatures_of(
     problem: Problem,
     effects: Iterable[Effect],
     base: Setting,
     shapes_of: Mapping[str, Sequence[Mapping[str, float]]] | None = None,
-) -> list[Atom]:
+) -> list[Signature]:
     """Every effect's signatures around the setting `base`. shapes_of: an effect's shapes, None to try all.
 
     Where impacts come again, an amount that has `tries` starts from each of them: a play shows at its own share only.
@@ -111,7 +119,7 @@ def atoms(
             columns = np.concatenate(
                 [np.where((problem.run_of_row == j)[:, None], columns, 0.0) for j in range(len(problem.runs))], axis=1
             )
-        signatures.append(Atom(effect, at, columns, amounts, scale, wave))
+        signatures.append(Signature(effect, at, columns, amounts, scale, wave))
     return signatures
 
 
@@ -175,3 +183,108 @@ def _visited(problem: Problem, scan: str) -> tuple[float, float]:
     sizes = kind_of(problem.machine).sizes(problem.machine, problem.runs)
     every = np.concatenate(_places(problem)) * (1.0 if scan == "position" else sizes.drum_angle / sizes.length)
     return float(np.min(every)), float(np.max(every))
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Residual and signatures with the part that the base parameters can explain projected out."""
+
+    errors: ErrorModel
+    rows: Array  # orthonormal columns of the whitened, augmented base Jacobian
+    residual: Array
+    priors: int
+
+    @staticmethod
+    def of(problem: Problem, base: Fitted) -> Projection:
+        _, _, std = bounds_of(base.free)
+        white = problem.errors.whiten(np.column_stack([base.jacobian, base.residual]))
+        q, _ = np.linalg.qr(np.vstack([white[:, :-1], np.diag(1.0 / std)]))
+        residual = np.concatenate([white[:, -1], base.z / std])
+        return Projection(problem.errors, q, residual - q @ (q.T @ residual), len(std))
+
+    def clean(self, columns: Array) -> Array:
+        """(samples, k) signatures -> (samples + priors, k), whitened, the base taken out."""
+        a = np.vstack([self.errors.whiten(columns), np.zeros((self.priors, columns.shape[1]))])
+        return a - self.rows @ (self.rows.T @ a)
+
+    def gain(self, signature: Signature) -> tuple[float, float, Array]:
+        """`linear_gain` of an effect at one shape."""
+        return linear_gain(self.clean(signature.columns), self.residual, columns_signed(signature), self.priors)
+
+
+def linear_gain(columns: Array, residual: Array, signs: Sequence[bool], priors: int) -> tuple[float, float, Array]:
+    """The largest fall of |residual|^2 by the columns: in the data, in the last `priors` rows; and their amounts.
+
+    signs: which amounts may be negative.
+    """
+    if columns.shape[1] == 0:
+        return 0.0, 0.0, np.zeros(0)
+    gram, pull = columns.T @ columns, columns.T @ residual
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    amounts = _normal(gram, pull, scale)
+    held = np.zeros(len(pull), dtype=bool)
+    # What comes out negative and must not be is left out, one after the other: few columns have signs.
+    while np.any(wrong := ~np.array(signs) & ~held & (amounts < 0.0)):
+        held[int(np.argmin(np.where(wrong, amounts * scale, 0.0)))] = True
+        free = np.flatnonzero(~held)
+        amounts = np.zeros(len(pull))
+        if len(free):
+            amounts[free] = _normal(gram[np.ix_(free, free)], pull[free], scale[free])
+    left = residual - columns @ amounts
+    gained = residual**2 - left**2
+    return float(np.sum(gained[:-priors])), float(np.sum(gained[-priors:])), np.asarray(amounts, dtype=float)
+
+
+def _normal(gram: Array, pull: Array, scale: Array) -> Array:
+    """Least squares by the normal equations, each column on its own scale; nearly equal columns share the amount."""
+    unit = gram / np.outer(scale, scale)
+    unit[np.diag_indices_from(unit)] += 1e-9
+    return np.asarray(np.linalg.solve(unit, pull / scale) / scale)
+
+
+def start_of(problem: Problem, signature: Signature, amounts: Array) -> tuple[list[FreeParameter], list[float]]:
+    """Knobs and z of an effect, from the amounts that a linear fit gave its signature."""
+    effect = signature.effect
+    ranges = ranges_of(effect, problem.machine, problem.runs)
+    at: dict[str, float | tuple[float, ...]] = dict(signature.at)
+    if signature.wave is not None:
+        r, scale = signature.amounts[0], signature.scale[0]
+        if signature.wave.per_run:
+            pairs = amounts.reshape(-1, 2)
+            size = float(np.sqrt(np.mean(np.sum(pairs**2, axis=1)))) * scale
+            at[r.symbol] = min(max(size, 0.05 * r.scale), r.highest)
+            at[signature.wave.symbol] = tuple(float(math.atan2(b, a)) for a, b in pairs)
+        else:
+            at[r.symbol] = min(float(np.hypot(*amounts)) * scale, r.highest)
+            at[signature.wave.symbol] = math.atan2(amounts[1], amounts[0])
+    else:
+        for r, scale, amount in zip(signature.amounts, signature.scale, amounts, strict=True):
+            assert r.vanishes_at is not None
+            value = r.vanishes_at + scale * float(amount)
+            at[r.symbol] = min(max(value, r.lowest), r.highest)
+    return effect_parameters(effect, ranges, at)
+
+
+def stepped_aside(problem: Problem, at: Fitted, taken: Array, delay: bool = False) -> Array:
+    """z of a fit's own parameters, refitted linearly after an effect has taken `taken` (samples,) off the residual.
+
+    Two nonlinear parameters stay fixed: the turn-over of friction, and the log's timing, since friction jumps between
+    samples. delay: the effect is a delay itself, so the timing is refitted too.
+    """
+    lowest, highest, std = bounds_of(at.free)
+    moved = np.array(
+        [not (k.logarithmic or (is_timing(k) and not delay)) for k in at.free for _ in range(k.size)], dtype=bool
+    )
+    white = problem.errors.whiten(np.column_stack([at.jacobian[:, moved], at.residual - taken]))
+    rows = np.vstack([white[:, :-1], np.diag(1.0 / std[moved])])
+    target = np.concatenate([white[:, -1], at.z[moved] / std[moved]])
+    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    z = at.z.copy()
+    z[moved] -= np.linalg.lstsq(rows / scale, target, rcond=1e-12)[0] / scale
+    return np.clip(z, lowest, highest)
+
+
+def columns_signed(signature: Signature) -> list[bool]:
+    if signature.wave is not None:
+        return [True] * signature.columns.shape[1]
+    return [r.lowest < (r.vanishes_at or 0.0) for r in signature.amounts]

@@ -1,0 +1,304 @@
+"""How well a hypothesis explains the data: its likelihood, with the sizes of the model error at their best.
+
+    score = |whitened residual|^2 + ln det C(g, h) + (ln g / SPREAD)^2 + (ln h / SPREAD)^2
+            + |base parameters in tolerances|^2
+
+g is the campaign's own size of the model error over the default, h that of its part near standstill beside it, at their
+best within bounds. The evidence of a hypothesis is the fall of its score against no effect, less its cost: each
+parameter costs ln(n) (G. Schwarz, Annals of Statistics 6, 1978), n independent samples, MOST at most.
+
+A score weighs what a hypothesis explains as if all that is left were noise and a random model error. Two discounts are
+taken off what the data give, none off what the tolerances say: an effect may be of the form of the machine's own
+model error (`beyond_model_error`), and a second effect may only mend the first one's inexact law (`inexact`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from workbench.core.run import Array
+from workbench.diagnose.hypotheses import settings
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import Names, nuisance_std
+from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel, Sizes
+from workbench.diagnose.hypotheses.problem import Problem, rms
+from workbench.effects import find
+from workbench.machines import kind_of
+
+STEP = 2.0  # of both sizes, from one tried to the next
+BOUNDS = ((0.5, 1024.0), (1.0, 16.0))
+MOST = 500.0  # independent samples that a parameter pays for
+PLAY = "backlash"  # the effect whose impacts are found in the logs (`simulate/motion.py`)
+
+
+@dataclass(frozen=True)
+class Score:
+    """value: minus twice the logarithm of the likelihood, up to a constant, with priors. sizes: g and h. excess: the
+    model error over the default one, rms."""
+
+    value: float
+    sizes: Sizes
+    excess: float
+
+
+def score_of(problem: Problem, fit: Fitted) -> Score:
+    """A fit's score at the best sizes of the model error, to a factor of STEP."""
+    errors = problem.errors
+    tried: dict[Sizes, float] = {}
+
+    def value(sizes: Sizes) -> float:
+        if sizes not in tried:
+            tried[sizes] = _value(errors.sized(sizes), fit.residual)
+        return tried[sizes]
+
+    best = errors.sizes
+    while True:
+        g, h = best
+        around = [(g * STEP, h), (g / STEP, h), (g, h * STEP), (g, h / STEP)]
+        inside = [sizes for sizes in around if _within(sizes)]
+        better = min(inside, key=value)
+        if value(better) >= value(best):
+            break
+        best = better
+    excess = rms(errors.sized(best).model_error) / max(rms(errors.sized((1.0, 1.0)).model_error), 1e-300)
+    return Score(value(best) + fit.prior, best, excess)
+
+
+def explained(problem: Problem, before: Fitted, after: Fitted, score: Score) -> float:
+    """The fall of the whitened sum of squares from one fit to another, whitened with the model error of `score`."""
+    white = problem.errors.sized(score.sizes).whiten(np.column_stack([before.residual, after.residual]))
+    return max(float(white[:, 0] @ white[:, 0] - white[:, 1] @ white[:, 1]), 0.0)
+
+
+def _value(errors: ErrorModel, residual: Array) -> float:
+    white = errors.whiten(residual)
+    unlikely = sum((math.log(size) / SPREAD) ** 2 for size in errors.sizes)
+    return float(white @ white) + errors.log_det() + unlikely
+
+
+def _within(sizes: Sizes) -> bool:
+    return all(low <= size <= high for size, (low, high) in zip(sizes, BOUNDS, strict=True))
+
+
+def independent(problem: Problem) -> float:
+    """Independent samples of the input."""
+    return problem.share * problem.inputs
+
+
+def cost(problem: Problem, parameters: int) -> float:
+    """The cost of so many effect parameters, in the score's unit."""
+    return parameters * math.log(min(max(independent(problem), 2.0), MOST))
+
+
+def of_impacts(problem: Problem, effects: Collection[str], evidence: float) -> float:
+    """The evidence with what the impacts in the logs say: a play has them; without one, it is worth nothing beside
+    them."""
+    if not problem.struck:
+        return evidence
+    return max(evidence, 0.0) + settings.IMPACTS if PLAY in effects else min(evidence, 0.0)
+
+
+def only_mends(problem: Problem, effect: str) -> bool:
+    """Whether a further effect only mends what a first one leaves, whatever it explains. A lag of a sensor beside a
+    play takes what its rebounds leave. A play without impacts, which frees inertia and friction after each reversal,
+    takes what any other law leaves there.
+    """
+    if effect == PLAY:
+        return kind_of(problem.machine).bridged_impacts and not problem.struck
+    return problem.struck and _is_lag(problem, effect)
+
+
+def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score, law: float | None = None) -> float:
+    """The gain that a further effect could have by correcting the inexact law of this fit: `law` of what the fit
+    explains, as rms, SECOND by default; BESIDE_PLAY where that is a play with its impacts."""
+    off = settings.SECOND if law is None else law
+    off = settings.BESIDE_PLAY if problem.struck and PLAY in fit.effects else off
+    return off**2 * explained(problem, near, fit, score)
+
+
+def beyond(data: float, least: float) -> float:
+    """The gain from the data above `least`. A loss stays as it is."""
+    return max(data - least, 0.0) if data > 0.0 else data
+
+
+def lag_explains(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> bool:
+    """Whether a lag of a sensor alone takes what any hypothesis with a play takes, to LAGS of the energy. The kinks of
+    a late signal look like the impacts of a play."""
+
+    def taken(some: Collection[Names]) -> float:
+        left = min((fits[names].rms(problem.inputs) for names in some), default=math.inf)
+        return near.rms(problem.inputs) ** 2 - left**2
+
+    lag = taken([names for names in fits if len(names) == 1 and _is_lag(problem, names[0])])
+    return lag > 0.0 and lag > (1.0 - settings.LAGS) * taken([names for names in fits if PLAY in names])
+
+
+def _is_lag(problem: Problem, name: str) -> bool:
+    declared = problem.effect(name)
+    return declared.regime == "acceleration" and declared.subsystem(problem.active.kind).endswith("sensor")
+
+
+def beyond_model_error(
+    problem: Problem, before: Fitted, after: Fitted, gain: float, sizes: Sizes | None = None
+) -> float:
+    """The fall of the score, less what the machine's own model error could give if it had this effect's form.
+
+    The model error is taken for random in the likelihood. It need not be: a law of friction that is not the machine's
+    leaves what some effect describes. So of what the data give, the share is taken off that an effect as large as the
+    model error would have, rms: the default one, or that which the machine has shown. Tolerances need no such discount.
+    sizes: of the model error that stays beside the effect, None for the search's.
+    """
+    added = set(after.effects) - set(before.effects)
+    if not added:
+        return gain
+    prior = before.prior - after.prior
+    return prior + discounted(problem, added, gain - prior, before.residual, after.residual, sizes, not before.effects)
+
+
+def discounted(
+    problem: Problem,
+    added: Collection[str],
+    data: float,
+    before: Array,
+    after: Array,
+    sizes: Sizes | None = None,
+    first: bool = False,
+) -> float:
+    """The gain from the data after the discount of `beyond_model_error`. before, after: residuals (samples,) without
+    and with the effects.
+
+    The first effect is compared with the model error where it acts: rows count by how much it changes them; a further
+    one with all of it, for it may be no more than that. What acts at speed is compared with that at speed: rows count
+    less the more of their model error is that near standstill. An axis' noise is what its log shows, to NOISE_KNOWN:
+    where it is larger, a lag explains the rest.
+    """
+    if data <= 0.0:
+        return data
+    slow = all(problem.effect(name).regime == "low_speed" for name in added)
+    rows = slice(0, problem.inputs)
+    errors = problem.errors if sizes is None else problem.errors.sized(sizes)
+    share = np.ones(problem.inputs) if slow else errors.at_speed[rows]
+    if first:
+        share = share * np.abs(before[rows] - after[rows])
+    default = float(np.mean(share * errors.sized((1.0, 1.0)).model_error[rows] ** 2))
+    shown = float(np.mean(share * errors.model_error[rows] ** 2)) if max(errors.sizes) > 1.0 else 0.0
+    if kind_of(problem.machine).floor == "own":
+        default += ((1.0 + settings.NOISE_KNOWN) ** 2 - 1.0) * float(np.mean(share * problem.row_noise**2))
+    taken = float(np.mean(share * (before[rows] ** 2 - after[rows] ** 2)))
+    return data * max(1.0 - max(default, shown) / max(taken, 1e-300), 0.0)
+
+
+def model_error_rms(problem: Problem) -> float:
+    """The model error of the input's rows, rms, in the input's unit."""
+    return float(np.sqrt(np.mean(problem.errors.model_error[: problem.inputs] ** 2)))
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A hypothesis with its evidence. gain: the fall of chi^2 and tolerances. score: at the sizes of the model error
+    that fit best. rival: an unlisted effect, which no answer may name."""
+
+    names: Names
+    fit: Fitted
+    gain: float
+    evidence: float
+    score: Score
+    rival: bool = False
+
+
+def weigh(
+    problem: Problem, base: Fitted, near: Fitted, fits: Mapping[Names, Fitted], rivals: Collection[str] = ()
+) -> tuple[tuple[Weighed, ...], Score]:
+    """All fitted hypotheses by falling evidence, and the score without any effect.
+
+    base: the fit without effects; near: the same within the tolerances. rivals: unlisted effects. The evidence of
+    several effects is that of the best subset without one of them, plus what the last one adds beyond the gain that an
+    inexact law of the others allows (`inexact`).
+    """
+    none = score_of(problem, base)
+
+    def weighed(names: Names, score: Score, evidence: float) -> Weighed:
+        fit = fits[names]
+        gain = base.objective - fit.objective
+        return Weighed(names, fit, gain, evidence, score, any(name in rivals for name in names))
+
+    by_names: dict[Names, Weighed] = {}
+    for size in range(1, max(map(len, fits), default=0) + 1):
+        together: dict[Names, Weighed] = {}
+        for names, fit in fits.items():
+            if len(names) != size:
+                continue
+            score = score_of(problem, fit)
+            if size == 1:
+                evidence = beyond_model_error(problem, base, fit, none.value - score.value, score.sizes)
+                evidence -= cost(problem, len(fit.z) - len(base.z))
+                evidence = of_impacts(problem, names, beyond_nuisance(problem, fit, names[0], evidence))
+                together[names] = weighed(names, score, evidence)
+                continue
+            parts = (by_names.get(part) for part in combinations(names, size - 1))
+            first = max((part for part in parts if part is not None), key=lambda w: w.evidence, default=None)
+            if first is not None:
+                together[names] = weighed(names, score, first.evidence + _added(problem, near, first, fit, score))
+        by_names |= {names: _not_freer(problem, near, w, together) for names, w in together.items()}
+    return tuple(sorted(by_names.values(), key=lambda w: -w.evidence)), none
+
+
+def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: Score) -> float:
+    """The evidence that one more effect adds to a hypothesis."""
+    gain = beyond_model_error(problem, first.fit, fit, first.score.value - score.value, score.sizes)
+    prior = first.fit.prior - fit.prior
+    (last,) = set(fit.effects) - set(first.names)
+    least = inexact(problem, near, first.fit, first.score)
+    if problem.struck and PLAY in first.names:  # what its law does not foretell stretches tolerances too
+        added = min(gain, 0.0) if only_mends(problem, last) else beyond(gain, least)
+    else:
+        data = beyond(gain - prior, least)
+        added = prior + (min(data, 0.0) if only_mends(problem, last) else data)
+    evidence = added - cost(problem, len(fit.z) - len(first.fit.z))
+    return beyond_nuisance(problem, fit, last, evidence) - settings.calibration()["pair"]
+
+
+def _not_freer(problem: Problem, near: Fitted, mine: Weighed, beside: Mapping[Names, Weighed]) -> Weighed:
+    """The hypothesis with less evidence, if it is not better by FREER than a simpler law of the same place and regime:
+    the shortfall is subtracted. No more is it where its prediction is off that of the simpler law by less than LAW of
+    what that law explains, rms: so far a real machine is off any law."""
+    lost = 0.0
+    for names, other in beside.items():
+        own, its = set(mine.names) - set(names), set(names) - set(mine.names)
+        if len(own) != 1 or not all(same_but_freer(a, b, problem.active.kind) for a in own for b in its):
+            continue
+        rows = slice(0, problem.inputs)
+        bent, law = mine.fit.residual[rows] - other.fit.residual[rows], near.residual[rows] - other.fit.residual[rows]
+        raw, real = mine.evidence - other.evidence, advantage(problem, near, mine, other, settings.LAW)
+        if rms(bent) < settings.LAW * rms(law):
+            real = min(real, 0.0)
+        lost = max(lost, raw - real + min(max(settings.FREER - real, 0.0), settings.FREER))
+    return replace(mine, evidence=mine.evidence - lost)
+
+
+def advantage(problem: Problem, near: Fitted, mine: Weighed, other: Weighed, law: float) -> float:
+    """How much better a hypothesis is than another one whose inexact law it may only correct: the difference of the
+    tolerances in full, that of the data above the other one's inexactness, `law` of what it explains, rms."""
+    prior = other.fit.prior - mine.fit.prior
+    least = inexact(problem, near, other.fit, other.score, law)
+    return prior + beyond(mine.evidence - other.evidence - prior, least)
+
+
+def beyond_nuisance(problem: Problem, fit: Fitted, name: str, evidence: float) -> float:
+    """The evidence less the part that an ordinary nuisance amount of the effect explains: NUISANCE deviations."""
+    known = nuisance_std(problem.machine, problem.runs, name)
+    sizes = [float(np.mean(fit.setting[symbol])) / std for symbol, std in known.items()]
+    if evidence <= 0.0 or not sizes:
+        return evidence
+    return evidence * max(1.0 - (settings.NUISANCE / max(*sizes, settings.NUISANCE)) ** 2, 0.0)
+
+
+def same_but_freer(freer: str, simpler: str, kind: str) -> bool:
+    """Whether an effect has the place and regime of another one and more parameters: the same cause by a freer law."""
+    a, b = find(freer, kind), find(simpler, kind)
+    return len(a.parameters) > len(b.parameters) and (a.subsystem(kind), a.regime) == (b.subsystem(kind), b.regime)

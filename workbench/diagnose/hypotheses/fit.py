@@ -1,0 +1,254 @@
+"""Fits of hypotheses: base parameters within their tolerances, and the parameters of the effects.
+
+A parameter in its own unit comes with a standard error:
+
+    std_error² = g Σ gᵀ + s²
+
+Σ is the covariance of the fit, of noise, model error and tolerances; g the parameter's derivative. s is by how much the
+value may be off because the effect's law simplifies (`Parameter.simplified`): where the law fits every run alike, the
+residual does not show it, neither as a whole nor from run to run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from types import SimpleNamespace
+
+import numpy as np
+
+from workbench.core.run import Array
+from workbench.diagnose.hypotheses.free_parameters import (
+    LOG_TIMING,
+    Estimate,
+    FreeParameter,
+    Names,
+    Scalar,
+    Setting,
+    bounds_of,
+    logarithmic_of,
+    setting_of,
+)
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.effects import Effect, Ranged, ranges_of
+from workbench.identify.least_squares import minimise
+
+ROUND = 4  # steps with the base parameters' signatures as they were
+WORTH = 0.05  # of the objective: less is not worth another round
+WORTH_OF_ALL = 2e-5  # the same, of the whole
+SIZES = (0.2, 0.07, 0.025, 0.008)  # of the steps of a pattern search: of a value, or of LEAST of its scale if more
+LEAST = 0.1
+AGAIN = 2  # steps of one size
+SLOPE_STEP = 1e-4  # of z, for the values' slopes
+
+Raw = dict[bytes, tuple[Array, Array]]  # z -> residual and Jacobian, in the input's unit
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The fit of one hypothesis. effects: ids. z: at the minimum, base parameters first. residual, jacobian: at z.
+
+    chi2: of the data, whitened (`ErrorModel`); prior: of the base parameters in tolerances.
+    """
+
+    effects: tuple[str, ...]
+    free: tuple[FreeParameter, ...]
+    z: Array
+    residual: Array
+    jacobian: Array
+    chi2: float
+    prior: float
+    evaluations: int
+    settled: bool
+
+    @property
+    def objective(self) -> float:
+        return self.chi2 + self.prior
+
+    def rms(self, inputs: int) -> float:
+        """Of the input's residual, the first `inputs` rows."""
+        return float(np.sqrt(np.mean(self.residual[:inputs] ** 2)))
+
+    @property
+    def setting(self) -> dict[str, float | tuple[float, ...]]:
+        return setting_of(self.free, self.z)
+
+
+def fit_hypothesis(
+    problem: Problem,
+    effects: Sequence[str],
+    free: Sequence[FreeParameter],
+    z: Array,
+    most: int = 25,
+    base: int = 0,
+    known: Array | None = None,
+) -> Fitted:
+    """The minimum of chi^2 and prior, started at z, in at most about `most` evaluations.
+
+    base: how many of the first z are the base parameters'. Their signatures hardly change on
+    the way, so they are differenced anew only every few steps; all but those of friction near standstill
+    and of the log's timing, which an effect's own delay has to stay parallel to. known: (samples, base or more) their
+    Jacobian at a point near z, None where they are to be differenced at z.
+    """
+    lowest, highest, std = bounds_of(free)
+    z = np.clip(z, lowest, highest)
+    whiten = problem.errors.whiten
+    careful = logarithmic_of(free)
+    reach = np.where(careful, 0.5, np.inf)
+    late = np.array([is_timing(k) for k in free for _ in k.lowest], dtype=bool)
+    changing = careful | late | (np.arange(len(z)) >= base)
+    anew, lasting = np.flatnonzero(changing), np.flatnonzero(~changing)
+    prior = np.diag(1.0 / std)
+    residual, jacobian = problem.evaluate(free, z, None if known is None else anew)
+    if known is not None:
+        own, jacobian = jacobian, np.empty((len(residual), len(z)))
+        jacobian[:, anew], jacobian[:, lasting] = own, known[:, lasting]
+    white, slopes = whiten(residual), whiten(jacobian)
+    evaluations, settled, elsewhere = 1, False, known is not None
+
+    def renewed() -> tuple[Array, Array]:
+        """The Jacobian with the lasting columns differenced at z, and whitened."""
+        full, full_white = jacobian.copy(), slopes.copy()
+        full[:, lasting] = problem.evaluate(free, z, lasting)[1]
+        full_white[:, lasting] = whiten(full[:, lasting])
+        return full, full_white
+
+    before = _objective(white, z, std)
+    enough = max(WORTH, WORTH_OF_ALL * before)
+    while evaluations < most:
+        raw = {z.tobytes(): (residual, jacobian)}  # the minimum is sought in whitened rows
+
+        def evaluate(at: Array, kept: Array = jacobian, known: Array = slopes, raw: Raw = raw) -> tuple[Array, Array]:
+            r, own = problem.evaluate(free, at, only=anew)
+            full, full_white = kept.copy(), known.copy()
+            both = whiten(np.column_stack([r, own]))
+            full[:, anew], full_white[:, anew] = own, both[:, 1:]
+            raw[at.tobytes()] = r, full
+            return both[:, 0], full_white
+
+        allowed = min(ROUND, most - evaluations) if base else most - evaluations
+        minimum = minimise(evaluate, (z, white, slopes), lowest, reach, 1.0, prior, highest, allowed)
+        evaluations += minimum.evaluations
+        z, white, slopes = minimum.z, minimum.residual, minimum.jacobian
+        residual, jacobian = raw[z.tobytes()]
+        after = _objective(white, z, std)
+        if not base or (minimum.settled and minimum.evaluations == 0) or before - after < enough:
+            settled = minimum.settled or before - after < enough
+            break
+        before = after
+        jacobian, slopes = renewed()
+        elsewhere = False
+        evaluations += 1
+    if elsewhere:
+        jacobian, _ = renewed()
+    return Fitted(
+        tuple(effects), tuple(free), z, residual, jacobian, float(white @ white), float(np.sum((z / std) ** 2)),
+        evaluations, settled,
+    )  # fmt: skip
+
+
+def _objective(white: Array, z: Array, std: Array) -> float:
+    return float(white @ white) + float(np.sum((z / std) ** 2))
+
+
+def is_timing(parameter: FreeParameter) -> bool:
+    return isinstance(parameter, Scalar) and parameter.symbol == LOG_TIMING
+
+
+def stepped(problem: Problem, fit: Fitted, base: int) -> Array:
+    """z of the best point found around a fit by a pattern search, its first `base` values kept.
+
+    The teeth of a play meet between two samples: a small change of its law moves no sample at all, a larger one several
+    (R. Hooke, T. A. Jeeves, Direct search solution of numerical and statistical problems, J. ACM 8, 1961).
+    """
+    scalars = [k for k in fit.free if isinstance(k, Scalar)]
+    if len(scalars) != len(fit.z):
+        return fit.z
+    lowest, highest, std = bounds_of(fit.free)
+    values = np.array([float(np.mean(fit.setting[k.symbol])) for k in scalars])
+    scales = np.array([k.scale for k in scalars])
+    best, worth = fit.z, fit.objective
+    moves = [np.array(move) for move in product((-1.0, 0.0, 1.0), repeat=len(fit.z) - base) if any(move)]
+    for size in SIZES:
+        for _ in range(AGAIN):
+            reach = size * np.maximum(np.abs(values / scales), LEAST)[base:]
+            tried = [np.clip(best + np.concatenate([np.zeros(base), move * reach]), lowest, highest) for move in moves]
+            residuals = problem.residuals([setting_of(fit.free, z) for z in tried])
+            white = problem.errors.whiten(residuals.T)
+            objectives = np.sum(white**2, axis=0) + np.array([np.sum((z / std) ** 2) for z in tried])
+            k = int(np.argmin(objectives))
+            if objectives[k] >= worth:
+                break
+            best, worth = tried[k], float(objectives[k])
+    return best
+
+
+def parts_of(problem: Problem, fit: Fitted, groups: Sequence[Names]) -> Array:
+    """(groups, samples): the change of the prediction by the effects of each group, at the fit's values; rows of the
+    input first, then of the tension."""
+    settings = []
+    for names in groups:
+        ranges = [r for name in names for r in ranges_of(problem.effect(name), problem.machine, problem.runs)]
+        off = {r.symbol: r.vanishes_at for r in ranges if r.vanishes_at is not None}
+        settings.append({**fit.setting, **off})
+    return problem.differences(fit.setting, settings)[1]
+
+
+def covariance(problem: Problem, fit: Fitted) -> Array:
+    """The covariance of z, (m, m). It grows in proportion to a residual above the noise."""
+    _, _, std = bounds_of(fit.free)
+    white = problem.errors.whiten(fit.jacobian)
+    information = white.T @ white + np.diag(1.0 / std**2)
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
+    excess = max(1.0, fit.chi2 / max(problem.share * problem.samples, 1.0))
+    return np.asarray(inverse * excess)
+
+
+def estimates(problem: Problem, fit: Fitted, exact: bool = False) -> dict[str, tuple[Estimate, ...]]:
+    """Effect -> its parameters: value and standard error, of each run where they are each run's own.
+
+    exact: of laws taken as exact, s = 0, as where two fits of one law are compared.
+    """
+    spread = covariance(problem, fit)
+    slopes = _slopes(fit)
+    rows = {}
+    for name in fit.effects:
+        effect = problem.effect(name)
+        ranges = ranges_of(effect, problem.machine, problem.runs)
+        simplified = {} if exact else _simplified(effect, ranges, fit.setting)
+        rows[name] = tuple(
+            _estimate(r, fit.setting, slopes[r.symbol], spread, simplified.get(r.symbol, 0.0))
+            for r in ranges
+            if r.symbol in fit.setting
+        )
+    return rows
+
+
+def _estimate(r: Ranged, setting: Setting, slopes: Array, spread: Array, simplified: float) -> Estimate:
+    errors = tuple(float(np.sqrt(max(row @ spread @ row, 0.0) + simplified**2)) for row in slopes)
+    value = setting[r.symbol]
+    return Estimate(r.name, value, errors if isinstance(value, tuple) else errors[0])
+
+
+def _simplified(effect: Effect, ranges: Sequence[Ranged], setting: Setting) -> dict[str, float]:
+    """symbol -> s, in the parameter's unit; held values are as they start."""
+    declared = list(zip(effect.parameters, ranges, strict=True))
+    e = SimpleNamespace(**{p.symbol: setting.get(r.symbol, r.start) for p, r in declared})
+    return {r.symbol: abs(float(p.simplified(e))) for p, r in declared if p.simplified is not None}
+
+
+def _slopes(fit: Fitted) -> dict[str, Array]:
+    """symbol -> (values, m): the derivative of each value by z; angles by their shorter way round."""
+    base = {name: np.atleast_1d(np.array(value)) for name, value in fit.setting.items()}
+    slopes = {name: np.zeros((len(value), len(fit.z))) for name, value in base.items()}
+    for k, row in enumerate(SLOPE_STEP * np.eye(len(fit.z))):
+        moved = setting_of(fit.free, fit.z + row)
+        for name, value in moved.items():
+            change = np.atleast_1d(np.array(value)) - base[name]
+            if name.endswith("phase_rad"):
+                change = (change + math.pi) % (2.0 * math.pi) - math.pi
+            slopes[name][:, k] = change / SLOPE_STEP
+    return slopes

@@ -1,0 +1,222 @@
+"""Records of the answer and of the hypotheses it was chosen from, and the probabilities of the answers, from evidence
+and from what speaks for an unknown cause."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Literal
+
+import numpy as np
+
+from workbench.core.run import Array
+from workbench.diagnose.hypotheses.free_parameters import Estimate, Names
+
+VerdictWord = Literal["named", "no_gap", "unknown"]
+
+
+class ReasonKind(Enum):
+    """Reasons against the best named hypothesis."""
+
+    UNLISTED_EXPLAINS_MORE = "unlisted_explains_more"
+    LEAVES_MUCH = "leaves_much"
+    STRETCHES_TOLERANCES = "stretches_tolerances"
+    ON_A_BOUND = "on_a_bound"
+    UNDO_EACH_OTHER = "undo_each_other"
+
+
+@dataclass(frozen=True)
+class Reason:
+    """value: N m (N) left, or standard deviations; percent: of the input's rms; effects: those it is about."""
+
+    kind: ReasonKind
+    effects: Names = ()
+    value: float = 0.0
+    percent: float = 0.0
+
+
+@dataclass(frozen=True)
+class Left:
+    """The residual of the answer beyond noise, on held-out runs: rms, N m (N); per cent of the input's rms; relevant:
+    whether it can change a conclusion of a study."""
+
+    rms: float
+    percent_of_input: float
+    relevant: bool
+
+
+@dataclass(frozen=True)
+class Remainder(Left):
+    """What no cause takes, with any verdict. share: of the gap's energy beyond noise on held-out runs, 0 to 1.
+    subsystem, regime: where it lies; regime "all" where no variable of the motion foretells it."""
+
+    share: float
+    subsystem: str
+    regime: str
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One hypothesis. gain: the fall of chi^2 and tolerances together; merit: its evidence, as diagnosis.json calls it.
+
+    residual_rms, held_out_rms: N m (N); held_out_rms is None for what was not fitted. explained: share of the gap's
+    energy. against: the reasons against it. failure: why its fit broke down, "" for one that did not.
+    """
+
+    effects: Names
+    gain: float
+    merit: float
+    residual_rms: float | None
+    held_out_rms: float | None
+    explained: float | None
+    parameters: Mapping[str, tuple[Estimate, ...]]
+    fitted: bool
+    against: tuple[str, ...] = ()
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One row of the ranking. twins: what differs from it in name only; the probability is of all."""
+
+    verdict: VerdictWord
+    effects: Names
+    probability: float
+    twins: tuple[Names, ...] = ()
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step to an answer, with one effect more. merit: of these effects; left_rms: the rms of their
+    residual, in the input's unit."""
+
+    effects: Names
+    merit: float
+    left_rms: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer. alike: what this campaign cannot tell from it. sentence: the answer in one sentence. steps: how an
+    answer was come to, one effect after the other."""
+
+    word: VerdictWord
+    effects: Names
+    ranking: tuple[Hypothesis, ...]
+    alike: Names
+    sentence: str
+    reasons: tuple[Reason, ...] = ()
+    explained: float = 0.0
+    left: Left = Left(0.0, 0.0, False)
+    steps: tuple[Step, ...] = ()
+    remainder: Remainder | None = None
+
+    @property
+    def probability(self) -> float:
+        """Of the answer, with what differs from it in name only."""
+        return self.ranking[0].probability
+
+    @property
+    def twins(self) -> tuple[Names, ...]:
+        """What differs from the answer in name only."""
+        return self.ranking[0].twins
+
+
+def rank(
+    evidence: Sequence[tuple[Names, float]],
+    signs: Mapping[str, float],
+    numbers: Mapping[str, float],
+    groups: Sequence[Sequence[Names]] = (),
+) -> tuple[Hypothesis, ...]:
+    """The ranking, the answer first, from evidence and the signs of an unknown cause.
+
+    Named hypotheses share what no unknown cause takes with no gap, whose evidence is the threshold; evidence counts
+    divided by the temperature. Evidence without names speaks for an unknown cause. The answer is the likeliest of the
+    three words. groups: of hypotheses that differ in name only, the first one's name leading; each group is one row,
+    with one probability.
+    """
+    x = logistic_argument(signs, numbers)
+    answer = _rows(evidence, _shares(evidence, x, numbers), groups)[0]
+    if x < 0.0:
+        x *= numbers["surer"]
+    rows = _rows(evidence, _with_misses(_shares(evidence, x, numbers), numbers), groups)
+    first = next(row for row in rows if (row.verdict, row.effects) == (answer.verdict, answer.effects))
+    return (first, *sorted((row for row in rows if row is not first), key=lambda row: -row.probability))
+
+
+def shared(ranking: Sequence[Hypothesis], alike: Names, most: float = 0.5) -> tuple[Hypothesis, ...]:
+    """The ranking where the runs cannot tell the answer from others: its probability is `most` at the most. What it
+    gives up goes to the hypotheses with effects of `alike`; where none is ranked, to all others, in proportion."""
+    first, *rest = ranking
+    surplus = first.probability - most
+    if surplus <= 0.0 or not rest:
+        return tuple(ranking)
+    heirs = [k for k, row in enumerate(rest) if set(row.effects) & set(alike)] or list(range(len(rest)))
+    total = sum(rest[k].probability for k in heirs)
+    for k in heirs:
+        share = rest[k].probability / total if total > 0.0 else 1.0 / len(heirs)
+        rest[k] = replace(rest[k], probability=rest[k].probability + surplus * share)
+    rest.sort(key=lambda row: -row.probability)
+    return (replace(first, probability=most), *rest)
+
+
+def logistic_argument(signs: Mapping[str, float], numbers: Mapping[str, float]) -> float:
+    """Of an unknown cause: below 0 it is the less likely."""
+    return numbers["unknown_bias"] + sum(numbers.get(f"unknown_{name}", 0.0) * value for name, value in signs.items())
+
+
+@dataclass(frozen=True)
+class _Shares:
+    """Probabilities; named: of each hypothesis, 0 for evidence without names."""
+
+    no_gap: float
+    unknown: float
+    named: Array
+
+
+def _shares(evidence: Sequence[tuple[Names, float]], x: float, numbers: Mapping[str, float]) -> _Shares:
+    """x: the logistic's argument, of an unknown cause."""
+    unknown = 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0)))
+    exponents = np.array([numbers["threshold"], *(one for _, one in evidence)]) / (2.0 * numbers["temperature"])
+    # Of many causes weighed one looks good by chance.
+    exponents[1:] -= numbers["elsewhere"] * math.log(max(len(evidence), 1))
+    shares = np.exp(exponents - np.max(exponents))
+    shares *= (1.0 - unknown) / np.sum(shares)
+    listed = np.array([bool(names) for names, _ in evidence], dtype=bool)
+    rivals = float(np.sum(shares[1:][~listed]))
+    return _Shares(float(shares[0]), unknown + rivals, np.where(listed, shares[1:], 0.0))
+
+
+def _with_misses(shares: _Shares, numbers: Mapping[str, float]) -> _Shares:
+    """What is stated: of no gap and of an unknown cause less, for so many of them are a listed cause that the fits have
+    missed. What they lose goes to the hypotheses in proportion."""
+    total = float(np.sum(shares.named))
+    if total <= 0.0:
+        return shares
+    no_gap, unknown = (
+        (1.0 - numbers["missed_no_gap"]) * shares.no_gap,
+        (1.0 - numbers["missed_unknown"]) * shares.unknown,
+    )
+    return _Shares(no_gap, unknown, shares.named * (1.0 - no_gap - unknown) / total)
+
+
+def _rows(
+    evidence: Sequence[tuple[Names, float]], shares: _Shares, groups: Sequence[Sequence[Names]]
+) -> tuple[Hypothesis, ...]:
+    """A row for each hypothesis, one for each group that differs in name only: the likeliest of the likeliest word,
+    then the others."""
+    leader = {names: group[0] for group in groups for names in group}
+    others = {group[0]: tuple(group[1:]) for group in groups}
+    together: dict[Names, float] = {}
+    for (names, _), share in zip(evidence, shares.named, strict=True):
+        if names:
+            first = leader.get(names, names)
+            together[first] = together.get(first, 0.0) + float(share)
+    rows = [Hypothesis("no_gap", (), shares.no_gap), Hypothesis("unknown", (), shares.unknown)]
+    rows += [Hypothesis("named", names, share, others.get(names, ())) for names, share in together.items()]
+    total = {"no_gap": shares.no_gap, "unknown": shares.unknown, "named": sum(together.values())}
+    word = max(total, key=lambda verdict: total[verdict])
+    rows.sort(key=lambda row: (row.verdict != word, -row.probability))
+    return (rows[0], *sorted(rows[1:], key=lambda row: -row.probability))
