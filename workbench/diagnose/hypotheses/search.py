@@ -502,7 +502,7 @@ class Search:
         near = replace(result.within_tolerances, free=result.base.free)
         alone = [fit.objective for names, fit in self.fits.items() if len(names) == 1 and names[0] in self.effects]
         best = near.objective - min(alone, default=near.objective)  # taken off by the best alone, from the same point
-        enough = best + max(settings.calibration()["pair"], least * (near.objective - best))
+        enough = best + least * (near.objective - best)
         projection = Projection.of(self.problem, near)
         kept: dict[str, list[tuple[float, Signature, Array]]] = {}
         for one in result.signatures:
