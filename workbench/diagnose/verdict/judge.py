@@ -125,8 +125,8 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
 
 
 def judged_to_help(search: SearchResult) -> Judged:
-    """The verdict. A cause is not named if its correction makes held-out runs worse, nor one beside others that
-    clearly does."""
+    """The verdict. A cause is not named if its correction makes held-out runs worse, nor beside others if it makes
+    them clearly worse."""
     barred: list[Names] = []
     while True:
         judged = judge(search, barred)
