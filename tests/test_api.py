@@ -108,7 +108,8 @@ def test_only_what_shows_a_result_imports_by_name():
         file for file in (ROOT / "workbench").rglob("*.py")
         if "workbench.core.verb import attribute" in file.read_text(encoding="utf-8")
     ]  # fmt: skip
-    assert sorted(file.relative_to(ROOT / "workbench").as_posix() for file in calling) == ["core/shown.py", "diagnose/diagnose.py"]
+    found = sorted(file.relative_to(ROOT / "workbench").as_posix() for file in calling)
+    assert found == ["core/shown.py", "diagnose/diagnose.py"]
 
 
 @each_result
