@@ -34,7 +34,7 @@ from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged
 from workbench.effects import Effect, effects_for
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
-from workbench.simulate.impacts import own_impacts
+from workbench.simulate.motion import own_impacts
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.study.consequences import Consequences, consequences_of
 from workbench.study.load import Study

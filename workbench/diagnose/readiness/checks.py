@@ -14,8 +14,8 @@ from workbench.core.run import Array, Run
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.driven import InverseSimulation
-from workbench.simulate.impacts import impacts_of
 from workbench.simulate.lowpass import LEAST_PERIODS, lowpass, noise_rms
+from workbench.simulate.motion import impacts_of
 
 FEWEST = 20.0  # independent values while moving: about as many as a diagnosis turns numbers
 ABOVE_NOISE = 5.0  # in the band: less is no motion
