@@ -27,8 +27,11 @@ from typing import Any
 import numpy as np
 
 from workbench.blind.answer import answer, load, save, text_of
-from workbench.blind.criteria import (
+from workbench.blind.make import Asked, make, mapped
+from workbench.blind.measures import (
     Share,
+    calibration_by_chance,
+    calibration_error,
     family_of,
     pair,
     right,
@@ -36,8 +39,6 @@ from workbench.blind.criteria import (
     right_word,
     single,
 )
-from workbench.blind.make import Asked, make, mapped
-from workbench.blind.measures import calibration_by_chance, calibration_error
 from workbench.blind.run import run
 from workbench.blind.score import Score, open_and_score
 from workbench.blind.seal import CAMPAIGNS, key_of

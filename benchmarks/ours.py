@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from workbench.control import PiSettings
-from workbench.core.run import Run
+from workbench.core.run import Array, Run
+from workbench.effects import true_input
+from workbench.engine import kernels
 from workbench.identify.fit import Fit, fit
-from workbench.identify.model import SpeedModel, free_parameters
+from workbench.identify.model import Free, free_parameters, values_of
 from workbench.machines import DRIVES, default_hoist
 from workbench.machines.multibody import Driven, move
-from workbench.simulate.driven import InverseSimulation
+from workbench.simulate.driven import InverseSimulation, start_point
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
+from workbench.simulate.lowpass import noise_rms
 from workbench.simulate.replay import simulate_replays
 
 from .case import FITTED, HEIGHT_M, PAYLOAD_KG, Loop, Replay
@@ -70,6 +74,46 @@ def closed_loops(cases: Sequence[LoopCase], record_every: int) -> list[LoopResul
 
 def speed_of(result: LoopResult) -> Floats:
     return result.run["speed_motor_rad_s"]
+
+
+TRUSTED = 1e-5  # of the speed scale: what a replay is believed to
+NYQUIST = math.inf  # the whole band
+
+
+class SpeedModel:
+    """Simulated minus measured speed under the measured input, from the first sample of each run."""
+
+    def __init__(self, bench: InverseSimulation, tolerance: float = kernels.TOLERANCE) -> None:
+        self.bench, self.tolerance = bench, tolerance
+        speeds = [noise_rms(r.time_s, m.speed, NYQUIST) for r, m in zip(bench.runs, bench.motions, strict=True)]
+        self.noise = max(float(np.sqrt(np.mean(np.square(speeds)))), TRUSTED * bench.scale)
+        self.run_lengths = tuple(len(run.time_s) for run in bench.runs)
+        self.lags = max(1, int(1.0 / bench.runs[0].sample_time_s))
+
+    def residuals(self, free: Sequence[Free], sets: Sequence[Array]) -> Array:
+        """(sets, samples), in the speed's unit."""
+        plant, model = self.bench.plant, self.bench.model
+        chosen = [values_of(self.bench, free, z) for z in sets]
+        out = []
+        for j, run in enumerate(self.bench.runs):
+            parameters = [values[j] for values, _, _ in chosen]
+            at, speed = start_point(plant, run, self.bench.motions[j])
+            many = len(parameters)
+            start, _ = model.starts([at] * many, [speed] * many, [float(run.time_s[0])] * many, parameters)
+            logged = [(self.bench.inputs[j] - offset) / gain for _, gain, offset in chosen]
+            inputs = np.stack([true_input(model.active, run.time_s, u) for u in logged], axis=-1)
+            states = kernels.replay(
+                plant,
+                model.table(parameters),
+                run.time_s[:, None],
+                inputs,
+                start,
+                model.scales(self.bench.scale, parameters),
+                effects=model.effects,
+                tolerance=self.tolerance,
+            )
+            out.append(states[:, len(plant.positions), :] - self.bench.motions[j].speed[:, None])
+        return np.concatenate(out).T
 
 
 def friction_fit(bench: InverseSimulation) -> Fit:

@@ -129,7 +129,7 @@ def diagnose(
     *,
     machine: Hoist | Axis | None = None,
     candidates: Sequence[str] | None = None,
-    most_effects: int = 2,
+    most_effects: int = 5,
     baseline: str = "tolerances",
     validate: Sequence[str] = (),
     quick: bool = False,
@@ -142,7 +142,7 @@ def diagnose(
     """Find the effect that the machine of a campaign lacks: location, cause, probability, held-out residual.
 
     machine: to start from, in place of the campaign's. candidates: ids of the effects to weigh, the listed ones of the
-    machine's kind without it. most_effects: that may be missing at once, 1 to 3. baseline: "tolerances" refits the base
+    machine's kind without it. most_effects: that may be missing at once, 1 to 5. baseline: "tolerances" refits the base
     parameters with their tolerances as priors, "nominal" keeps them. validate: names of runs that no number is fitted
     to; the result states them apart. quick: names and places within seconds; no pairs, no study. study: whether to
     compute what changes in the control study, with the moves, limits, payloads and controller of scenario. band_hz:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from workbench.blind.criteria import kind_of as kind_of_row
+from workbench.blind.measures import kind_of as kind_of_row
 from workbench.machines import kind_of
 from workbench.simulate.lowpass import lowpass
 

@@ -23,8 +23,8 @@ from benchmarks.validation.rig import Rig, rig_from
 from benchmarks.validation.rig_files import rig_of
 from workbench.blind import score as later
 from workbench.blind.answer import Answer
-from workbench.blind.criteria import Share, of_the_oracle
 from workbench.blind.make import Asked
+from workbench.blind.measures import Share, of_the_oracle
 from workbench.blind.power import LEAST, power_of, thresholds
 from workbench.blind.seal import Order
 from workbench.core.errors import InputError

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from benchmarks import calibrate, practice
-from workbench.blind import criteria, measures
-from workbench.blind.criteria import Share
+from workbench.blind import measures
+from workbench.blind.measures import Share
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view import blind as tables
 
@@ -107,7 +107,7 @@ def test_the_sheet_has_a_column_for_each_kind_and_source_and_one_for_all_of_a_ki
     assert line["hoist, all"].startswith("3/6")
     recorded = {**made([], "no_gap"), "source": "campaigns"}
     recorded["label"] = {"effects": [], "where": []}
-    assert (criteria.family_of(recorded), criteria.source_of(recorded)) == ("campaigns", "recorded")
+    assert (measures.family_of(recorded), measures.source_of(recorded)) == ("campaigns", "recorded")
 
 
 def test_cases_stand_with_others_of_their_size_over_the_noise():
@@ -125,12 +125,12 @@ def test_cases_stand_with_others_of_their_size_over_the_noise():
 
 def test_a_correction_that_makes_it_worse_is_harmful_and_a_shrink_is_held_against_the_true_effects():
     row = made([VISCOUS], "named", [OFFSET], after=5.2)
-    assert criteria.harmful(row)
-    assert not criteria.harmful({**row, "after": 4.9})
-    assert not criteria.harmful({**row, "word": "no_gap"})
-    assert criteria.of_the_oracle(row) is None
+    assert measures.harmful(row)
+    assert not measures.harmful({**row, "after": 4.9})
+    assert not measures.harmful({**row, "word": "no_gap"})
+    assert measures.of_the_oracle(row) is None
     row = {**row, "after": 1.0, "held_out": [[[], 5.0], [[OFFSET], 1.0], [[VISCOUS], 0.9]]}
-    assert criteria.of_the_oracle(row) == pytest.approx(0.9)
+    assert measures.of_the_oracle(row) == pytest.approx(0.9)
     assert measures.numbers([row]).of_oracle == pytest.approx((0.9,))
     assert measures.numbers(ANSWERS).without_oracle == 7
 
@@ -175,12 +175,12 @@ UNLISTED = "unlisted: a fan"
 def test_a_place_is_right_by_the_likeliest_one():
     motor = {"subsystem": "motor", "regime": "speed"}
     row = made([UNLISTED], "unknown", where=motor, places=[("guide", 0.3), ("motor", 0.6), ("drum", 0.1)])
-    assert criteria.likeliest_place(row) == "motor"
-    assert criteria.place_right(row)
+    assert measures.likeliest_place(row) == "motor"
+    assert measures.place_right(row)
     wrong = made([UNLISTED], "unknown", where=motor, places=[("guide", 0.8), ("motor", 0.2)])
-    assert not criteria.place_right(wrong)
+    assert not measures.place_right(wrong)
     single = made([UNLISTED], "unknown", where=motor)  # an answer of one place, without probabilities
-    assert not criteria.place_right(single)
+    assert not measures.place_right(single)
     assert share("unknown_place", [row, wrong, single]) == (1, 3)
 
 
@@ -197,7 +197,7 @@ def test_a_place_is_right_by_the_likeliest_one():
 def test_an_event_is_found_in_its_run_at_its_time_and_by_its_name(regime: str, window: Any, found: bool):
     event = {"run": "half_fast", "from_s": 12.2, "to_s": 13.1, "subsystem": "guide"}
     row = made([UNLISTED], "unknown", events=[event], windows=[window], regime=regime)
-    assert criteria.event_found(row) == found
+    assert measures.event_found(row) == found
     assert share("event", [row, ANSWERS[0]]) == (int(found), 1)
 
 
@@ -239,13 +239,13 @@ def test_errors_are_relative_to_what_the_effect_changes():
         ["torque_scale"], "named", ["torque_scale"],
         truth={"torque_scale": {"gain": 1.06}}, estimates={"torque_scale": {"gain": (1.09, 0.02)}},
     )  # fmt: skip
-    ((name, relative, errors),) = criteria.estimates_within(row)
+    ((name, relative, errors),) = measures.estimates_within(row)
     assert name == "torque_scale.gain"
     assert (relative, errors) == pytest.approx((0.5, 1.5))
-    assert list(criteria.estimates_within({**row, "names": [OFFSET]})) == []
+    assert list(measures.estimates_within({**row, "names": [OFFSET]})) == []
     wave = {"heave": {"amplitude_m": 0.2, "phase_rad": 1.0}}
     waves = made(["heave"], "named", ["heave"], truth=wave, estimates={"heave": {"phase_rad": (6.0, 0.1)}})
-    assert list(criteria.estimates_within(waves)) == []
+    assert list(measures.estimates_within(waves)) == []
 
 
 def test_a_campaign_that_the_diagnosis_refuses_is_a_miss_that_says_so(tmp_path: Path):
@@ -342,14 +342,14 @@ def test_a_family_is_judged_by_what_the_others_give(monkeypatch: pytest.MonkeyPa
 
     def fitted(others: Sequence[Mapping[str, Any]], decide: bool) -> dict[str, float]:
         assert not decide
-        asked.append({criteria.family_of(row) for row in others})
+        asked.append({measures.family_of(row) for row in others})
         return {**calibration(), "threshold": 1e9 if "axis_std" not in asked[-1] else 4.0}
 
     monkeypatch.setattr(calibrate, "fitted", fitted)
     anew = calibrate.left_out(rows)
     assert len(anew) == len(rows)
     assert sorted(map(sorted, asked)) == sorted(sorted(set(families) - {family}) for family in families)
-    by_name = {family: [row for row in anew if criteria.family_of(row) == family] for family in families}
+    by_name = {family: [row for row in anew if measures.family_of(row) == family] for family in families}
     assert all(row["word"] != "named" for row in by_name["axis_std"])  # nothing beats that threshold
     assert any(row["word"] == "named" for row in by_name["hoist_small"])
     for row in anew:
@@ -364,6 +364,6 @@ def test_recorded_machines_come_first_each_a_column_and_names_that_say_the_same_
     first, *_ = measures.groups([*ANSWERS, row])
     assert first == "recorded, emps"
     assert tables.sheet_table([*ANSWERS, row]).columns[1].head == "recorded,\nasked"
-    assert criteria.right_or_alike(row) and not criteria.right(row) and not criteria.wrong(row)
-    assert not criteria.right_or_alike({**row, "names": ["inertia_error"]})
-    assert criteria.wrong({**row, "names": ["inertia_error"]})
+    assert measures.right_or_alike(row) and not measures.right(row) and not measures.wrong(row)
+    assert not measures.right_or_alike({**row, "names": ["inertia_error"]})
+    assert measures.wrong({**row, "names": ["inertia_error"]})

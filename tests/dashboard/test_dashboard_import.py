@@ -17,7 +17,7 @@ from tests.support.log_campaign import hoist_columns
 from workbench.dashboard import chosen, session
 from workbench.logs import read_campaign
 from workbench.logs.formats.declared import Channel
-from workbench.logs.mapping import propose
+from workbench.logs.importing import propose
 from workbench.machines import default_hoist
 
 RPM = 30.0 / np.pi

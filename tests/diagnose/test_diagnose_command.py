@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -21,6 +22,8 @@ from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import check, forget_users
 from workbench.machines import default_hoist, load_machine
 from workbench.view.diagnosis import brief_sections, candidates_table, progress_words
+
+ROOT = Path(__file__).resolve().parents[2]
 
 OWN_EFFECT = '''\
 from workbench.effects import Parameter, effect
@@ -288,3 +291,26 @@ def test_a_missing_effect_is_named_from_its_runs_and_twice_alike(workbench: Comm
     assert again.status == 0
     replayed = json.loads((tmp_path / "replay" / "replay.json").read_text(encoding="utf-8"))["overall"]
     assert replayed["speed_rmse_percent"] < 0.5 * said["gap"]["speed_rmse_percent"]
+
+
+def test_the_readme_shows_what_this_version_prints(
+    workbench: Commands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Its command is run; each line of its block is the next line printed, but where … stands for some."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    section = text.partition("## Find the gap")[2].partition("## ")[0]
+    (command,) = re.findall(r"^workbench (diagnose .*)$", section, re.MULTILINE)
+    block = [line.strip() for line in section.splitlines() if line.startswith("    ") and line.strip()]
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("COLUMNS", "100")
+    done = workbench(*command.replace("results/diagnosis", str(tmp_path / "out")).split())
+    printed = [line.strip().replace(str(tmp_path / "out"), "results/diagnosis") for line in done.out.splitlines()]
+    rest, skipping = [line for line in printed if line], False
+    for line in block:
+        if line == "…":
+            skipping = True
+            continue
+        assert line in rest, line
+        assert skipping or rest[0] == line, f"{line!r} is printed after {rest[0]!r}"
+        rest, skipping = rest[rest.index(line) + 1 :], False
+    assert skipping or not rest

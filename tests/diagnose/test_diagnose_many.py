@@ -145,6 +145,10 @@ def test_the_functions_signature_has_its_options_and_its_docstring_each_of_them(
     parameters = inspect.signature(wb.diagnose).parameters
     assert {"validate", "quick", "candidates", "most_effects", "seed"} <= set(parameters)
     assert all(p.kind is not p.VAR_KEYWORD for p in parameters.values())
+    inner = inspect.signature(diagnose).parameters
+    assert all(
+        p.default == inner[name].default for name, p in parameters.items() if name in inner and name != "campaign"
+    )
     said = inspect.getdoc(wb.diagnose.__wrapped__) or ""
     assert [name for name in parameters if name != "campaign" and f"{name}:" not in said.replace("\n", " ")] == [
         "scenario", "seed",

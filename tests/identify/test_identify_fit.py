@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.ours import SpeedModel
 from tests.support.noisy_runs import hoist_runs
 from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.identify.fit import Fit, fit
 from workbench.identify.identify import friction_levels, identify
-from workbench.identify.model import BalanceModel, SpeedModel, free_parameters
+from workbench.identify.model import BalanceModel, free_parameters
 from workbench.logs import Campaign
 from workbench.machines import HOIST as HOIST_KIND
 from workbench.machines import Hoist, LinearAxis, default_hoist, get_value, with_values

@@ -17,8 +17,7 @@ from workbench.logs import read_campaign
 from workbench.logs.formats.declared import Channel, at_times
 from workbench.logs.formats.drive_csv import split_unit
 from workbench.logs.formats.opening import open_log
-from workbench.logs.importing import read_channels
-from workbench.logs.mapping import propose, quantity_of, score, unit_of
+from workbench.logs.importing import propose, quantity_of, read_channels, score, unit_of
 from workbench.machines import KINDS, TIME, default_hoist, save_machine
 from workbench.view.logs import mapping_table
 

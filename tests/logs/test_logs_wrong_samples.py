@@ -10,7 +10,7 @@ import pytest
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.logs import read_campaign
+from workbench.logs import raw_run, read_campaign
 from workbench.logs.dropouts import Channel
 from workbench.logs.samples import find_spikes
 from workbench.machines import default_hoist
@@ -252,3 +252,11 @@ def test_a_nearly_weightless_machine_is_one_error_and_no_division_by_zero(tmp_pa
     (folder / "machine.yaml").write_text("\n".join(lines))
     with pytest.raises(InputError):
         read_campaign(folder)
+
+
+def test_a_wide_gaussian_by_fft_is_the_one_by_sums(monkeypatch: pytest.MonkeyPatch):
+    """A log of 10 million rows took half an hour by sums."""
+    values = 1e3 + np.cumsum(np.random.default_rng(0).normal(size=20_000))
+    by_fft = raw_run.smoothed(values, 250.0)
+    monkeypatch.setattr(raw_run, "WIDE", 1e9)
+    assert by_fft == pytest.approx(raw_run.smoothed(values, 250.0), rel=1e-12)

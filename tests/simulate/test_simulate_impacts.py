@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from workbench.core.run import Array, Run
-from workbench.simulate.impacts import bridged, repeated_impacts
+from workbench.simulate.motion import bridged, repeated_impacts
 
 MASS, TIMES = 20.0, (0.73, 1.61, 2.48, 3.37)
 NAMES = ("position_m", "velocity_m_s", "force_n")

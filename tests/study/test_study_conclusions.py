@@ -32,7 +32,7 @@ def row(assigned: dict[str, float | str], payload: float = 9000.0, kind: str = "
         ("sweep.limits.jerk_m_s3", "jerk", "m/s³"),
         ("sweep.limits.lowering.acceleration_m_s2", "lowering acceleration", "m/s²"),
         ("sweep.controller.kp_nm_s_per_rad", "kp", "N m s/rad"),
-        ("sweep.moves[0].by_m", "move 1 by", "m"),
+        ("sweep.moves[0].by_m", "move 1 distance", "m"),
         ("sample.machine.wire.damping_time_s", "wire damping time", "s"),
         ("sample.machine.sensors.payload_scale", "payload scale", ""),
         ("sample.machine.carriage.mass_kg", "carriage mass", "kg"),

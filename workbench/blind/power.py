@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.blind import criteria
-from workbench.blind.criteria import Row, Share
+from workbench.blind import measures
 from workbench.blind.make import validation
+from workbench.blind.measures import Row, Share
 from workbench.blind.score import Score
 from workbench.core.errors import InputError
 from workbench.core.run import Array
@@ -78,17 +78,17 @@ def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str
     plant = "hoist" if rig["kind"] == "hoist" else f"axis-{rig['machine']['motion']}"
     cases: dict[str, list[tuple[Row, float, str, float]]] = {}
     for row in score.rows:
-        if criteria.single(row) and row["noise"] and (amount := first_amount(row, plant)) is not None:
+        if measures.single(row) and row["noise"] and (amount := first_amount(row, plant)) is not None:
             cases.setdefault(row["label"]["effects"][0], []).append((row, *amount))
     cases = {name: members for name, members in sorted(cases.items()) if len(members) >= LEAST}
     sizes = [[float(c[0]["label"]["torque_change_rms_nm"]) for c in members] for members in cases.values()]
-    passed = [[criteria.right_or_alike(c[0]) for c in members] for members in cases.values()]
+    passed = [[measures.right_or_alike(c[0]) for c in members] for members in cases.values()]
     threshold, std = thresholds(sizes, passed)
     effects = tuple(
         _effect(name, members, sizes[k], passed[k], float(threshold[k]), float(std[k]), (one_more or {}).get(name))
         for k, (name, members) in enumerate(cases.items())
     )
-    few = sorted({r["label"]["effects"][0] for r in score.rows if criteria.single(r)} - set(cases))
+    few = sorted({r["label"]["effects"][0] for r in score.rows if measures.single(r)} - set(cases))
     note = (
         "Amounts are off the value at which the effect vanishes; >: the largest size tried is not enough. "
         "From a logistic regression over the size, of which "

@@ -6,16 +6,14 @@ from pathlib import Path
 
 import click
 
-from workbench.cli.options import campaign_argument, effects_option
+from workbench.cli.options import campaign_argument, effects_option, of_a_campaign
 
 
 @click.command(name="identify")
 @campaign_argument
 @click.option("--out", type=click.Path(path_type=Path), help="New folder for machine.yaml, numbers and figures.")
 @click.option("--free", help="Keys of machine.yaml to fit, separated by commas. Default: see --list.")
-@click.option("--runs", help="Names of the runs to use, separated by commas. Default: all.")
-@click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml to start from.")
-@click.option("--band", type=float, help="Band of the torque residual (-3 dB) in Hz. Default: from the machine.")
+@of_a_campaign
 @click.option("--list", "list_keys", is_flag=True, help="Print the keys that --free accepts, and exit.")
 @effects_option
 def command(

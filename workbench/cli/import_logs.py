@@ -64,8 +64,16 @@ def command(
     from workbench.cli.show import print_table, print_text
     from workbench.core.whole_folder import check_free
     from workbench.effects import check
-    from workbench.logs.importing import Imported, in_si, read_channels, runs_yaml, with_table, write_campaign
-    from workbench.logs.mapping import for_all, propose
+    from workbench.logs.importing import (
+        Imported,
+        for_all,
+        in_si,
+        propose,
+        read_channels,
+        runs_yaml,
+        with_table,
+        write_campaign,
+    )
     from workbench.machines import load_machine
     from workbench.view.logs import mapping_table, write_page
 

@@ -33,6 +33,25 @@ def campaigns_argument(command: Command) -> Command:
     return campaign_argument(command, "campaigns", many=True)
 
 
+def options(*chosen: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """Several options as one decorator, in the order in which the help lists them."""
+
+    def decorated(command: Command) -> Command:
+        for option in reversed(chosen):
+            command = option(command)
+        return command
+
+    return decorated
+
+
+# What replay, identify and diagnose ask of a campaign alike.
+of_a_campaign = options(
+    click.option("--runs", help="Names of the runs to use, separated by commas. Default: all."),
+    click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml, such as an identified one."),
+    click.option("--band", type=float, help="Band of the torque residual (-3 dB) in Hz. Default: from the machine."),
+)
+
+
 def effects_option(command: Command) -> Command:
     """`--effects FILE`: loads a user's effects before the command reads anything else.
 

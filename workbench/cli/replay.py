@@ -6,15 +6,13 @@ from pathlib import Path
 
 import click
 
-from workbench.cli.options import campaign_argument, effects_option
+from workbench.cli.options import campaign_argument, effects_option, of_a_campaign
 
 
 @click.command(name="replay")
 @campaign_argument
 @click.option("--out", type=click.Path(path_type=Path), help="New folder for replay.json and replay.html.")
-@click.option("--runs", help="Names of the runs to use, separated by commas. Default: all.")
-@click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml, such as an identified one.")
-@click.option("--band", type=float, help="Band of the torque residual (-3 dB) in Hz. Default: from the machine.")
+@of_a_campaign
 @effects_option
 def command(campaign: Path, out: Path | None, runs: str | None, machine: Path | None, band: float | None) -> None:
     """Replay the runs of CAMPAIGN.

@@ -14,7 +14,7 @@ from workbench.core.errors import InputError
 
 if TYPE_CHECKING:
     from workbench.study.load import Study
-    from workbench.study.store import ResultFolder, Spread, Tell
+    from workbench.study.store import Extra, ResultFolder, Spread, Tell
 
 MOST_ON_PAGE = 60
 MOST_IN_TABLE = 40
@@ -86,8 +86,10 @@ def _run(study: Study, place: ResultFolder, spread: Spread, tell: Tell) -> None:
 
     # Curves of more runs than this are a tangle, and a page of megabytes.
     fits = study.scenario.outputs.signals != "none" and len(study.specs) <= MOST_ON_PAGE
-    page = {"study.html": save_study_page} if fits else {}
-    run_batch(study, place, spread=spread, tell=tell, extras={ANSWER: write_answer} | page)
+    extras: dict[str, Extra] = {ANSWER: write_answer}
+    if fits:
+        extras["study.html"] = save_study_page
+    run_batch(study, place, spread=spread, tell=tell, extras=extras)
 
 
 def _report(study: Study, place: ResultFolder) -> None:

@@ -12,11 +12,10 @@ import numpy as np
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Array, Run
-from workbench.effects import logged_input, true_input
-from workbench.engine import kernels
+from workbench.effects import logged_input
 from workbench.machines import Axis, Hoist, Kind, get_value, kind_of, plant_of
-from workbench.simulate.driven import InverseSimulation, changed, sensor, start_point
-from workbench.simulate.lowpass import lowpass, noise_rms
+from workbench.simulate.driven import InverseSimulation, changed, sensor
+from workbench.simulate.lowpass import lowpass
 
 SIGNED = ("gravity", "offset")
 
@@ -120,10 +119,6 @@ def _position(kind: Kind, run: Run) -> np.ndarray:
 SAMPLES_PER_PERIOD = 4.0  # of the band, that a fit looks at; more say nothing new
 
 
-TRUSTED = 1e-5  # of the speed scale: what a replay is believed to
-NYQUIST = math.inf  # the whole band
-
-
 class OutputModel(Protocol):
     """Residuals (samples,) of all runs, for sets of z; `lags`: the samples over which they are correlated."""
 
@@ -180,40 +175,4 @@ class BalanceModel:
             smooth = lowpass(run.time_s, raw, self.bench.band_hz)[self.rows[j]]
             sensors = np.array([[gain, offset] for _, gain, offset in chosen])
             out.append(self.bench.measured[j][self.rows[j], None] - (smooth * sensors[:, 0] + sensors[:, 1]))
-        return np.concatenate(out).T
-
-
-class SpeedModel:
-    """Simulated minus measured speed under the measured input, from the first sample of each run."""
-
-    def __init__(self, bench: InverseSimulation, tolerance: float = kernels.TOLERANCE) -> None:
-        self.bench, self.tolerance = bench, tolerance
-        speeds = [noise_rms(r.time_s, m.speed, NYQUIST) for r, m in zip(bench.runs, bench.motions, strict=True)]
-        self.noise = max(float(np.sqrt(np.mean(np.square(speeds)))), TRUSTED * bench.scale)
-        self.run_lengths = tuple(len(run.time_s) for run in bench.runs)
-        self.lags = max(1, int(1.0 / bench.runs[0].sample_time_s))
-
-    def residuals(self, free: Sequence[Free], sets: Sequence[Array]) -> Array:
-        """(sets, samples), in the speed's unit."""
-        plant, model = self.bench.plant, self.bench.model
-        chosen = [values_of(self.bench, free, z) for z in sets]
-        out = []
-        for j, run in enumerate(self.bench.runs):
-            parameters = [values[j] for values, _, _ in chosen]
-            at, speed = start_point(plant, run, self.bench.motions[j])
-            many = len(parameters)
-            start, _ = model.starts([at] * many, [speed] * many, [float(run.time_s[0])] * many, parameters)
-            logged = [(self.bench.inputs[j] - offset) / gain for _, gain, offset in chosen]
-            inputs = np.stack([true_input(model.active, run.time_s, u) for u in logged], axis=-1)
-            states = kernels.replay(
-                plant,
-                model.table(parameters),
-                run.time_s[:, None],
-                inputs,
-                start,
-                model.scales(self.bench.scale, parameters),
-                effects=model.effects,
-                tolerance=self.tolerance,
-            )
-            out.append(states[:, len(plant.positions), :] - self.bench.motions[j].speed[:, None])
         return np.concatenate(out).T

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.logs.raw_run import seconds
+from workbench.logs.raw_run import seconds, smoothed
 from workbench.machines import Axis, Hoist, Kind, RigidBody, kind_of
 
 LEAST_RUNS = 4  # of which one may stand alone
@@ -36,20 +36,8 @@ RIGID = 0.95  # of an axis' input that a rigid machine explains; below it an axi
 GAINS_APART, GAINS_ALIKE = 1.22, 1.15  # of one run, among the others
 NOISES_APART = 3.0
 STEPS_APART = 0.02
-RATES = (
-    1.0,
-    2.0,
-    2.5,
-    3.0,
-    4.0,
-    5.0,
-    8.0,
-    10.0,
-    16.0,
-    20.0,
-    50.0,
-    100.0,
-)  # of one log over another's, as recorders have
+# Of one log over another's, as recorders have.
+RATES = (1.0, 2.0, 2.5, 3.0, 4.0, 5.0, 8.0, 10.0, 16.0, 20.0, 50.0, 100.0)
 JUMP = 5.0  # times the step that 98 % keep below, and the largest step of other runs
 ROWS = 10  # that are the same in two places: no noisy log repeats itself
 OFF_START = 0.2  # m or rad between the stated and the logged start
@@ -83,40 +71,32 @@ def doubts_of(machine: Hoist | Axis, runs: Sequence[Run]) -> list[str]:
     if not kind.holds_load:
         top = float(np.median([s.top for s in seen])) if seen else 0.0
         seen = [s for s in seen if top / LIKE_SPEED < s.top < top * LIKE_SPEED]
-    checks: tuple[Iterator[str], ...] = (
-        _late(kind, seen),
-        _loads(machine, kind, seen) if kind.holds_load else _gains(kind, seen),
-        _equal_channels(kind, runs),
-        _copied_rows(runs),
-        _sampling(runs),
-        _noise(kind, runs),
-        _jumps(kind, runs),
-        _starts(kind, runs),
-    )
-    return [note for check in checks for note in check]
+    notes = [*_late(kind, seen), *(_loads(machine, kind, seen) if kind.holds_load else _gains(kind, seen))]
+    for check in (_equal_channels, _copied_rows, _sampling, _noise, _jumps, _starts):
+        notes += check(kind, runs)
+    return notes
 
 
 def _seen(kind: Kind, body: RigidBody, run: Run) -> Seen | None:
     """None for a run that hardly moves."""
-    from scipy.ndimage import gaussian_filter1d
-
-    raw = _speed(kind, run)
+    position, name = kind.plant.positions[0], kind.plant.speeds[0]
+    raw = run[name] if name in run else np.gradient(run[position], run.time_s)
     width_s = SMOOTH * run.duration_s
     step_s = max(run.sample_time_s, width_s / 6.0)
     at_s = np.arange(run.time_s[0], run.time_s[-1], step_s)
 
     def smooth(values: Array) -> Array:
-        return np.interp(at_s, run.time_s, gaussian_filter1d(values, width_s / run.sample_time_s, mode="nearest"))
+        return np.interp(at_s, run.time_s, smoothed(values, width_s / run.sample_time_s))
 
     y, speed = smooth(run[kind.plant.input]), smooth(raw)
     largest = float(np.percentile(np.abs(speed), 99.0))
     moving = np.abs(speed) > MOVING * largest
     if largest == 0.0 or np.count_nonzero(moving) < 20 or np.ptp(y[moving]) == 0.0:
         return None
-    sign = gaussian_filter1d(np.clip(speed / (MOVING * largest), -1.0, 1.0), width_s / step_s, mode="nearest")
+    sign = smoothed(np.clip(speed / (MOVING * largest), -1.0, 1.0), width_s / step_s)
     columns = [np.ones_like(speed), body.inertia * np.gradient(speed, at_s), sign, speed / largest]
-    if body.wave and kind.plant.positions[0] in run:
-        angle = smooth(run[kind.plant.positions[0]])
+    if body.wave and position in run:
+        angle = smooth(run[position])
         columns += [np.sin(angle), np.cos(angle)]
     x = np.stack(columns, axis=1)
     values = np.linalg.lstsq(x[moving], y[moving], rcond=1e-8)[0]
@@ -126,11 +106,6 @@ def _seen(kind: Kind, body: RigidBody, run: Run) -> Seen | None:
     both_ways = ONE_WAY < up < 1.0 - ONE_WAY
     motion = (x[:, 1], sign, y, step_s)
     return Seen(run, body, excess, 1.0 - left, largest, friction, both_ways, x[moving], y[moving], motion)
-
-
-def _speed(kind: Kind, run: Run) -> Array:
-    position, speed = kind.plant.positions[0], kind.plant.speeds[0]
-    return run[speed] if speed in run else np.gradient(run[position], run.time_s)
 
 
 def _lag(s: Seen, friction: float) -> tuple[float, float, float]:
@@ -267,7 +242,7 @@ def _turns(column: Array) -> float:
     return float(np.mean(steps[1:] * steps[:-1] < 0.0)) if len(steps) > 1 else 0.0
 
 
-def _copied_rows(runs: Sequence[Run]) -> Iterator[str]:
+def _copied_rows(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
     """Stretches of noisy rows that are the same, bit for bit, in two places."""
     windows = [_windows(run) for run in runs]
     hashes = np.concatenate([h for h, _ in windows]) if windows else np.empty(0)
@@ -312,7 +287,7 @@ def _windows(run: Run) -> tuple[np.ndarray, np.ndarray]:
     return hashes[lively], lively
 
 
-def _sampling(runs: Sequence[Run]) -> Iterator[str]:
+def _sampling(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
     """One run's clock: its sampling step is none that a recorder would have beside the others'."""
     steps = [run.sample_time_s for run in runs]
     k = _alone(steps, lambda v, usual: abs(v / usual - 1.0) > STEPS_APART)
@@ -345,14 +320,11 @@ def _jumps(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
     """A step of the motion from one sample to the next that no machine of this inertia makes."""
     name = kind.plant.speeds[0]
     having = [run for run in runs if name in run]
-    sizes = []
-    for run in having:
-        steps = np.abs(np.diff(run[name]))
-        sizes.append(float(steps.max()) / max(float(np.percentile(steps, 98.0)), 1e-300))
-    for k, run in enumerate(having):
+    all_steps = [np.abs(np.diff(run[name])) for run in having]
+    sizes = [float(steps.max()) / max(float(np.percentile(steps, 98.0)), 1e-300) for steps in all_steps]
+    for k, (run, steps) in enumerate(zip(having, all_steps, strict=True)):
         others = [*sizes[:k], *sizes[k + 1 :]]
         if sizes[k] > JUMP * max(1.0, max(others, default=1.0)):
-            steps = np.abs(np.diff(run[name]))
             at = int(np.argmax(steps))
             yield (
                 f"{run.name}: {name} jumps by {steps[at]:.3g} at {seconds(run.time_s[at + 1])}, {sizes[k]:.2g} times "

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.logs.raw_run import RawRun, integrated, is_constant, seconds
+from workbench.logs.raw_run import RawRun, integrated, is_constant, seconds, smoothed
 from workbench.machines import Limits
 
 TOO_FAST = 2.0  # times nominal speed, or the drive's top speed
@@ -149,8 +149,6 @@ def _check_torque(run: RawRun, limits: Limits) -> None:
 
 def _check_axis_units(run: RawRun) -> None:
     """InputError for a signal that is another unit's."""
-    from scipy.ndimage import gaussian_filter1d
-
     drive = getattr(run.machine, "drive", None)
     if drive is None or len(run.time_s) < 50:
         return
@@ -159,7 +157,7 @@ def _check_axis_units(run: RawRun) -> None:
         _check_one_motion(run)
     moved = speed if speed in run.values else position
     width = max(SMOOTH * float(time_s[-1] - time_s[0]) / float(np.median(np.diff(time_s))), 1.0)
-    smooth = gaussian_filter1d(run.values[moved], width, mode="nearest")
+    smooth = smoothed(run.values[moved], width)
     rate = smooth if moved == speed else np.gradient(smooth, time_s)
     fast, top = float(np.percentile(np.abs(rate), 99.0)), drive.top_speed
     if top and fast > TOO_FAST * top:

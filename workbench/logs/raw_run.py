@@ -14,6 +14,8 @@ from workbench.core.run import Array
 from workbench.logs.runs_file import Entry
 from workbench.machines import Axis, Hoist, Kind, kind_of
 
+WIDE = 200.0  # samples
+
 
 def seconds(time_s: float) -> str:
     """3.21 s, without the tail of digits of a binary fraction."""
@@ -33,6 +35,20 @@ def is_constant(column: Array) -> bool:
 def integrated(rate: Array, time_s: Array) -> Array:
     """(n,) from 0, by trapezoids."""
     return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s))))
+
+
+def smoothed(values: Array, width: float) -> Array:
+    """Convolved with a Gaussian of `width` samples, one standard deviation, cut at four; beyond the ends the first and
+    last value stand. Wide ones by FFT: directly, the time goes with the square of a log's length."""
+    from scipy.ndimage import gaussian_filter1d
+    from scipy.signal import oaconvolve
+
+    if width < WIDE:
+        return np.asarray(gaussian_filter1d(values, width, mode="nearest"))
+    reach = int(4.0 * width + 0.5)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
+    padded = np.pad(values - values[0], reach, mode="edge")  # about zero, for the rounding of the transform
+    return np.asarray(oaconvolve(padded, kernel / kernel.sum(), mode="valid")) + values[0]
 
 
 @dataclass

@@ -52,8 +52,8 @@ class Input:
 
 @dataclass(frozen=True)
 class Moved:
-    """What moves, in words, and where it is. unit: of its way. placed_by_log: whether the log's position says where
-    it is; else the run's start position and the driven coordinate's way do."""
+    """What moves, in words, and where it is. unit: of its displacement. placed_by_log: whether the log's position says
+    where it is; else the run's start position and the driven coordinate's displacement do."""
 
     noun: str
     unit: str
@@ -67,7 +67,7 @@ class Moved:
 
 @dataclass(frozen=True)
 class Directions:
-    """names: of the two ways, up or forward first. one_way: (what runs of one way only do, what they lack) for
+    """names: of the two directions, up or forward first. one_way: (what runs of one way only do, what they lack) for
     each way. positive: how the sign convention is said."""
 
     names: tuple[str, str]
@@ -423,7 +423,7 @@ class Kind:
     transmitted(p, frame, input, acceleration, payload_kg): of an input, (n,), what goes through to the load, and the
     mass or inertia that moves there. gravity: m/s^2.
     log_timing: whether one sampling step between the channels of a log is a base parameter. bridged_impacts: whether a
-    diagnosis takes the impacts of a play out of its logs (`simulate/impacts.py`), for no law of the library has them.
+    diagnosis takes the impacts of a play out of its logs (`simulate/motion.py`), for no law of the library has them.
     payload: whether runs carry payloads. closed_loop: what studies, loop and tune ask of the kind; None: they are not
     for it. studies: whether the drawing, the multi-body model, the served plant and exported controllers are for it.
     whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.

@@ -5,7 +5,6 @@ Errors are reference minus measured at the motor's encoder, exact positions and 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +12,6 @@ from workbench.machines import KINDS, LINEAR, ROTARY, Kind
 from workbench.metrics import hoist
 from workbench.metrics.metric import (
     EVERYWHERE,
-    HUGE,
     INDEX_ONLY,
     Accumulators,
     LoopMetric,
@@ -22,11 +20,15 @@ from workbench.metrics.metric import (
     RunMetric,
     Signals,
     View,
+    after_the_move,
     as_summed,
+    beyond,
     integral,
     largest,
+    root_mean,
+    settling,
 )
-from workbench.symbolic.expr import Scalar, absolute, maximum, minimum, where
+from workbench.symbolic.expr import Scalar, absolute, maximum, where
 
 SETTLED = 1e-3  # of the reference's way: a position error that counts as none
 ASTRAY = 5.0  # times that: an axis that has not come to where it should
@@ -67,18 +69,6 @@ def metric_set(kind: Kind) -> MetricSet:
             1.0 / dt,
         ]
 
-    def _ends(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
-        return [maximum(a[0], s[x]), minimum(a[1], s[x]), maximum(a[2], s[x_ref]), minimum(a[3], s[x_ref])]
-
-    def _settling(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
-        """Until when the reference moved, and until when the position was off it."""
-        until = s["time_s"] + dt
-        moves = absolute(s[v_ref]) > AT_REST * p.v_scale
-        return [where(moves, until, a[0]), where(absolute(_lag(s)) > p.settled, until, a[1])]
-
-    def _root_mean(accumulators: Sequence[float], p: Any, duration: float) -> float:
-        return math.sqrt(max(accumulators[0], 0.0) / duration)
-
     def _share(of: str) -> Any:
         def finish(accumulators: Sequence[float], p: Any, duration: float) -> float | None:
             bound = getattr(p, of)
@@ -88,8 +78,10 @@ def metric_set(kind: Kind) -> MetricSet:
 
     peak = largest(lambda s, p: absolute(s[force]))
     square = integral(lambda s, p: s[force] * s[force])
-    since_last, settling = Accumulators((0.0,) * 6, _since_last), Accumulators((0.0, 0.0), _settling)
-    ends = Accumulators((-HUGE, HUGE, -HUGE, HUGE), _ends)
+    since_last, (ends, overshoot) = Accumulators((0.0,) * 6, _since_last), beyond(x, x_ref)
+    settled = settling(
+        lambda s, p: absolute(s[v_ref]) > AT_REST * p.v_scale, lambda s, p: absolute(_lag(s)) > p.settled
+    )
     by_encoder = "seen at the motor's encoder"
     metrics: tuple[Metric, ...] = (
         LoopMetric(
@@ -115,7 +107,7 @@ def metric_set(kind: Kind) -> MetricSet:
             name=f"rms_{word}_{n}", unit=unit, label=f"RMS {word}", better="lower", visible=1e-6,
             definition=f"root mean square of the {word} over the run", head="RMS", significant=4,
             note=f"{word} of the drive", views=View.RUNS | View.QUANTILES | View.COMPARE | View.DECISION,
-            accumulators=square, finish=_root_mean,
+            accumulators=square, finish=root_mean,
         ),
         LoopMetric(
             name="thermal_load_percent", unit="%", label="thermal load", better="lower", visible=0.01,
@@ -141,7 +133,7 @@ def metric_set(kind: Kind) -> MetricSet:
             definition="root mean square of the same over the run", shown_in=fine, scale=fine_scale,
             head="tracking\nRMS", significant=3, note=f"position error {by_encoder}",
             views=View.RUNS | View.COMPARE | View.DECISION,
-            accumulators=integral(lambda s, p: _lag(s) * _lag(s)), finish=_root_mean,
+            accumulators=integral(lambda s, p: _lag(s) * _lag(s)), finish=root_mean,
         ),
         RunMetric(
             name=f"tracking_error_end_{way}", unit=way, label="position error at the end", better="zero", visible=1e-9,
@@ -155,7 +147,7 @@ def metric_set(kind: Kind) -> MetricSet:
             definition="how far the position goes beyond the largest or the smallest one of the whole reference",
             shown_in=fine, scale=fine_scale, head="overshoot", significant=3, views=View.MOTION | View.COMPARE,
             note="beyond the extremes of the reference",
-            accumulators=ends, finish=lambda a, p, duration: max(a[0] - a[2], a[3] - a[1], 0.0),
+            accumulators=ends, finish=overshoot,
         ),
         LoopMetric(
             name="settling_time_s", unit="s", label="settling time", better="lower", visible=1e-3,
@@ -163,12 +155,12 @@ def metric_set(kind: Kind) -> MetricSet:
             "reference's whole way of it; until the end of the run where it never does",
             head="settling", decimals=3, note=f"after the last move, to {SETTLED:.1%} of the way",
             taken_at="after the last move", views=View.RUNS | View.MOTION | View.COMPARE | View.DECISION,
-            accumulators=settling, finish=lambda a, p, duration: max(a[1] - a[0], 0.0),
+            accumulators=settled, finish=after_the_move,
         ),
         LoopMetric(
             name=f"settling_window_{way}", unit=way, label="settling window", better=None, visible=1e-9,
             definition=f"{SETTLED:.1%} of the reference's whole way", shown_in=fine, scale=fine_scale, significant=3,
-            views=INDEX_ONLY, accumulators=settling, finish=lambda a, p, duration: float(p.settled),
+            views=INDEX_ONLY, accumulators=settled, finish=lambda a, p, duration: float(p.settled),
         ),
         LoopMetric(
             name=f"{speed_word}_error_max_{rate}", unit=speed_unit, label=f"largest {speed_word} error", better="lower",
@@ -181,7 +173,7 @@ def metric_set(kind: Kind) -> MetricSet:
             name=f"{speed_word}_error_rms_{rate}", unit=speed_unit, label=f"RMS {speed_word} error", better="lower",
             visible=1e-9, definition=f"root mean square of {speed_word} reference minus {speed_word}",
             shown_in=fine_rate, scale=1e3, head="error RMS", significant=3, note=f"{speed_word} against its set point",
-            views=View.MOTION, accumulators=integral(lambda s, p: _slow(s) * _slow(s)), finish=_root_mean,
+            views=View.MOTION, accumulators=integral(lambda s, p: _slow(s) * _slow(s)), finish=root_mean,
         ),
         LoopMetric(
             name=f"peak_{speed_word}_{rate}", unit=speed_unit, label=f"largest {speed_word}", better=None, visible=1e-6,

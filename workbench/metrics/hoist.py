@@ -5,7 +5,6 @@ Torque of one motor is that of the harder-worked one. Speeds are the motor's, up
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,12 +15,17 @@ from workbench.metrics.metric import (
     Accumulators,
     LoopMetric,
     Metric,
+    MetricSet,
     RunMetric,
     Signals,
     View,
+    after_the_move,
     as_summed,
+    beyond,
     integral,
     largest,
+    root_mean,
+    settling,
     smallest,
 )
 from workbench.symbolic.expr import Scalar, absolute, maximum, minimum, where
@@ -49,10 +53,6 @@ def _moves(s: Signals, p: Any) -> Scalar:
 
 def _margin(s: Signals, p: Any) -> Scalar:
     return minimum(s["position_carriage_m"] - p.x_low, p.x_high - s["position_carriage_m"])
-
-
-def _root_mean(accumulators: Sequence[float], p: Any, duration: float) -> float:
-    return math.sqrt(max(accumulators[0], 0.0) / duration)
 
 
 def _since_last(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
@@ -113,22 +113,6 @@ def _swings(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]
     return [count + where(turns, 1.0, 0.0), where(turns, -way, way), where(turns, one, farthest)]
 
 
-def _speeds(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
-    w, r = s["speed_motor_rad_s"], s["speed_reference_rad_s"]
-    return [maximum(a[0], w), minimum(a[1], w), maximum(a[2], r), minimum(a[3], r)]
-
-
-def _overshoot(accumulators: Sequence[float], p: Any, duration: float) -> float:
-    return max(accumulators[0] - accumulators[2], accumulators[3] - accumulators[1], 0.0)
-
-
-def _settling(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
-    """Until when the reference moved, and until when the speed was off it."""
-    until = s["time_s"] + dt
-    off = absolute(_error(s)) > SETTLED * p.w_nominal
-    return [where(_moves(s, p), until, a[0]), where(off, until, a[1])]
-
-
 def _behind(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
     """The angle by which the motor is behind its reference: now, at most, when the reference last moved."""
     angle = a[0] + _error(s) * dt
@@ -145,7 +129,8 @@ _SQUARE = integral(lambda s, p: (_torque(s) * _share(s, p)) * (_torque(s) * _sha
 _SINCE_LAST = Accumulators((0.0,) * 9, _since_last)
 _SLACK = Accumulators((0.0,) * 3, _slack_so_far)
 _TOPS = Accumulators((-HUGE, HUGE, -HUGE, HUGE), _tops)
-_SETTLING = Accumulators((0.0, 0.0), _settling)
+_SETTLING = settling(_moves, lambda s, p: absolute(_error(s)) > SETTLED * p.w_nominal)
+_SPEEDS, _overshoot = beyond("speed_motor_rad_s", "speed_reference_rad_s")
 _BEHIND = Accumulators((0.0, 0.0, 0.0), _behind)
 
 METRICS: tuple[Metric, ...] = (
@@ -176,7 +161,7 @@ METRICS: tuple[Metric, ...] = (
         definition="root mean square of the harder-worked motor's torque over the run",
         head="RMS", decimals=0, note="torque of one motor", fixed=True,
         views=View.RUNS | View.QUANTILES | View.COMPARE | View.DECISION,
-        accumulators=_SQUARE, finish=_root_mean,
+        accumulators=_SQUARE, finish=root_mean,
     ),
     LoopMetric(
         name="i2t_s", unit="s", label="I²t", better="lower", visible=1e-3,
@@ -234,7 +219,7 @@ METRICS: tuple[Metric, ...] = (
         definition="root mean square of reference minus motor speed",
         head="error RMS", decimals=2, note="motor speed against its set point", taken_at="motor side", fixed=True,
         views=View.RUNS | View.COMPARE | View.DECISION,
-        accumulators=integral(lambda s, p: _error(s) * _error(s)), finish=_root_mean,
+        accumulators=integral(lambda s, p: _error(s) * _error(s)), finish=root_mean,
     ),
     LoopMetric(
         name="speed_error_max_rad_s", unit="rad/s", label="largest speed error", better="lower", visible=1e-3,
@@ -254,7 +239,7 @@ METRICS: tuple[Metric, ...] = (
         definition="how far the motor speed goes beyond the largest or the smallest speed of the whole reference; "
         "0 within them",
         head="overshoot", decimals=2, note="motor speed beyond the extremes of its set point", views=View.MOTION,
-        accumulators=Accumulators((-HUGE, HUGE, -HUGE, HUGE), _speeds), finish=_overshoot,
+        accumulators=_SPEEDS, finish=_overshoot,
     ),
     LoopMetric(
         name="settling_time_s", unit="s", label="settling time", better="lower", visible=1e-3,
@@ -263,7 +248,7 @@ METRICS: tuple[Metric, ...] = (
         head="settling", decimals=2, note="after the last move, to 1 % of nominal speed",
         taken_at="after the last move",
         views=View.MOTION | View.COMPARE,
-        accumulators=_SETTLING, finish=lambda a, p, duration: max(a[1] - a[0], 0.0),
+        accumulators=_SETTLING, finish=after_the_move,
     ),
     LoopMetric(
         name="position_error_max_m", unit="m", label="largest position error", better="lower", visible=1e-4,
@@ -408,3 +393,22 @@ PARAMETERS = (
     "T_nominal", "T_hold", "share", "share_failed", "t_fail", "before", "x_low", "x_high", "w_nominal", "W_break",
     "D_w", "ratio", "overload_s", "cycle_mean_square",
 )  # fmt: skip
+
+SET = MetricSet(
+    metrics=METRICS,
+    parameters=PARAMETERS,
+    peak="peak_torque_motor_nm",
+    above="peak_torque_above_static_nm",
+    rms="rms_torque_motor_nm",
+    error="speed_error_max_rad_s",
+    rms_error="speed_error_rms_rad_s",
+    end="position_error_end_m",
+    astray=0.05,
+    input_words="torque",
+    input_unit="N m per motor",
+    rate_unit="N m",
+    error_words="largest speed error",
+    moved="carriage",
+    sides=("above", "below"),
+    payload=True,
+)

@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 from workbench.core.run import Array
-from workbench.symbolic.expr import Scalar, maximum, minimum
+from workbench.symbolic.expr import Scalar, maximum, minimum, where
 
 HUGE = 1e300
 NOTHING = 1e-9  # in the unit shown: rounding, written 0
@@ -187,6 +187,36 @@ def smallest(value: Value) -> Accumulators:
 def integral(value: Value) -> Accumulators:
     """Each sample lasts until the next one."""
     return Accumulators((0.0,), lambda a, s, p, dt: [a[0] + value(s, p) * dt])
+
+
+def root_mean(accumulators: Sequence[float], p: Any, duration: float) -> float:
+    """Of an integral of squares."""
+    return math.sqrt(max(accumulators[0], 0.0) / duration)
+
+
+def beyond(value: str, reference: str) -> tuple[Accumulators, Callable[[Sequence[float], Any, float], float]]:
+    """How far a signal goes beyond the largest or the smallest value of its whole reference; 0 within them."""
+
+    def ends(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+        x, r = s[value], s[reference]
+        return [maximum(a[0], x), minimum(a[1], x), maximum(a[2], r), minimum(a[3], r)]
+
+    return Accumulators((-HUGE, HUGE, -HUGE, HUGE), ends), lambda a, p, duration: max(a[0] - a[2], a[3] - a[1], 0.0)
+
+
+def settling(moves: Value, off: Value) -> Accumulators:
+    """Until when the reference moved, and until when what follows it was off it; both true or false."""
+
+    def until(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+        now = s["time_s"] + dt
+        return [where(moves(s, p), now, a[0]), where(off(s, p), now, a[1])]
+
+    return Accumulators((0.0, 0.0), until)
+
+
+def after_the_move(accumulators: Sequence[float], p: Any, duration: float) -> float:
+    """Of `settling`, s."""
+    return max(accumulators[1] - accumulators[0], 0.0)
 
 
 def as_summed(number: int) -> Callable[[Sequence[float], Any, float], float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -96,24 +97,7 @@ def observer() -> Observer:
 
 @lru_cache(maxsize=8)
 def _hoist_set(added: tuple[Metric, ...]) -> MetricSet:
-    return MetricSet(
-        metrics=(*hoist.METRICS, *added),
-        parameters=hoist.PARAMETERS,
-        peak="peak_torque_motor_nm",
-        above="peak_torque_above_static_nm",
-        rms="rms_torque_motor_nm",
-        error="speed_error_max_rad_s",
-        rms_error="speed_error_rms_rad_s",
-        end="position_error_end_m",
-        astray=0.05,
-        input_words="torque",
-        input_unit="N m per motor",
-        rate_unit="N m",
-        error_words="largest speed error",
-        moved="carriage",
-        sides=("above", "below"),
-        payload=True,
-    )
+    return replace(hoist.SET, metrics=(*hoist.METRICS, *added))
 
 
 def measure(run: Run, p: Any, observer: Observer | None = None) -> dict[str, float]:

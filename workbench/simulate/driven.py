@@ -22,9 +22,8 @@ from workbench.core.run import Array, Run
 from workbench.effects import Active, Part, logged_input, moved_by, true_input, true_run
 from workbench.engine import kernels
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
-from workbench.simulate.impacts import GUARD_S, beside, bridged
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
-from workbench.simulate.motion import Motion, motion_of, moving
+from workbench.simulate.motion import GUARD_S, Motion, beside, bridged, motion_of, moving
 from workbench.simulate.plant_model import PlantModel, plant_model
 
 # Relative to the speed scale, per sample. A measured speed is noisy; its noise need not be integrated exactly.

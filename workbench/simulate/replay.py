@@ -18,7 +18,7 @@ from workbench.effects import logged
 from workbench.engine import kernels
 from workbench.machines import Axis, Hoist, Plant
 from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms
-from workbench.simulate.impacts import own_impacts
+from workbench.simulate.motion import own_impacts
 
 RESTART_S = 2.0
 

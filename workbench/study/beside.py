@@ -13,7 +13,7 @@ import numpy as np
 from workbench.control import Events
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.machines import Axis, Hoist, Load, kind_of, load_of, with_values
+from workbench.machines import Axis, Hoist, kind_of, load_of, with_values
 from workbench.metrics import set_of
 from workbench.references import (
     BASELINE,
@@ -323,7 +323,8 @@ class _Search:
         step = 2.0 if self.question.most else 0.5
         values: Array = self.question.first(self.specs[0]) * step ** np.arange(-3.0, 5.0)
         good: float | None = None
-        bad, broken, names = float(values[-1]), (), frozenset[str]()
+        broken: tuple[str, ...] = ()
+        bad, names = float(values[-1]), frozenset[str]()
         while True:
             beyond = None
             for value, verdict in zip(values, self._judged(values), strict=True):
@@ -353,7 +354,8 @@ class _Search:
                 over = [c for c in known if c.broken(row[c.name])]
                 names |= {c.name for c in over}
                 other = candidate.broken[: len(candidate.broken) - len(over)]  # what is no criterion stands first
-                broken |= dict.fromkeys([*other, *(f"{c.metric.label} is not {c.limit_words}" for c in over)])
+                said = [reason.replace("it ", "the run ").replace("its loop", "the loop") for reason in other]
+                broken |= dict.fromkeys([*said, *(c.broken_words for c in over)])
             verdicts.append((tuple(broken), frozenset(names)))
         return verdicts
 
@@ -377,15 +379,14 @@ def asked_sentences(study: Study, found: Sequence[Asked]) -> list[str]:
     return said
 
 
-FREE, EQUAL = "ruckig_least_peak", "ruckig_equal_time"
-SAME = 0.005  # relative: limits and peaks that are alike
+EQUAL = "ruckig_equal_time"
 Moves = Sequence[Shape]
 
 
 def from_the_bound(study: Study) -> list[str]:
-    """At the heaviest payload the least peak in the trapezoid's time, from below and from above, how far the study's
-    planned references are from it, and which pair of limits is free in that time. [] without a trapezoid, with jogs or
-    a stop on the way, and where the load is not known or goes with its angle."""
+    """At the heaviest payload the least peak in the trapezoid's time, from below and from above, how far the
+    study's planned references are from it, and which limit a move at equal time exceeds. [] without a trapezoid, with
+    jogs or a stop on the way, and where the load is not known or goes with its angle."""
     specs = {spec.reference: spec for spec in at_heaviest(study)}
     own = specs.get(BASELINE)
     load = None if own is None else load_of(own.machine, own.payload_kg)
@@ -430,10 +431,14 @@ def from_the_bound(study: Study) -> list[str]:
         names = [f"{words_of(name)} by {abs(p):.0f} %{_longer(moves[name], moves[BASELINE])}" for p, name in chosen]
         if names:
             said += f" {side} {_down(least)} {unit} {'is' if len(names) == 1 else 'are'} {listed(names)}."
-    if not {EQUAL, FREE} & set(moves):
+    if EQUAL not in moves:
         return [said]
-    equal, free = (moves.get(name) or moves_of(name) for name in (EQUAL, FREE))
-    return [said, _free_pair(own, limits.towards(distances[0]), load, (equal, peak(equal)), (free, peak(free)))]
+    given, used, length = limits.towards(distances[0]), moves[EQUAL][0].limits, kind_of(own.machine).moved.unit
+    exceeded = raised(given, used, length) or "no limit"
+    if load.top_speed_m_s > 0.0 and used.speed_m_s > given.speed_m_s:
+        exceeded += f" ({100.0 * used.speed_m_s / load.top_speed_m_s:.3g} % of the drive's top speed)"
+    value = judged.by_name[judged.peak].text(peak(moves[EQUAL]))
+    return [said, f"To keep that time {words_of(EQUAL)} exceeds {exceeded}: {value} {unit}, followed exactly."]
 
 
 def _down(value: float) -> float:
@@ -459,25 +464,3 @@ def _distances(spec: RunSpec) -> list[float]:
 def _longer(moves: Moves, base: Moves) -> str:
     more = sum(shape.duration_s for shape in moves) - sum(shape.duration_s for shape in base)
     return f" ({abs(more):.2g} s {'longer' if more > 0.0 else 'shorter'})" if abs(more) > 1e-3 else ""
-
-
-def _free_pair(
-    spec: RunSpec, own: Limits, load: Load, equal: tuple[Moves, float], free: tuple[Moves, float]
-) -> str:  # fmt: skip
-    """Which limit a jerk-limited move in the trapezoid's time exceeds and by how much, and of all pairs of acceleration
-    and jerk at the speed limit the one of the least peak."""
-    kind = kind_of(spec.machine)
-    unit, judged = kind.moved.unit, set_of(kind.name)
-    used, best, top = equal[0][0].limits, free[0][0].limits, load.top_speed_m_s
-    exceeded = raised(own, used, unit) or "no limit"
-    if top > 0.0 and used.speed_m_s > own.speed_m_s:
-        exceeded += f" ({100.0 * used.speed_m_s / top:.3g} % of the drive's top speed)"
-    peaks = [f"{judged.by_name[judged.peak].text(value)} {judged.input_unit}" for _, value in (equal, free)]
-    same = best.acceleration_m_s2 < (1.0 + SAME) * own.acceleration_m_s2
-    jerk = best.jerk_m_s3 if best.jerk_m_s3 < 1000.0 else float(f"{best.jerk_m_s3:.3g}")
-    return (
-        f"To keep that time {EQUAL} exceeds {exceeded}: {peaks[0]}. Of all pairs of acceleration and jerk at "
-        f"{own.speed_m_s:.3g} {unit}/s the least peak is at {best.acceleration_m_s2:.3g} {unit}/s² and "
-        f"{jerk:{'.3g' if jerk < 1000.0 else '.0f'}} {unit}/s³, {peaks[1]}"
-        f"{', the trapezoid but for its corners' if same else ''}."
-    )

@@ -183,6 +183,7 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     own_limits = any("drive." in column or "motor." in column for column in good[0].assigned)
     at_limit = [row for row in good if row[judged.peak] >= limit * (1.0 - 1e-9) and not own_limits]
     stuck = [row for row in at_limit if row[judged.rms] >= AT_THE_LIMIT * limit]
+    at_limit = [row for row in at_limit if row not in stuck]  # the stronger sentence says it too
     if at_limit:
         value = f"{judged.by_name[judged.peak].text(limit)} {judged.input_unit}"
         said.append(f"The {judged.input_words} limit of {value} is reached{which(at_limit)}.")
@@ -440,7 +441,7 @@ def answer_of(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> An
     if simulate and len(found) < MOST_FINDINGS and (damping := on_another_damping(study)) is not None:
         found.append(damping)
     if len(found) < MOST_FINDINGS and not study.scenario.sweep and not study.scenario.sample:
-        found += from_the_bound(study)[:1]  # of the base values: a sweep has others
+        found += from_the_bound(study)  # of the base values: a sweep has others
     return Answer((*first, *found[:MOST_FINDINGS]), tuple(rivals), tuple(asked))
 
 

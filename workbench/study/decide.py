@@ -68,6 +68,13 @@ class Criterion:
             return f"at most {self.text(self.most)}"
         return "–" if self.least is None else f"at least {self.text(self.least)}"
 
+    @property
+    def broken_words(self) -> str:
+        """What is so where the limit is broken: `thermal load exceeds 100 %`."""
+        if self.most is not None:
+            return f"{self.metric.label} exceeds {self.text(self.most)}"
+        return f"{self.metric.label} falls below {self.text(self.least or 0.0)}"
+
 
 def criteria_for(
     judged: MetricSet, machine: Hoist | Axis | None, payload_kg: float, given: Given | None = None

@@ -7,9 +7,9 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, overload
 
 import numpy as np
@@ -48,6 +48,10 @@ _LIMITS = ("speed_m_s", "acceleration_m_s2", "jerk_m_s3")
 _NO_FIELDS = (
     "format", "kind", "name", "identified", "tolerances", "effects", "allowances", "measured_correction", "log",
 )  # fmt: skip
+# Root of a field's name -> the part of a run that it belongs to.
+_PARTS = {name: name for name in (*_NUMBERS, "machine", "moves", "limits", "controller", "events")} | {
+    "solver": "step_s"
+}
 MOST_CACHED = 4096
 
 
@@ -148,29 +152,25 @@ class Fields:
 
     def parts(self, assigned: Assigned) -> Parts:
         """The parts with these fields set. InputError with the field's name as place where one does not fit."""
-        by_root: dict[str, list[tuple[str, float | bool | str]]] = {}
+        by_root: dict[str, tuple[tuple[str, float | bool | str], ...]] = dict.fromkeys(_PARTS, ())
         for name, value in assigned.items():
-            by_root.setdefault(_split(name)[0], []).append((name, value))
-
-        def part(root: str, build: Callable[[Sequence[tuple[str, Any]]], Any]) -> Any:
-            items = tuple(by_root.get(root, ()))
-            key = (root, items)
-            if key not in self._cache:
+            by_root[_split(name)[0]] += ((name, value),)
+        made: dict[str, Any] = {}
+        for root, items in by_root.items():
+            if (root, items) not in self._cache:
                 if len(self._cache) >= MOST_CACHED:
                     self._cache.clear()
-                self._cache[key] = build(items)
-            return self._cache[key]
+                self._cache[root, items] = self._part(root, items)
+            made[_PARTS[root]] = self._cache[root, items]
+        return Parts(**made)
 
-        numbers = {name: part(name, partial(self._number, name)) for name in _NUMBERS}
-        return Parts(
-            **numbers,
-            machine=part("machine", self._machine),
-            moves=part("moves", self._moves),
-            limits=part("limits", self._limits),
-            controller=part("controller", lambda items: _changed(self.scenario.controller, items)),
-            events=part("events", lambda items: _changed(self.scenario.events, items)),
-            step_s=part("solver", lambda items: _changed(self.scenario.solver, items).step_s),
-        )
+    def _part(self, root: str, items: Sequence[tuple[str, Any]]) -> Any:
+        if root in _NUMBERS:
+            return self._number(root, items)
+        if root in ("moves", "limits"):
+            return self._moves(items) if root == "moves" else self._limits(items)
+        changed = _changed(self.machine if root == "machine" else getattr(self.scenario, root), items)
+        return changed.step_s if root == "solver" else changed
 
     def _number(self, name: str, items: Sequence[tuple[str, Any]]) -> float | None:
         if not items:
@@ -186,9 +186,6 @@ class Fields:
             except ValueError as error:
                 raise InputError(str(error), place=name) from error
         return float(value)
-
-    def _machine(self, items: Sequence[tuple[str, Any]]) -> Hoist | Axis:
-        return _changed(self.machine, items) if items else self.machine
 
     def _moves(self, items: Sequence[tuple[str, Any]]) -> tuple[Step, ...]:
         moves = list(self.scenario.moves)
@@ -573,12 +570,12 @@ class RunList(Sequence[RunSpec]):
 
     def _spec(self, index: int) -> RunSpec:
         rest, kind = divmod(index, len(self.scenario.references))
-        rest, load = divmod(rest, len(self._payloads))
+        rest, place = divmod(rest, len(self._payloads))
         at = []
         for axis in reversed(self.axes):
             rest, k = divmod(rest, len(axis))
             at.append(k)
-        payload, label = self._payloads[load]
+        payload, label = self._payloads[place]
         swept, sampled = self.assigned(at[::-1], payload)
         problem = ""
         try:
@@ -586,19 +583,13 @@ class RunList(Sequence[RunSpec]):
         except InputError as error:
             # Each value fits by itself; these do not fit together. The run is a row that says so.
             parts, problem = self.fields.parts({}), str(error)
-        return self._resolved(parts, at[::-1], kind, payload, label, swept, sampled, problem)
-
-    def _resolved(
-        self, parts: Parts, at: Sequence[int], kind: int, payload: float | None, label: str,
-        swept: Assigned, sampled: Assigned, problem: str,
-    ) -> RunSpec:  # fmt: skip
         scenario = self.scenario
         reference = scenario.kinds[kind]
         recording = self.recordings.get(reference)
         load = parts.payload_kg if parts.payload_kg is not None else payload
         start = recording.start_position_m if recording is not None else parts.start_position_m
         return RunSpec(
-            run_id=self._run_id(label, reference, at),
+            run_id=self._run_id(label, reference, at[::-1]),
             scenario=scenario.name,
             machine=parts.machine,
             payload_kg=0.0 if load is None else load,

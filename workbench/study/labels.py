@@ -40,6 +40,8 @@ _UNITS = {
     "m": "m",
     "s": "s",
 }
+# Keys of a move, as people say them.
+_STEPS = {"by": "distance", "to": "target", "dwell": "rest", "for": "time"}
 # Blocks of the machine whose values need no more words.
 _SILENT = ("sensors", "motor", "bearing", "gearbox")
 
@@ -69,7 +71,7 @@ def field_label(column: str) -> Label:
     path = re.sub(r"^(sweep|sample)\.", "", column).split(".")
     words, unit = _parted(path[-1])
     if (move := re.fullmatch(r"moves\[(\d+)\]", path[0])) is not None:
-        words = f"move {int(move[1]) + 1} {words}"
+        words = f"move {int(move[1]) + 1} {_STEPS.get(words, words)}"
     elif len(path) > 2 and path[-2] not in _SILENT and path[-2] not in words:
         words = f"{path[-2]} {words}".replace("_", " ")
     return Label(words, unit)

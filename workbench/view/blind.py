@@ -11,10 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from workbench.blind import criteria, measures
-from workbench.blind.criteria import Row, Share, right, right_word
+from workbench.blind import measures
 from workbench.blind.make import validation
-from workbench.blind.measures import MEASURES, OF_A_METHOD, median, numbers
+from workbench.blind.measures import MEASURES, OF_A_METHOD, Row, Share, median, numbers, right, right_word
 from workbench.blind.power import EffectPower, Power
 from workbench.blind.score import Score, Sheet, WithNextRun
 from workbench.core.errors import InputError
@@ -59,7 +58,7 @@ def sentences(sheet: Sheet) -> list[str]:
     broken = [row["folder"] for row in sheet.rows if row["word"] in ("refused", "failed")]
     if broken:
         said.append(f"No diagnosis came of {', '.join(broken)}; counted as wrong.")
-    if all(criteria.source_of(row) == "plant" for row in sheet.rows):
+    if all(measures.source_of(row) == "plant" for row in sheet.rows):
         said.append("All campaigns come from the plant's own equations: this is what the diagnosis can do at best.")
     return said
 
@@ -202,8 +201,8 @@ def _said(row: Row) -> str:
     if len(row["label"]["effects"]) == 2:
         return "both" if right(row) else f"{len(set(row['names']) & set(row['label']['effects']))} of them"
     said = "+".join(sorted(row["names"])) if row["word"] == "named" else row["word"].replace("_", " ")
-    if criteria.unlisted(row) and criteria.likeliest_place(row):
-        said += f" at {criteria.likeliest_place(row)}"
+    if measures.unlisted(row) and measures.likeliest_place(row):
+        said += f" at {measures.likeliest_place(row)}"
     return said
 
 
@@ -230,11 +229,11 @@ def _probable(row: Row) -> str:
 
 def misses(rows: Sequence[Row], most: int | None = None) -> Table:
     """The wrong answers, the largest gap over noise first, each with its reason."""
-    sized = [(criteria.size_over_noise(row), row) for row in rows if not right(row)]
+    sized = [(measures.size_over_noise(row), row) for row in rows if not right(row)]
     sized.sort(key=lambda one: (math.isnan(one[0]), -one[0]))
     lines = [
         [
-            row["folder"], f"{criteria.family_of(row)}, {criteria.source_of(row)}",
+            row["folder"], f"{measures.family_of(row)}, {measures.source_of(row)}",
             " + ".join(row["label"]["effects"]) or "none", "–" if math.isnan(size) else f"{size:.1f}",
             _answer(row), f"{row['ranking'][0][2]:.2f}" if row["ranking"] else "–", why(row),
         ]
@@ -267,22 +266,22 @@ def why(row: Row) -> str:
         line = str(row["warnings"][0]).strip().splitlines()[-1]  # without the folder, which is gone
         return textwrap.shorten(re.sub(r"\S*workbench-blind-[^/\\]*[/\\]", "", line), MOST_OF_A_LINE, placeholder=" …")
     word, told = right_word(row), set(row["label"]["effects"])
-    if criteria.right_or_alike(row):
+    if measures.right_or_alike(row):
         return "the right one is said to be alike"
     if word == "no_gap":
         least = row["before"] / row["noise"] if row["noise"] else math.nan
         return f"residual {least:.1f} times the noise before any effect{_against(row)}"
     if word == "unknown" and row["word"] == "no_gap":
-        return "no hypothesis explains enough of it, and too little is left" if criteria.visible(row) else small
+        return "no hypothesis explains enough of it, and too little is left" if measures.visible(row) else small
     if word == "unknown":
         return f"a listed effect takes {100.0 * (row.get('explained') or 0.0):.0f} % of the gap's energy"
-    if not criteria.visible(row):
+    if not measures.visible(row):
         return small
-    if criteria.among_first_three(row):
+    if measures.among_first_three(row):
         place, probability = next(
             (place, p)
             for place, (verdict, names, p) in enumerate(row["ranking"])
-            if verdict == "named" and told in (set(names), *criteria.twins_of(row, names))
+            if verdict == "named" and told in (set(names), *measures.twins_of(row, names))
         )
         return f"the right one comes {('first', 'second', 'third')[place]}, with {probability:.2f}{_against(row)}"
     if told & set(row["names"]):
@@ -346,7 +345,7 @@ def settled(cases: Sequence[WithNextRun]) -> Share:
 def settled_text(cases: Sequence[WithNextRun], rows: Sequence[Row]) -> str:
     """rows: of the whole sheet."""
     left_open = [row for row in rows if row.get("next_run") and row["label"]["effects"]]
-    decided = sum(map(criteria.next_run_decides, left_open))
+    decided = sum(map(measures.next_run_decides, left_open))
     return (
         f"{len(left_open)} cases with a cause are left open. Of {len(left_open) - decided} the diagnosis says that no "
         f"run on its menu decides. Of those whose recommended run was simulated, {settled(cases).text()} were settled "
@@ -418,7 +417,7 @@ def confusion(rows: Sequence[Row]) -> Figure | None:
     counts: dict[str, Counter[str]] = {}
     for row in rows:
         if len(row["label"]["effects"]) < 2:
-            told = "unlisted cause" if criteria.unlisted(row) else _told(row).replace("none", "no gap")
+            told = "unlisted cause" if measures.unlisted(row) else _told(row).replace("none", "no gap")
             word = row["word"].replace("_", " ")
             said = (row["names"][0] if len(row["names"]) == 1 else "two effects") if word == "named" else word
             counts.setdefault(told, Counter())[said] += 1
@@ -631,12 +630,12 @@ def _case(row: Row) -> dict[str, Any]:
     kept = ("names", "alike", "ranking", "places", "before", "after", "noise", "cpu_s")
     return {
         "campaign": row["folder"],
-        "source": criteria.source_of(row),
-        "family": criteria.family_of(row),
-        "kind": criteria.kind_of(row),
+        "source": measures.source_of(row),
+        "family": measures.family_of(row),
+        "kind": measures.kind_of(row),
         **{key: asked[key] for key in ("effects", "where")},
         "parameters": asked.get("parameters", {}),
-        "gap_over_noise": criteria.size_over_noise(row),
+        "gap_over_noise": measures.size_over_noise(row),
         "verdict": row["word"],
         **{key: row[key] for key in kept},
         "right": right(row),

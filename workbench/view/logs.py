@@ -14,7 +14,7 @@ from workbench.core.run import Array, Run
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.logs import Campaign
-from workbench.logs.mapping import Proposed
+from workbench.logs.importing import Proposed
 from workbench.machines import plant_of
 from workbench.study.labels import metric_label
 from workbench.view.numbers import figures

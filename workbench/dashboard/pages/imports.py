@@ -18,8 +18,19 @@ from workbench.dashboard.desk import machine_form
 from workbench.dashboard.uploads import MB, Uploaded, base_name, safe_name
 from workbench.dashboard.widgets import chart, guarded, held, notes, plain, table
 from workbench.logs.formats.known import suffixes
-from workbench.logs.importing import TEXT, Imported, in_si, read_channels, runs_yaml, write_campaign
-from workbench.logs.mapping import NOMINAL, UNITS, Proposed, propose, quantity_of
+from workbench.logs.importing import (
+    NOMINAL,
+    TEXT,
+    UNITS,
+    Imported,
+    Proposed,
+    in_si,
+    propose,
+    quantity_of,
+    read_channels,
+    runs_yaml,
+    write_campaign,
+)
 from workbench.machines import Axis, Hoist, kind_of, save_machine
 from workbench.machines.files import machine_text
 from workbench.view.logs import drawn, mapping_table

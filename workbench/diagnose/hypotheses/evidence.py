@@ -33,7 +33,7 @@ from workbench.machines import kind_of
 STEP = 2.0  # of both sizes, from one tried to the next
 BOUNDS = ((0.5, 1024.0), (1.0, 16.0))
 MOST = 500.0  # independent samples that a parameter pays for
-PLAY = "backlash"  # the effect whose impacts are found in the logs (`simulate/impacts.py`)
+PLAY = "backlash"  # the effect whose impacts are found in the logs (`simulate/motion.py`)
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from workbench.diagnose.hypotheses.model_error import ErrorModel, Sizes, error_m
 from workbench.effects import Effect, find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
-from workbench.simulate.impacts import GUARD_S, beside, impacts_of
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
+from workbench.simulate.motion import GUARD_S, beside, impacts_of
 
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the model error, which hangs together
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new

@@ -171,6 +171,38 @@ class Ports:
 
         return force
 
+    def _rubbing(self, part: str, pull: float, of_curves: float) -> Iterator[Port | None]:
+        """Friction by the way and the speed. of_curves: the weight of a smooth function of the speed."""
+        m, u = self.made, self.u
+        way: Of = lambda c: c.way  # noqa: E731
+        viscous: Of = lambda c: c.way * u(c)  # noqa: E731
+        yield m(part, "all", "the way", way, pull)
+        yield m(part, "all", "each way", self.ways(way), pull)
+        yield m(part, "speed", "the speed", viscous, pull, 1.0, True)
+        yield m(part, "speed", "the speed, each way", self.ways(viscous), pull)
+        for length in (0.2, 0.5):
+            curve = times(way, self.curve(u, 0.0, 1.0, length))
+            yield m(part, "speed", "the speed", curve, pull, of_curves)
+            yield m(part, "speed", "the speed, each way", self.ways(curve), pull, 0.25)
+        for low in (0.03, 0.06, 0.12):
+            creep = self.creeping(low)
+            yield m(part, "low_speed", "low speed", creep, pull, 0.33)
+            yield m(part, "low_speed", "low speed, each way", self.ways(creep), pull, 0.33)
+
+    def _over_time(self, part: str, pull: float, every_s: float) -> Iterator[Port | None]:
+        """Friction, and an offset of the input's sensor, that change in the campaign's and in the run's time."""
+        m, runs = self.made, self.survey.runs
+        way: Of = lambda c: c.way  # noqa: E731
+        clock: Of = lambda c: c.start_time_s + c.time  # noqa: E731
+        first, last = (f(c.start_time_s + c.time[k] for c in runs) for f, k in ((min, 0), (max, -1)))
+        for length in (0.3, 1.0):
+            slow = self.curve(clock, first, last, length)
+            yield m(part, "time", "the campaign's time", times(way, slow), pull, 0.5)
+            yield m(SENSOR, "time", "the campaign's time", slow, 0.0, 0.25)
+        walk = self.wandering(every_s)
+        yield m(part, "time", "the run's time", times(way, walk), pull, own=True)
+        yield m(SENSOR, "time", "the run's time", walk, 0.0, own=True)
+
     def _hoist(self) -> Iterator[Port | None]:
         s, m, runs = self.survey, self.made, self.survey.runs
         one: Of = lambda c: np.ones(len(c.time))  # noqa: E731
@@ -181,20 +213,9 @@ class Ports:
         carried: Of = lambda c: c.carried  # noqa: E731
         heaviest = max(self.loads)
         # Guide: turns over with the way, whatever hangs there.
-        yield m("guide", "all", "the way", way, 1.0)
-        yield m("guide", "all", "each way", self.ways(way), 1.0)
-        yield m("guide", "speed", "the speed", lambda c: c.way * u(c), 1.0, 1.0, True)
-        yield m("guide", "speed", "the speed, each way", self.ways(lambda c: c.way * u(c)), 1.0)
+        yield from self._rubbing("guide", 1.0, 0.1)
         yield m("guide", "speed", "the speed squared", self.squared(0.0), 1.0, 0.2, True)
         yield m("guide", "speed", "the speed squared", self.squared(0.2), 1.0, 0.2)
-        for length in (0.2, 0.5):
-            curve = times(way, self.curve(u, 0.0, 1.0, length))
-            yield m("guide", "speed", "the speed", curve, 1.0, 0.1)
-            yield m("guide", "speed", "the speed, each way", self.ways(curve), 1.0, 0.25)
-        for low in (0.03, 0.06, 0.12):
-            creep = self.creeping(low)
-            yield m("guide", "low_speed", "low speed", creep, 1.0, 0.33)
-            yield m("guide", "low_speed", "low speed, each way", self.ways(creep), 1.0, 0.33)
         yield m("guide", "load", "the payload", lambda c: c.way * c.payload, 1.0, 1.0, True)
         yield m("guide", "load", "the payload, each way", self.ways(lambda c: c.way * c.payload), 1.0, 0.5)
         for length in (0.03, 0.1, 0.3):
@@ -203,15 +224,7 @@ class Ports:
         span = self.high - self.low
         periods = np.arange(4.0, 6.0 * span / 0.25) / (6.0 * span)
         yield from self.waves("guide", "periodic", "the height", periods, lambda c: c.position, way, 1.0, False)
-        first, last = (f(c.start_time_s + c.time[k] for c in runs) for f, k in ((min, 0), (max, -1)))
-        clock: Of = lambda c: c.start_time_s + c.time  # noqa: E731
-        for length in (0.3, 1.0):
-            slow = self.curve(clock, first, last, length)
-            yield m("guide", "time", "the campaign's time", times(way, slow), 1.0, 0.5)
-            yield m("torque_sensor", "time", "the campaign's time", slow, 0.0, 0.25)
-        walk = self.wandering(1.5)
-        yield m("guide", "time", "the run's time", times(way, walk), 1.0, own=True)
-        yield m("torque_sensor", "time", "the run's time", walk, 0.0, own=True)
+        yield from self._over_time("guide", 1.0, 1.5)
         # Motor.
         # Air around what turns fast: nothing else in a hoist moves fast enough for its drag to tell.
         yield m("motor", "speed", "the speed squared", self.squared(0.0), 0.0, 0.8, True)
@@ -274,19 +287,8 @@ class Ports:
         s, m, runs, u = self.survey, self.made, self.survey.runs, self.u
         one: Of = lambda c: np.ones(len(c.time))  # noqa: E731
         way: Of = lambda c: c.way  # noqa: E731
-        yield m("axis", "all", "the way", way)
-        yield m("axis", "all", "each way", self.ways(way))
-        yield m("axis", "speed", "the speed", lambda c: c.way * u(c), 0.0, 1.0, True)
-        yield m("axis", "speed", "the speed, each way", self.ways(lambda c: c.way * u(c)))
+        yield from self._rubbing("axis", 0.0, 0.25)
         yield m("axis", "speed", "the speed squared", lambda c: c.way * u(c) ** 2, 0.0, 0.5, True)
-        for length in (0.2, 0.5):
-            curve = times(way, self.curve(u, 0.0, 1.0, length))
-            yield m("axis", "speed", "the speed", curve, 0.0, 0.25)
-            yield m("axis", "speed", "the speed, each way", self.ways(curve), 0.0, 0.25)
-        for low in (0.03, 0.06, 0.12):
-            creep = self.creeping(low)
-            yield m("axis", "low_speed", "low speed", creep, 0.0, 0.33)
-            yield m("axis", "low_speed", "low speed, each way", self.ways(creep), 0.0, 0.33)
         yield m("axis", "load", "the load", lambda c: c.way * np.abs(c.carried), 0.0, 1.0, True)
         yield m("axis", "acceleration", "the acceleration", lambda c: c.acceleration)
         for length in (0.03, 0.1, 0.3):
@@ -299,16 +301,8 @@ class Ports:
         waves = np.arange(2.0, 3.0 * 60.0) / (3.0 * span)
         yield from self.waves("axis", "periodic", "the position", waves, lambda c: c.position, way, 0.0, False)
         yield from self.waves("motor", "periodic", "the position", waves, lambda c: c.position, one, 0.0, False)
-        first, last = (f(c.start_time_s + c.time[k] for c in runs) for f, k in ((min, 0), (max, -1)))
-        clock: Of = lambda c: c.start_time_s + c.time  # noqa: E731
-        for length in (0.3, 1.0):
-            slow = self.curve(clock, first, last, length)
-            yield m("axis", "time", "the campaign's time", times(way, slow), 0.0, 0.5)
-            yield m("torque_sensor", "time", "the campaign's time", slow, 0.0, 0.25)
         longest = max(float(np.ptp(c.time)) for c in runs)
-        walk = self.wandering(longest / 33.0)
-        yield m("axis", "time", "the run's time", times(way, walk), own=True)
-        yield m("torque_sensor", "time", "the run's time", walk, own=True)
+        yield from self._over_time("axis", 0.0, longest / 33.0)
         for hz in np.geomspace(4.0 / longest, 0.9 * s.band_hz, 24):
             for damping in (0.02, 0.06):
                 yield m(

@@ -1,0 +1,69 @@
+"""One machine, one number: what the report says of the delivered machine.yaml, a replay of that file says too."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.commands import Commands
+from workbench.diagnose.diagnose import diagnose
+from workbench.effects import check
+from workbench.logs import read_campaign
+from workbench.machines import load_machine, save_machine
+from workbench.simulate.replay import replay_runs
+
+# Two hoists and two axes; the last axis' log is 29 ms late. What is marked as proof takes a minute or more.
+CAMPAIGNS = [
+    ("campaigns/05", ("friction_position_dependent",)),
+    ("campaigns/31", ("speed_delay",)),
+    ("axes/03", None),
+    ("axes/15", ("speed_delay",)),
+    pytest.param("axes/17", ("backlash",), marks=pytest.mark.proof),
+    pytest.param("campaigns/14", None, marks=pytest.mark.proof),
+    pytest.param("campaigns/44", None, marks=pytest.mark.proof),
+    pytest.param("real/geared_pendulum", None, marks=pytest.mark.proof),
+]
+
+
+@pytest.mark.parametrize(("name", "candidates"), CAMPAIGNS)
+def test_a_replay_of_the_delivered_machine_gives_the_reports_numbers_and_the_fits(
+    shared_data: Path, name: str, candidates: tuple[str, ...] | None, tmp_path: Path
+):
+    campaign = read_campaign(shared_data / name, check_effects=check)
+    d = diagnose(campaign, candidates=candidates, quick=True)
+    save_machine(d.corrected, tmp_path / "machine.yaml")
+    again = replay_runs(load_machine(tmp_path / "machine.yaml", check_effects=check), campaign.runs, d.gap.band_hz)
+    said = {run.name: run.after for run in d.delivered.runs}
+    assert {run.name: run.residual_rms_moving for run in again.runs} == pytest.approx(said, rel=1e-3)
+    assert d.delivered.residual_rms == pytest.approx(again.residual_rms_moving, rel=1e-3)
+    if d.unknown is not None:  # a table is fitted on samples of its own
+        return
+    # The fit looks at every so many of the samples that a replay judges: there both leave the same, to 1 %.
+    problem = d.search.problem
+    fit = d.search.fits[d.judged.names] if d.judged.names else d.search.within_tolerances
+    left = fit.residual[: problem.inputs]
+    for j, run in enumerate(again.runs):
+        rows, mine = problem.rows[j], left[problem.run_of_row[: problem.inputs] == j]
+        assert np.mean(run.balance.moving[rows]) > 0.98, run.name
+        rms = float(np.sqrt(np.mean(mine**2)))
+        np.testing.assert_allclose(run.balance.residual[rows], mine, atol=0.01 * rms, err_msg=run.name)
+
+
+def test_the_commands_agree_to_every_digit_they_print(
+    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    workbench, folder, out = Commands(capsys), shared_data / "campaigns/05", tmp_path / "out"
+    words = ("--quick", "--candidates", "friction_position_dependent")
+    assert workbench("diagnose", folder, *words, "--out", out).status == 0
+    said = json.loads((out / "diagnosis.json").read_text())["delivered"]
+    replayed = workbench(
+        "replay", folder, "--machine", out / "machine.yaml", "--band", said["band_hz"], "--out", tmp_path / "replay"
+    )
+    assert replayed.status == 0
+    runs = json.loads((tmp_path / "replay" / "replay.json").read_text())["runs"]
+    assert {run["name"]: run["torque_residual_rms_moving_nm"] for run in runs} == pytest.approx(
+        {run["name"]: run["after"] for run in said["runs"]}, rel=1e-3
+    )
