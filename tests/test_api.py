@@ -21,6 +21,7 @@ from tests.support.made_diagnosis import made_diagnosis
 from workbench.core.run import Array
 from workbench.core.shown import VIEWS, Shown, brief, view_of
 from workbench.core.table import Table
+from workbench.study.size import size
 
 ROOT = Path(__file__).resolve().parents[1]
 DEMO = ROOT / "scenarios" / "demo_campaign"
@@ -46,6 +47,7 @@ def result(kind: str) -> Any:
         "LoopResult": lambda: wb.simulate(1.5, payload_kg=4500.0),
         "ReplayResult": lambda: wb.replay(result("Campaign")),
         "Run": lambda: result("Campaign").runs[0],
+        "Sizing": lambda: size(ROOT / "scenarios" / "size" / "racker.yaml"),
         "StudyResult": lambda: wb.study(SMALL),
         "Tuning": lambda: wb.tune(bandwidth_hz=1.5, payloads_kg=[0.0, 9000.0], heights_m=[4.0]),
     }
@@ -106,7 +108,8 @@ def test_only_what_shows_a_result_imports_by_name():
         file for file in (ROOT / "workbench").rglob("*.py")
         if "workbench.core.verb import attribute" in file.read_text(encoding="utf-8")
     ]  # fmt: skip
-    assert sorted(file.relative_to(ROOT / "workbench").as_posix() for file in calling) == ["core/shown.py"]
+    found = sorted(file.relative_to(ROOT / "workbench").as_posix() for file in calling)
+    assert found == ["core/shown.py", "diagnose/diagnose.py"]
 
 
 @each_result

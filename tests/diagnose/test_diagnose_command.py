@@ -302,6 +302,7 @@ def test_the_readme_shows_what_this_version_prints(
     (command,) = re.findall(r"^workbench (diagnose .*)$", section, re.MULTILINE)
     block = [line.strip() for line in section.splitlines() if line.startswith("    ") and line.strip()]
     monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("COLUMNS", "100")
     done = workbench(*command.replace("results/diagnosis", str(tmp_path / "out")).split())
     printed = [line.strip().replace(str(tmp_path / "out"), "results/diagnosis") for line in done.out.splitlines()]
     rest, skipping = [line for line in printed if line], False

@@ -56,7 +56,7 @@ def one(motor: MotorBlock, ratio: float = 31.0, **more: object) -> Sizing:
 
 def test_the_lifting_power_of_a_published_crane_is_that_of_its_maker():
     """10 t and a hook block of 300 kg at 5 m/min, efficiency 0.85: 101,043 N, 0.0833 m/s, 9.90 kW, so a motor of 11 kW
-    (EOT Connect, "Crane motor power guide", eotconnect.com/blog-post-motor-power-guide.html)."""
+    (EOT Connect, blog, "Crane motor power guide")."""
     crane = with_values(default_hoist(), {"carriage.mass_kg": 300.0})
     speed = 5.0 / 60.0
     force = hold_torque_nm(crane, 10_000.0) / crane.lift_m_per_rad

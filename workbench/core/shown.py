@@ -36,7 +36,6 @@ VIEWS = {
     "LoopResult": "workbench.view.simulate:VIEW",
     "ReplayResult": "workbench.view.replay:VIEW",
     "Run": "workbench.view.logs:RUN",
-    "Sizing": "workbench.view.size:VIEW",
     "StudyResult": "workbench.view.study:VIEW",
     "Tuning": "workbench.view.tune:VIEW",
 }

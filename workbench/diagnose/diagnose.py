@@ -13,7 +13,7 @@ from workbench.core.run import Run
 from workbench.core.shown import Shown
 from workbench.core.verb import attribute
 from workbench.diagnose.candidates import candidates as candidate_rows
-from workbench.diagnose.gap import Delivered, Gap, Shrink, delivered_of, folds_of, gap_of, shrink_of
+from workbench.diagnose.gap import Delivered, Gap, Shrink, delivered_of, folds_of, gap_of, shrink_of, unseen_over_seen
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
 from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.search import SearchResult, searched
@@ -275,8 +275,9 @@ def diagnose(
     replayed = refitted_replay
     if corrected is not refitted:
         replayed = replay_runs(corrected, campaign.runs, problem.band_hz, impacts)
-    shrink = shrink_of(search, keys, judged.names, folds_of(search, judged.names, unknown), seed, unknown)
-    delivered = delivered_of(problem.noise, refitted_replay, replayed, shrink.by_run)
+    folds = folds_of(search, judged.names, unknown)
+    shrink = shrink_of(search, keys, judged.names, folds, seed, unknown)
+    delivered = delivered_of(problem.noise, refitted_replay, replayed, unseen_over_seen(problem, folds))
     if aside:
         struck = own_impacts(corrected, aside)
         first, last = (replay_runs(m, aside, problem.band_hz, struck) for m in (refitted, corrected))

@@ -89,24 +89,33 @@ def outliers(rms: Array) -> Array:
     return np.minimum(n * student.sf((x - np.mean(others, axis=1)) / spread, n - 2), 1.0)
 
 
+def unseen_over_seen(problem: Problem, folds: Folds) -> Array:
+    """(runs,) The residual of each run under the fit to the others, over what that fit leaves of those, rms.
+
+    The fit without a run of another machine leaves noise of the others and much of that run; the fit without any
+    other run is bent by it. Empty where the folds are no runs.
+    """
+    settings = folds.after.settings
+    if len(settings) != len(problem.runs) or len(settings) < 2:
+        return np.zeros(0)
+    left, run_of = problem.residuals(settings)[:, : problem.inputs], problem.run_of_row[: problem.inputs]
+    rms = [[np.sqrt(np.mean(left[j, mine] ** 2)) for mine in (run_of == j, run_of != j)] for j in range(len(settings))]
+    return np.array([own / others for own, others in rms])
+
+
 def delivered_of(
     noise: float,
     refitted: ReplayResult,
     corrected: ReplayResult,
-    held_out: Mapping[str, tuple[float, float]] | None = None,
+    unseen: Array | None = None,
 ) -> Delivered:
     """Both machines as replayed: the numbers that the report prints are those that anybody gets with the file. noise:
-    rms in the band, in the input's unit. held_out: run -> residual before and after, by a fit to the other runs."""
+    rms in the band, in the input's unit. unseen: of each run, see `unseen_over_seen`."""
     before = np.nan_to_num([run.residual_rms_moving for run in refitted.runs])
     after = np.nan_to_num([run.residual_rms_moving for run in corrected.runs])
     length = np.array([np.count_nonzero(run.balance.moving) for run in corrected.runs], dtype=float)
     beyond = length * np.maximum(before**2 - noise**2, 0.0)
-    left = (
-        np.ones(0)
-        if held_out is None
-        else np.array([held_out[r.name][1] for r in corrected.runs if r.name in held_out])
-    )
-    alike = outliers(left) if len(left) == len(after) else np.ones(len(after))
+    alike = np.ones(len(after)) if unseen is None or len(unseen) != len(after) else outliers(unseen)
     rows = tuple(
         RunResidual(run.name, float(share), float(b), float(a), noise, bool(p < UNLIKELY), float(p))
         for run, share, b, a, p in zip(

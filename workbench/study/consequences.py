@@ -25,7 +25,7 @@ from workbench.core.run import Array, Run
 from workbench.core.table import Column, Table, words
 from workbench.effects import effects_for, sizes_of
 from workbench.effects import find as find_effect
-from workbench.machines import HOIST, LOOPED, Axis, Hoist, Kind, kind_of, looped
+from workbench.machines import HOIST, LOOPED, AnyKind, Axis, Hoist, Kind, kind_of, looped, studied
 from workbench.metrics import Metric, find, set_of
 from workbench.references import LimitPair, Limits, Step, motion_time_s
 from workbench.study.conclude import NO_CHANGE
@@ -446,7 +446,7 @@ def _choices(rows: Sequence[Change], kind: Kind) -> tuple[Choice, ...]:
 
 
 def small_study(
-    machine: Hoist | Axis,
+    machine: AnyKind,
     runs: Sequence[Run] = (),
     *,
     payloads_kg: Sequence[float] | None = None,
@@ -474,7 +474,7 @@ def small_study(
         speed = 0.9 * (min(top, loop.speed_scale(machine)) if axis else top)
         acceleration = speed / usual
         start, end = 0.0, 0.6 * speed
-    if isinstance(machine, Hoist):
+    if studied(machine) is not None:
         low, high = machine.rail.lowest_position_m, machine.highest_position_m
         bottom, ceiling = low + END_OF_RAIL * (high - low), high - END_OF_RAIL * (high - low)
         if not motions:
@@ -491,8 +491,8 @@ def small_study(
         if 0.0 < room < math.inf:
             acceleration = min(acceleration, room / loop.total_inertia(machine, 0.0))
     speed, acceleration = _digits(speed), _digits(acceleration)
-    loads = _payloads(machine, runs) if isinstance(machine, Hoist) else (0.0,)
-    usual_one = usual_controller(machine) if isinstance(machine, Hoist) else usual_settings(machine)[0]
+    loads = _payloads(machine, runs) if studied(machine) is not None else (0.0,)
+    usual_one = usual_controller(machine) if studied(machine) is not None else usual_settings(machine)[0]
     return SmallStudy(
         payloads_kg=loads if payloads_kg is None or axis else tuple(sorted(set(payloads_kg))),
         start_position_m=_digits(start),
@@ -505,15 +505,15 @@ def small_study(
     )
 
 
-def _motion(machine: Hoist | Axis, run: Run) -> tuple[float, float, float, float] | None:
+def _motion(machine: AnyKind, run: Run) -> tuple[float, float, float, float] | None:
     """(fastest speed, largest acceleration, lowest and highest place) of a run, m or rad and seconds; the first two as
     means over a window. None of a run that is too short or has no speed."""
-    if isinstance(machine, Hoist):
+    if studied(machine) is not None:
         speed, place, per, window = "speed_motor_rad_s", "position_carriage_m", machine.lift_m_per_rad, WINDOW_S
     else:
         speed, place, per, window = machine.speed_signal, machine.position_signal, 1.0, AXIS_WINDOW_S
     t, window = run.time_s, max(window, 4.0 * run.sample_time_s)
-    logged = not isinstance(machine, Hoist) and place in run
+    logged = studied(machine) is None and place in run
     if len(t) < 3 or run.duration_s < 3.0 * window or not (logged or speed in run):
         return None
     if logged:
@@ -521,7 +521,7 @@ def _motion(machine: Hoist | Axis, run: Run) -> tuple[float, float, float, float
     else:
         v = run[speed] * per
         way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
-    here = run.signals.get(place, run.start_position_m + way) if isinstance(machine, Hoist) else way
+    here = run.signals.get(place, run.start_position_m + way) if studied(machine) is not None else way
     at = np.arange(t[0], t[-1] - 2.0 * window, 0.2 * window)
     marks = [np.interp(at + k * window, t, way) for k in range(3)]
     first, second = ((marks[k + 1] - marks[k]) / window for k in range(2))

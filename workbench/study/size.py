@@ -26,7 +26,7 @@ from workbench.core.errors import InputError, nearest
 from workbench.core.input_file import read_input
 from workbench.core.record import Force, NotNegative, Positive, Record
 from workbench.core.run import Array, Run
-from workbench.core.shown import Shown
+from workbench.core.shown import Brief
 from workbench.core.yaml_strict import load, validate
 from workbench.machines import Hoist, kind_of, load_of, of_kind, with_values
 from workbench.study.grid import RunSpec
@@ -235,7 +235,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, repr=False)
-class Sizing(Shown):
+class Sizing(Brief):
     """candidates: by installed power, of each motor and count the ratio that is used least first."""
 
     file: SizeFile

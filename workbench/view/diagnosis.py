@@ -722,7 +722,7 @@ def save_diagnosis_page(d: Diagnosis, path: Path) -> None:
 
 def _figure(section: str, number: int = 0) -> Callable[[Diagnosis], Any]:
     def figure(d: Diagnosis) -> Any:
-        drawn = sections_of(d)[section].figures
+        drawn = sections_of(d).get(section, Section()).figures
         if not drawn:
             raise InputError(f"this diagnosis has nothing to draw there; its verdict is '{d.verdict.word}'")
         return drawn[number][0]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.study.size import Candidate, Check, Sizing, largest_torque_nm, rated_current, s1_share
 
@@ -120,25 +118,3 @@ def as_json(sizing: Sizing) -> dict[str, Any]:
         "taken": None if sizing.taken is None else one(sizing.taken),
         "candidates": [one(candidate) for candidate in sizing.candidates],
     }
-
-
-def _columns(sizing: Sizing) -> Mapping[str, Sequence[Any]]:
-    rows = sizing.candidates
-    return {
-        "drive": [drive(c) for c in rows],
-        "power_kw": [c.power_kw for c in rows],
-        "passes": [c.passes for c in rows],
-        "limits": [why_not(c) for c in rows],
-    }
-
-
-VIEW = View(
-    {
-        "drives": candidates_table,
-        "checks": lambda sizing: checks_table(sizing.taken or sizing.candidates[-1]),
-        "s1": s1_table,
-    },
-    {},
-    _columns,
-    index="drive",
-)

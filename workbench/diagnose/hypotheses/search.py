@@ -60,7 +60,7 @@ FIRST_ROUND = 6  # evaluations each, before the field is narrowed
 LAST_ROUND = 40
 ALWAYS = 2  # effects refitted whatever they promise
 HOPELESS = -10.0  # evidence, linearly
-SLACK = 5.0  # evidence that a linear estimate may be short of
+SLACK = 30.0  # evidence that a linear estimate may be short of: a delay beside a payload error was by 20
 EXTENDED_REFITTED = 6
 LEADS = 0.4  # of the best hypothesis' evidence
 TOLERANCES = 3.0  # within which signatures are taken
@@ -502,7 +502,7 @@ class Search:
         near = replace(result.within_tolerances, free=result.base.free)
         alone = [fit.objective for names, fit in self.fits.items() if len(names) == 1 and names[0] in self.effects]
         best = near.objective - min(alone, default=near.objective)  # taken off by the best alone, from the same point
-        enough = best + max(settings.calibration()["pair"], least * (near.objective - best))
+        enough = best + least * (near.objective - best)
         projection = Projection.of(self.problem, near)
         kept: dict[str, list[tuple[float, Signature, Array]]] = {}
         for one in result.signatures:

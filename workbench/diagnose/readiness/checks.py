@@ -24,6 +24,7 @@ ODD_INERTIA, ODD_LOAD = 2.0, 1.4  # over the nominal ones: worth a warning
 LOADS_APART = 1.25  # of the loads that runs hold over the nominal ones: offsets and payload errors stay below
 INERTIAS_APART = 2.0  # a lag of a tenth of a second takes a third off the inertia of a brisk run
 SPEED_SLIPS = (("rpm", 60.0 / (2.0 * math.pi)), ("degrees per second", 180.0 / math.pi))
+TOO_FAST = 3.0  # times the nominal speed
 FAR = 2.0  # a ratio beyond this or its inverse is a unit, not a machine
 NEAR = 0.1  # what geometry, layers and a yielding wire may make of it
 ALIKE = 0.8  # correlation: below, the two do not show the same motion
@@ -103,6 +104,15 @@ def _faults(bench: InverseSimulation, going: Sequence[int], warnings: list[str])
     else:
         yield from _signal_faults(bench, going, warnings)
         yield from _machine_faults(bench, as_well_shown(rigid), odd)
+    nominal = kind_of(bench.machine).nominal_speed
+    for j in going if nominal is not None else ():
+        fastest = float(np.max(np.abs(bench.motions[j].speed)))
+        if fastest > TOO_FAST * bench.scale:
+            yield (
+                f"{bench.plant.speeds[0]} reaches {fastest:.3g}, the nominal speed is {bench.scale:.3g}; is another "
+                "signal in its column, or another unit?",
+                runs[j].name,
+            )
     if still := [run.name for j, run in enumerate(runs) if j not in going]:
         verbs = ("stands", "adds") if len(still) == 1 else ("stand", "add")
         who = listed(still).replace("run", "Run", 1)

@@ -35,6 +35,7 @@ from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of
 
 SAME = 0.5  # evidence between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
+WORSE = 1.02  # of the held-out residual without one of its effects
 OTHER, BOUND = "the other effect", "a bound"  # what speaks against a fit that is none of its law
 
 
@@ -124,8 +125,8 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
 
 
 def judged_to_help(search: SearchResult) -> Judged:
-    """The verdict. A cause is not named if its correction makes held-out runs worse, nor one beside others that does
-    not make them better."""
+    """The verdict. A cause is not named if its correction makes held-out runs worse, nor beside others if it makes
+    them clearly worse."""
     barred: list[Names] = []
     while True:
         judged = judge(search, barred)
@@ -135,13 +136,16 @@ def judged_to_help(search: SearchResult) -> Judged:
 
 
 def harmful(search: SearchResult, names: Names) -> bool:
-    """Whether held-out runs are predicted worse with a hypothesis than without its effects, or without one of them."""
-    problem = search.problem
-    parts = [part for part in combinations(names, len(names) - 1) if part in search.fits]
-    folds = folds_by_run(problem)
-    after = held_out(problem, search.fits[names], folds).rms(problem.inputs)
-    fits = [search.within_tolerances, *(search.fits[part] for part in parts if part)]
-    return any(after > held_out(problem, fit, folds).rms(problem.inputs) for fit in fits)
+    """Whether held-out runs are predicted worse with a hypothesis than without its effects, or clearly worse than
+    without one of them: what only relieves the tolerances takes nothing off the residual."""
+    problem, folds = search.problem, folds_by_run(search.problem)
+
+    def left(fit: Fitted) -> float:
+        return held_out(problem, fit, folds).rms(problem.inputs)
+
+    after, parts = left(search.fits[names]), [part for part in combinations(names, len(names) - 1) if part]
+    clearly = [left(search.fits[part]) for part in parts if part in search.fits]
+    return after > left(search.within_tolerances) or any(after > WORSE * without for without in clearly)
 
 
 def established(
