@@ -35,7 +35,6 @@ LAYERS = [
     ("__main__",),
 ]
 LEVEL = {name: level for level, row in enumerate(LAYERS) for name in row}
-MOVING = {"figures": "view", "reports": "view", "face": "view"}  # one room, not yet one folder
 
 # The physics' floor stays quick to import and knows no screens.
 FLOOR = ("core", "symbolic", "machines", "engine")
@@ -48,7 +47,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 def layer_of(module: Path) -> str | None:
     """The layer's name, None for the package's own __init__, which holds the version only."""
     first = module.relative_to(PACKAGE).parts[0].removesuffix(".py")
-    return None if first == "__init__" else MOVING.get(first, first)
+    return None if first == "__init__" else first
 
 
 def imported(node: ast.AST, package: tuple[str, ...]) -> list[str]:
@@ -70,9 +69,7 @@ def wrong_imports(source: str, layer: str | None, package: tuple[str, ...]) -> l
             parts = name.split(".")
             if parts[0] != "workbench" or parts[1:2] == ["__version__"] or parts[1:2] == [layer]:
                 continue
-            target = MOVING.get(parts[1], parts[1]) if len(parts) > 1 else "workbench"
-            if target == layer:
-                continue
+            target = parts[1] if len(parts) > 1 else "workbench"
             if target not in LEVEL or LEVEL[target] >= LEVEL.get(layer or "", -1):
                 wrong.append(f"line {node.lineno}: {name}")  # type: ignore[attr-defined]
     return wrong

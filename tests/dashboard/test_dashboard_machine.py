@@ -19,13 +19,13 @@ from workbench.core.run import Run
 from workbench.dashboard import chosen as campaigns
 from workbench.dashboard.pages import compare as kept
 from workbench.dashboard.pages.machine import LARGE
-from workbench.figures import arm_parts
 from workbench.logs import read_campaign
 from workbench.machines import default_hoist
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.study.load import plan_study
 from workbench.study.run import run_study
 from workbench.study.scenario import Scenario
+from workbench.view import arm_parts
 from workbench.view.film import HEIGHT, VIRIDIS, Scene, film, film_data, look_of, scene_of
 
 

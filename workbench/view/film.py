@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.figures import arm_parts as parts
 from workbench.machines import HOIST, Hoist
 from workbench.simulate.driven import InverseSimulation
+from workbench.view import arm_parts as parts
 from workbench.view.style import VERMILLION
 
 HEIGHT = 640  # px

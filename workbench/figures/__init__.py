@@ -1,1 +1,0 @@
-"""Figures: arrays and runs in, plotly figures out. Only `save` touches a file."""
