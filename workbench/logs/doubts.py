@@ -136,7 +136,8 @@ def _late(kind: Kind, seen: Sequence[Seen]) -> Iterator[str]:
     both = []
     for s in seen:
         usual_friction = float(np.median([o.friction for o in seen if o is not s] or [s.friction]))
-        both.append(max((_lag(s, friction) for friction in (s.friction, usual_friction)), key=lambda lag: lag[1]))
+        own = max(s.friction, 0.0)  # no friction drives: a run that fits better so is not of this motion
+        both.append(max((_lag(s, friction) for friction in (own, usual_friction)), key=lambda lag: lag[1]))
     for k, (s, (late_s, alike, logged)) in enumerate(zip(seen, both, strict=True)):
         others = [*both[:k], *both[k + 1 :]]
         like = all(o > LIKE for _, o, _ in others) and (kind.holds_load or len(others) > 1)

@@ -364,9 +364,11 @@ def read_copies(folder: Path, machine: Hoist | Axis, rules: Rules) -> Copies:
         "move watch.sqlite away, and the logs are read",
     )
     try:
-        table = pyarrow.parquet.read_table(file, memory_map=False)
-        kept = json.loads((table.schema.metadata or {}).get(b"settings", b"{}"))
-        cycles = [_cycle(k, keys, _of_copy(keys, row)) for k, row in enumerate(table.to_pylist())]
+        cycles: list[Cycle] = []
+        with pyarrow.parquet.ParquetFile(file, memory_map=False) as table:
+            kept = json.loads((table.schema_arrow.metadata or {}).get(b"settings", b"{}"))
+            for batch in table.iter_batches(1000):  # a file of many millions of wrong rows ends at the first one
+                cycles += [_cycle(k, keys, _of_copy(keys, row)) for k, row in enumerate(batch.to_pylist(), len(cycles))]
     except FileNotFoundError as error:
         raise InputError(f"is not there; {again} again", file=file) from error
     except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
