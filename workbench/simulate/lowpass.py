@@ -122,7 +122,7 @@ def noise_rms(time_s: Array, values: Array, band_hz: float) -> float:
 
 
 def _resampled(at: Array, time: Array, columns: Array) -> Array:
-    return np.stack([np.interp(at, time, column) for column in columns.T], axis=-1)
+    return np.array([np.interp(at, time, column) for column in columns.T]).reshape(-1, len(at)).T
 
 
 def _good_size(n: int) -> int:
