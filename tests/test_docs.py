@@ -337,3 +337,10 @@ def test_the_drawing_of_the_arm_is_made_from_the_models_geometry():
     assert (DOCS / "img" / "arm.svg").read_text(encoding="utf-8") == drawn, said
     fields = [name for name in type(default_hoist().arm).model_fields if name.endswith("_m") and "_per_" not in name]
     assert len(fields) > 9 and [name for name in fields if f">{name}" not in drawn] == []
+
+
+def test_files_of_effects_that_name_the_folder_trace_are_still_read():
+    from workbench.symbolic import expr as now
+    from workbench.trace import expr as then
+
+    assert then.where is now.where and then.absolute is now.absolute and then.exp is now.exp

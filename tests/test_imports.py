@@ -19,6 +19,7 @@ PACKAGE = ROOT / "workbench"
 LAYERS = [
     ("core",),
     ("symbolic",),
+    ("trace",),
     ("machines",),
     ("engine",),
     ("logs", "control", "references", "metrics"),

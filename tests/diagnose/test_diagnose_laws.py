@@ -263,7 +263,7 @@ def test_the_same_seed_gives_the_same_answer_to_the_last_digit():
 
 OWN = '''
 from workbench.effects import Parameter, effect
-from workbench.trace.expr import absolute, sqrt, where
+from workbench.symbolic.expr import absolute, sqrt, where
 
 @effect(
     place={"axis": "axis_force"}, subsystem="axis", regime="position",

@@ -65,7 +65,7 @@ KIND = replace(_OWN, closed_loop=replace(_OWN.looped, inertia=inertia))
 WORK = """
 import sys
 from pathlib import Path
-from tests.kinds.test_kind_laws import faults
+from tests.machines.test_kind_laws import faults
 from tests.support.driven_campaign import driven, planned, write
 from workbench.cli import cli
 from workbench.machines import KINDS, with_values

@@ -1,0 +1,1 @@
+"""The name by which users' files of effects know `workbench.symbolic`."""
