@@ -251,6 +251,20 @@ def test_a_name_that_is_no_folders_name_is_one_clear_error():
     )
 
 
+def test_limits_and_weights_that_are_set_decide():
+    app = page("Study").run()
+    assert "Out:" not in app.info[0].value
+    app.number_input(key="study.limit wire_tension_swing_n").set_value(19.0).run()  # kN: the trapezoid swings by 20.5
+    assert not app.exception and errors(app) == []
+    said = app.info[0].value.replace("\\", "")
+    assert "the trapezoid (" in said.partition("Out:")[2] and "Take the trapezoid" not in said
+    assert "study" in app.query_params
+    app.number_input(key="study.limit wire_tension_swing_n").set_value(0.001).run()
+    assert "Take none of these" in app.info[0].value
+    app.number_input(key="study.limit wire_tension_swing_n").set_value(None).run()
+    assert "Out:" not in app.info[0].value and "study" not in app.query_params
+
+
 def test_each_move_of_a_widget_counts_and_so_does_what_is_changed_elsewhere():
     from streamlit.testing.v1 import AppTest
 

@@ -35,26 +35,18 @@ _ICON = (
     'stroke-width="3" fill="none"/><rect x="8" y="15" width="16" height="13" rx="2" fill="#D55E00"/></svg>'
 )
 
-# title -> (the module whose show() draws it, its icon)
-PAGES: dict[str, tuple[str, str]] = {
-    "Study": ("study", "tune"),
-    "Compare": ("compare", "compare_arrows"),
-    "Loop": ("loop", "all_inclusive"),
-    "Sizing": ("sizing", "straighten"),
-    "Import": ("imports", "input"),
-    "Signals": ("signals", "show_chart"),
-    "Validate": ("validate", "fact_check"),
-    "Gap": ("gap", "troubleshoot"),
-    "Machine": ("machine", "precision_manufacturing"),
-    "Plant": ("plant", "developer_board"),
-    "Batches": ("batches", "dynamic_feed"),
-}
+# title -> the module whose show() draws it. No icons: with them some pages stood in a menu at 1280 px.
+PAGES: dict[str, str] = {
+    "Study": "study", "Compare": "compare", "Loop": "loop", "Sizing": "sizing", "Import": "imports",
+    "Signals": "signals", "Validate": "validate", "Gap": "gap", "Machine": "machine", "Plant": "plant",
+    "Batches": "batches",
+}  # fmt: skip
 FIRST = "Study"
 
 
 def run_page(title: str) -> None:
     """Draws one page, without the frame; its module is imported when it is first shown."""
-    importlib.import_module(f"workbench.dashboard.pages.{PAGES[title][0]}").show()
+    importlib.import_module(f"workbench.dashboard.pages.{PAGES[title]}").show()
 
 
 def run() -> None:
@@ -66,10 +58,10 @@ def run() -> None:
     session.work_folder()  # a page's link drops what names this session's jobs from the address; here it comes back
     pages = [
         st.Page(
-            partial(run_page, title), title=title, icon=f":material/{icon}:", default=title == FIRST,
+            partial(run_page, title), title=title, default=title == FIRST,
             url_path="first" if title == FIRST else title.lower(),  # the first page's own address is the server's
         )
-        for title, (_, icon) in PAGES.items()
+        for title in PAGES
     ]  # fmt: skip
 
     def by_name() -> None:

@@ -65,7 +65,12 @@ def _asked(machine: Hoist) -> dict[str, Any]:
     """What the fields ask, as the file has it. InputError for a catalogue that cannot be read."""
     scenario = current(machine).scenario
     kinds = [kind for kind in scenario.kinds if isinstance(kind, str)]
-    reference = st.selectbox("Reference", kinds, key=held("sizing reference", kinds[-1], kinds), format_func=label)
+    reference = st.selectbox(
+        "Reference",
+        kinds,
+        key=held("sizing reference", "ruckig" if "ruckig" in kinds else kinds[-1], kinds),
+        format_func=label,
+    )
     loads_, shares = scenario.payloads_kg or (), []
     with st.expander("Payloads and their share of the cycles", icon=":material/weight:"):
         for payload in loads_:
