@@ -214,7 +214,8 @@ def campaign_or_none(key: str) -> Campaign | None:
     """The same; None, which the page says, as long as files are to be uploaded."""
     here, own = offered(), uploaded()
     options = [*here, *own, UPLOAD]
-    last = last_name() if last_name() in options else options[0]
+    usual = [*own][-1] if own and not last_name() else options[0]  # after a reload the upload stays chosen
+    last = last_name() if last_name() in options else usual
     choice = st.selectbox("Campaign", options, key=held(key, last, options))
     if choice == UPLOAD:
         _upload(key)
