@@ -20,6 +20,7 @@ from workbench.blind.answer import Answer, answer
 from workbench.blind.measures import Row, single
 from workbench.blind.score import Score
 from workbench.blind.seal import Order
+from workbench.core.errors import InputError
 from workbench.diagnose.diagnose import chosen_effects
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search, SearchResult
@@ -51,7 +52,10 @@ def extended(content: Content, recommended: Mapping[str, Any], campaign: Path) -
 
     read = read_campaign(campaign)
     problem = Problem(read.machine, read.runs)
-    start, speed, moves = (recommended[key] for key in ("start_position", "speed", "moves"))
+    wanted = ("start_position", "speed", "moves")
+    if missing := [key for key in wanted if key not in recommended]:
+        raise InputError(f"the recommended run lacks {', '.join(missing)}", file=campaign)
+    start, speed, moves = (recommended[key] for key in wanted)
     planned = from_moves(problem, recommended["payload_kg"], start, speed, moves)
     run, kind = planned.run, content.kind
     speed = run[problem.bench.plant.speeds[0]]

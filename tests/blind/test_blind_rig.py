@@ -267,8 +267,9 @@ def test_the_recommended_run_is_driven_as_the_menu_has_it_by_the_same_machine(ri
     content = content_of(ordered(Asked(runs=DEMO, cases=1, case="none"), 5)[0][0], short)
     make_campaign(tmp_path / "before", (5, 1), content)
     asked = {
-        "payload_kg": 0.0, "profile": "slow (9.9 m/s), both ways, with reversals at half height",
-        "signals": ["tension_dead_line_n"],
+        "payload_kg": 0.0, "profile": "designed", "signals": ["tension_dead_line_n"],
+        "start_position": 6.0, "speed": 0.2,
+        "moves": [{"by_m": 1.0}, {"by_m": -0.5}, {"by_m": 0.5}, {"by_m": -1.0}, {"by_m": 0.5}, {"by_m": -0.5}],
     }  # fmt: skip
     more = next_run.extended(content, asked, tmp_path / "before")
     assert more.drawn == content.drawn and more.runs[:-1] == content.runs
@@ -277,8 +278,8 @@ def test_the_recommended_run_is_driven_as_the_menu_has_it_by_the_same_machine(ri
     assert last.payload_kg == 0.0 and last.start_time_s > content.runs[-1].start_time_s
     speed = np.array(last.reference)
     assert np.sum(np.diff(np.sign(speed[np.abs(speed) > 1e-3])) != 0) == 5  # up, back, up, down, back, down
-    with pytest.raises(InputError, match="no run 'sideways' on the menu"):
-        next_run.extended(content, {**asked, "profile": "sideways"}, tmp_path / "before")
+    with pytest.raises(InputError, match="moves"):
+        next_run.extended(content, {k: v for k, v in asked.items() if k != "moves"}, tmp_path / "before")
 
 
 def cut(run: Any, length_s: float) -> Any:

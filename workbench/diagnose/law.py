@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters, bounds_of
@@ -425,6 +426,8 @@ def _finished(
         before = min(before, float(np.sqrt(np.sum(start.fitter.before) / problem.inputs)))
         after = held_out(others)
         text = machine_text(machine_at(best))
+    except InputError:  # base values that no machine has: the linear fit has led too far
+        return None
     finally:
         add([], name, file)
     gap = before**2 - problem.noise**2
