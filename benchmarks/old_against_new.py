@@ -50,8 +50,8 @@ def commands() -> Iterator[tuple[str, list[str]]]:
     yield "compare-models 01", ["compare-models", str(DATA / "campaigns/01"), "--runs", "half_fast", "--out", "OUT"]
     yield "export-fmu", ["export-fmu", "default", "--platforms", "none", "--out", "OUT/hoist.fmu"]
     for form in ("st", "c", "yaml"):
-        scenario = str(ROOT / "scenarios/payloads.yaml")
-        yield f"export-controller {form}", ["export-controller", scenario, "--as", form, "--out", "OUT"]
+        controller = str(ROOT / "scenarios/payloads.yaml")
+        yield f"export-controller {form}", ["export-controller", controller, "--as", form, "--out", "OUT"]
 
 
 def run(words: list[str], out: Path) -> None:

@@ -80,7 +80,7 @@ def test_without_options_the_diagnosis_gets_its_defaults(workbench: Commands, fo
     campaign = called.how.pop("campaign")
     assert [run.name for run in campaign.runs] == ["empty", "half", "full"]
     assert called.how == {
-        "baseline": "tolerances", "candidates": None, "most_effects": 2, "seed": 0, "band_hz": None, "scenario": None,
+        "baseline": "tolerances", "candidates": None, "most_effects": 5, "seed": 0, "band_hz": None, "scenario": None,
         "quick": False, "validate": [],
     }  # fmt: skip
 
@@ -143,7 +143,7 @@ def test_without_out_nothing_is_written(
         (["--candidates", "friction_viscos"], "--candidates: unknown effect 'friction_viscos'; did you mean "),
         (["--candidates", "presliding"], "unknown effect 'presliding'"),
         (["--baseline", "refit"], "'refit' is not one of 'tolerances', 'nominal'"),
-        (["--max-effects", "4"], "4 is not in the range 1<=x<=3"),
+        (["--max-effects", "6"], "6 is not in the range 1<=x<=5"),
         (["--seed", "-1"], "-1 is not in the range x>=0"),
         (["--runs", "emty"], "no run 'emty'; did you mean 'empty'?"),
         (["--band", "0.01"], "--band: 0.01 Hz, expected at least"),
