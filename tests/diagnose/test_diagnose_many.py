@@ -149,7 +149,7 @@ def test_the_functions_signature_has_its_options_and_its_docstring_each_of_them(
     assert all(
         p.default == inner[name].default for name, p in parameters.items() if name in inner and name != "campaign"
     )
-    said = inspect.getdoc(wb.diagnose.__wrapped__) or ""
+    said = inspect.getdoc(inspect.unwrap(wb.diagnose)) or ""
     assert [name for name in parameters if name != "campaign" and f"{name}:" not in said.replace("\n", " ")] == [
         "scenario", "seed",
     ]  # fmt: skip

@@ -84,7 +84,7 @@ def _read(files: Sequence[UploadedFile]) -> list[Imported]:
                 logs[file.file_id] = Imported(path, tuple(read_channels(path)))
             path.unlink()
     session.put(READ, logs)
-    return list(logs.values())
+    return [log for log in logs.values() if log is not None]
 
 
 def _runs(logs: Sequence[Imported], machine: Hoist | Axis) -> list[Imported]:
