@@ -238,7 +238,7 @@ def report(machines: Sequence[Watched], rules: Rules) -> list[str]:
     seen = [one for one in found if one.delay is not None]
     soon = [one for one in seen if one.delay is not None and one.delay <= SOON]
     cycles = sum(len(watched.cycles) - rules.healthy for watched in machines)
-    false, renamed = (sum(result[i] for result in results) for i in (1, 2))
+    false, renamed = sum(n for _, n, _ in results), sum(n for _, _, n in results)
     lines = [
         f"{len(machines)} machines, {cycles} judged cycles, {len(found)} faults",
         f"  alarm within {SOON} cycles of being visible: {len(soon)} of {len(found)}; later {len(seen) - len(soon)}",

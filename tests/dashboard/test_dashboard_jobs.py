@@ -207,7 +207,7 @@ def test_two_at_a_time_and_no_more(workspace: Path, tmp_path: Path):
 
 def test_all_sessions_together_are_bounded(workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(jobs, "MOST_RUNNING_IN_ALL", 1)
-    monkeypatch.setattr(jobs, "_running", {})  # what other tests started may still be ending
+    monkeypatch.setattr(jobs, "_running", [])  # what other tests started may still be ending
     begin(workspace, "counted", to=10_000, each_s=0.01)
     other = tmp_path / "other"
     other.mkdir()

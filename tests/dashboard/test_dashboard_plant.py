@@ -136,7 +136,7 @@ def test_the_built_in_client_yields_to_another_one():
         session.command(400.0, who="a PLC")
     session.refused("second_client", "a PLC is not heard")  # as each protocol counts it
     desk.take(session.order({"get": list(READ), "status": True}))
-    assert not client.at_work and client.ended.startswith("another client commands this plant")
+    assert not bool(client.at_work) and client.ended.startswith("another client commands this plant")
     clock.now += 1.0
     session.step()  # the built-in one is silent
     assert session.command(400.0, who="a PLC") and session.controller == "a PLC"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -43,7 +44,7 @@ def test_what_the_page_takes_is_what_the_command_takes_for_the_pages_file(server
         assert time.monotonic() < end
         time.sleep(0.1)
     assert jobs.poll(job).state == "done", jobs.poll(job).sentence
-    own = loads((job.file("inputs") / sizing.SIZE).read_text(), "size.yaml").data
+    own: Any = loads((job.file("inputs") / sizing.SIZE).read_text(), "size.yaml").data
     assert own["wire"]["safety_factor"] == 5.0 and own["payloads"][-1]["share"] == 0.6
     found = size(job.file("inputs") / sizing.SIZE)
     assert {candidate.motor.name for candidate in found.candidates} == {"small", "large"}

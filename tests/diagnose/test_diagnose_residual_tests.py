@@ -12,7 +12,7 @@ from tests.support.simulated_campaign import TRUTH, simulated_campaign, true_mac
 from workbench.diagnose.gap import outliers
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
 from workbench.logs import read_campaign
-from workbench.machines import with_values
+from workbench.machines import Hoist, with_values
 from workbench.simulate.lowpass import lowpass
 from workbench.simulate.replay import replay_runs
 
@@ -64,6 +64,7 @@ def test_of_a_machine_that_is_the_true_one_noise_is_left_and_of_a_wrong_one_more
     true = residual_tests(replay_runs(with_values(campaign.machine, TRUTH), campaign.runs))
     assert [test.run for test in true] == ["empty", "half", "full", "all runs"]
     assert all(test.white for test in true)
+    assert isinstance(campaign.machine, Hoist)
     heavier = with_values(campaign.machine, TRUTH | {"carriage.mass_kg": 1.02 * campaign.machine.carriage.mass_kg})
     wrong = residual_tests(replay_runs(heavier, campaign.runs))
     assert not any(test.white for test in wrong)

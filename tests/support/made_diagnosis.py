@@ -76,7 +76,7 @@ def made_diagnosis(kind: str, with_consequences: bool = False) -> Diagnosis:
         seed=0,
         condition=_condition(campaign, before),
         gap=gap,
-        delivered=delivered_of(0.5, *(replay_runs(machine, campaign.runs) for machine in (nominal, corrected))),
+        delivered=delivered_of(0.5, replay_runs(nominal, campaign.runs), replay_runs(corrected, campaign.runs)),
         where=None if kind == "no_gap" else _where(campaign, before, kind),
         candidates=_candidates(nominal, effects, gap),
         isolability=_isolability(nominal),

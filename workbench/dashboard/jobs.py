@@ -244,12 +244,15 @@ def remove(job: Job) -> None:
     shutil.rmtree(job.folder, ignore_errors=True)
 
 
-def clean(workspace: Path, older_than_s: float = KEEP_S) -> None:
-    """Removes ended jobs that nobody has touched for so long."""
+def clean(workspace: Path, older_than_s: float = KEEP_S) -> int:
+    """Removes ended jobs that nobody has touched for so long; how many."""
+    gone = 0
     for job in jobs_of(workspace):
         touched = max(path.stat().st_mtime for path in (job.folder, *job.folder.glob("*.json*")))
         if not is_alive(job) and time.time() - touched > older_than_s:
             remove(job)
+            gone += 1
+    return gone
 
 
 def result_folder(job: Job) -> Path | None:

@@ -307,9 +307,8 @@ def _form(
             cast = int if whole else float
             bounds = [None if bound is None else cast(bound) for bound in (low, high)]
             start = None if now is None else cast(now)
-            made[name] = st.number_input(
-                label, *bounds, key=held(own, start), step=1 if whole else None, format="%d" if whole else "%.6g"
-            )
+            form: Any = {"step": 1, "format": "%d"} if whole else {"step": None, "format": "%.6g"}
+            made[name] = st.number_input(label, min_value=bounds[0], max_value=bounds[1], key=held(own, start), **form)
         elif spec.get("type") == "string" and "const" not in spec:
             made[name] = st.text_input(label, key=held(own, now))
     return made

@@ -187,7 +187,11 @@ def _client(process: PlantProcess, machine: Hoist) -> None:
         ]  # fmt: skip
         kinds = list(planned_kinds())
         reference = st.selectbox("Reference", kinds, format_func=label, key=held("plant reference", kinds[1]))
-        wanted |= {"heights_m": list(between), "reference": reference, "limits": limits}
+        wanted |= {
+            "heights_m": [float(end) for end in np.atleast_1d(between)],
+            "reference": reference,
+            "limits": limits,
+        }
     if wanted != st.session_state.get(SENT):
         asked(process, {"client": wanted})
         st.session_state[SENT] = wanted
