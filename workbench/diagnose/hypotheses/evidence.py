@@ -61,7 +61,7 @@ def score_of(problem: Problem, fit: Fitted) -> Score:
         g, h = best
         around = [(g * STEP, h), (g / STEP, h), (g, h * STEP), (g, h / STEP)]
         inside = [sizes for sizes in around if _within(sizes)]
-        better = min(inside, key=value)
+        better = min(inside, key=value, default=best)  # sizes that a first search needed may lie beyond the bounds
         if value(better) >= value(best):
             break
         best = better
