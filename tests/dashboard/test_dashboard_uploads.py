@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from hypothesis import strategies as st
 
 from tests.support.log_campaign import RUNS, csv_text, hoist_columns, write_campaign
 from workbench.core.errors import InputError
-from workbench.dashboard import uploads
+from workbench.dashboard import session, uploads
 from workbench.dashboard.uploads import KEPT, Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
 from workbench.logs.formats import known
 
@@ -330,3 +331,10 @@ def test_damaged_logs_are_input_errors(tmp_path, noise, at, suffix):
         Uploaded(log.name, bytes(content)),
     ]  # fmt: skip
     assert str(tmp_path) not in told(sent, workspace)
+
+
+@pytest.mark.parametrize("name", ["../other.yaml", "a/b.csv", "/tmp/x.csv", "", "..", "."])
+def test_no_name_leads_out_of_the_sessions_folder(name: str):
+    upload = SimpleNamespace(size=1, getvalue=lambda: b"x")
+    with pytest.raises(ValueError, match="plain file name"):
+        session.stored(upload, name)

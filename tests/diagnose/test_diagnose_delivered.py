@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.support.commands import Commands
-from workbench.diagnose.diagnose import diagnose
+from workbench.core.run import Array
+from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.effects import check
 from workbench.logs import read_campaign
 from workbench.machines import load_machine, save_machine
-from workbench.simulate.replay import replay_runs
+from workbench.simulate.replay import ReplayResult, replay_runs
 
 # Two hoists and two axes; the last axis' log is 29 ms late. What is marked as proof takes a minute or more.
 CAMPAIGNS = [
@@ -39,9 +41,36 @@ def test_a_replay_of_the_delivered_machine_gives_the_reports_numbers_and_the_fit
     said = {run.name: run.after for run in d.delivered.runs}
     assert {run.name: run.residual_rms_moving for run in again.runs} == pytest.approx(said, rel=1e-3)
     assert d.delivered.residual_rms == pytest.approx(again.residual_rms_moving, rel=1e-3)
+    for name_of_run, apart, rms in apart_of(d, again):
+        assert float(np.sqrt(np.mean(apart**2))) < 0.005 * rms, name_of_run
+
+
+LATE = "the last samples of a log that is 29 ms late: 4 of 1564 are 2 % of the rms off"
+
+
+@pytest.mark.parametrize(
+    ("name", "candidates"),
+    [
+        ("campaigns/05", ("friction_position_dependent",)),
+        ("campaigns/31", ("speed_delay",)),
+        ("axes/03", None),
+        pytest.param("axes/15", ("speed_delay",), marks=pytest.mark.xfail(reason=LATE, strict=True)),
+    ],
+)
+def test_fit_and_replay_leave_the_same_at_each_sample_that_both_look_at(
+    shared_data: Path, name: str, candidates: tuple[str, ...] | None
+):
+    campaign = read_campaign(shared_data / name, check_effects=check)
+    d = diagnose(campaign, candidates=candidates, quick=True)
+    again = replay_runs(d.corrected, campaign.runs, d.gap.band_hz)
+    for name_of_run, apart, rms in apart_of(d, again):
+        assert float(np.max(np.abs(apart))) < 0.01 * rms, name_of_run
+
+
+def apart_of(d: Diagnosis, again: ReplayResult) -> Iterator[tuple[str, Array, float]]:
+    """Of each run, at the samples of the fit: what a replay leaves less what the fit leaves, and the rms of that."""
     if d.unknown is not None:  # a table is fitted on samples of its own
         return
-    # The fit looks at every so many of the samples that a replay judges: there both leave the same, to 1 %.
     problem = d.search.problem
     fit = d.search.fits[d.judged.names] if d.judged.names else d.search.within_tolerances
     left = fit.residual[: problem.inputs]
@@ -49,8 +78,7 @@ def test_a_replay_of_the_delivered_machine_gives_the_reports_numbers_and_the_fit
         rows, mine = problem.rows[j], left[problem.run_of_row[: problem.inputs] == j]
         assert np.mean(run.balance.moving[rows]) > 0.98, run.name
         rms = float(np.sqrt(np.mean(mine**2)))
-        apart = float(np.sqrt(np.mean((run.balance.residual[rows] - mine) ** 2)))
-        assert apart < 0.005 * rms, run.name
+        yield run.name, run.balance.residual[rows] - mine, rms
 
 
 def test_the_commands_agree_to_every_digit_they_print(

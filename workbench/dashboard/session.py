@@ -90,7 +90,10 @@ def workspace() -> Path:
 
 
 def stored(upload: Upload, name: str, most_bytes: int = 1 * MB) -> Path:
-    """The uploaded bytes in a file of the session, under the name the page gives it. InputError for a larger one."""
+    """The uploaded bytes in a file of the session, under the name the page gives it. InputError for a larger one,
+    ValueError for a name with folders in it."""
+    if name != Path(name).name or name in ("", ".", ".."):
+        raise ValueError(f"{name!r} is not a plain file name")
     if upload.size > most_bytes:
         raise InputError(f"{upload.size / MB:.1f} MB, expected at most {most_bytes / MB:g} MB", file=name)
     path = workspace() / name
