@@ -64,6 +64,17 @@ def campaigns(shared_data: Path) -> Path:
     return folder
 
 
+MAIN = sys.modules["__main__"]
+
+
+@pytest.fixture(autouse=True)
+def main_module_kept() -> Iterator[None]:
+    """A page's test leaves its script as the main module, which a Dask worker started later would import."""
+    sys.modules["__main__"] = MAIN
+    yield
+    sys.modules["__main__"] = MAIN
+
+
 @pytest.fixture
 def kernel_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty kernel cache of this test's own, for tests of compiling and of stale code."""

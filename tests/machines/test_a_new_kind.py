@@ -85,8 +85,8 @@ for words in (["replay", "--out", "replayed"], ["identify", "--out", "identified
 def test_a_kind_is_one_file_and_no_other_edit(tmp_path: Path):
     shutil.copytree(ROOT / "workbench", tmp_path / "workbench", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "tests" / "support", tmp_path / "tests" / "support")
-    (tmp_path / "tests" / "kinds").mkdir()
-    shutil.copy(ROOT / "tests" / "kinds" / "test_kind_laws.py", tmp_path / "tests" / "kinds")
+    (tmp_path / "tests" / "machines").mkdir()
+    shutil.copy(ROOT / "tests" / "machines" / "test_kind_laws.py", tmp_path / "tests" / "machines")
     (tmp_path / "workbench" / "machines" / "kinds" / "turntable.py").write_text(TABLE, encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-c", WORK, str(tmp_path)],

@@ -5,9 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import sqlite3
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -50,10 +48,8 @@ OPTIONS = "--state", "state", "--once", "--settle", 0.02, "--healthy", RULES.hea
 
 @pytest.mark.parametrize("cluster", [(), ("--cluster", "local:2")])
 def test_one_table_by_state_and_a_broken_machine_keeps_nobody_from_being_watched(
-    cluster: tuple[str, ...], place: Path, commands: Commands, monkeypatch: pytest.MonkeyPatch
+    cluster: tuple[str, ...], place: Path, commands: Commands
 ):
-    # A page's test in this process leaves a script of its own as the main module, which a worker would import.
-    monkeypatch.setitem(sys.modules, "__main__", ModuleType("__main__"))
     done = commands("watch", "--fleet", "fleet.yaml", *OPTIONS, *cluster)
     assert done.status == 2 and "broken: state/broken/watch.sqlite: is damaged" in done.err.replace(f"{place}/", "")
     assert "Traceback" not in done.err and "3 machines: 1 failed, 1 alarm, 1 learning, 0 healthy." in done.out
