@@ -95,7 +95,7 @@ class Law:
     @property
     def equation(self) -> str:
         """F = −(c1 v |v| + …), the force along forward motion."""
-        return f"F = −({' + '.join(f'c{k} {text}' for k, text in enumerate(self.formulas, 1))})"
+        return f"F = −({' + '.join(f'c{k} {text}'.removesuffix(' 1') for k, text in enumerate(self.formulas, 1))})"
 
     @property
     def values(self) -> list[tuple[str, float, float, str]]:
@@ -462,7 +462,7 @@ def source_of(terms: Sequence[Term], port: Any, kind: str, acts_on: str, name: s
             "vanishes_at=0.0),"
         )
         parts.append(f"e.c{k} * ({code})")
-        said.append(f"c{k} {text}")
+        said.append(f"c{k} {text}".removesuffix(" 1"))
     used = sorted({f for f in ("absolute", "clip", "cos", "sin", "exp") if any(f"{f}(" in p for p in parts)})
     imported = f"from workbench.symbolic.expr import {', '.join(used)}\n" if used else ""
     equation = "F = −(" + " + ".join(said) + ")"
