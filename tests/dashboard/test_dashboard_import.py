@@ -14,23 +14,12 @@ pytest.importorskip("streamlit")
 
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import hoist_columns
-from workbench.dashboard import chosen, session
 from workbench.logs import read_campaign
 from workbench.logs.formats.declared import Channel
 from workbench.logs.importing import propose
 from workbench.machines import default_hoist
 
 RPM = 30.0 / np.pi
-
-
-@pytest.fixture(autouse=True)
-def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = tmp_path / "server"
-    folder.mkdir()
-    monkeypatch.setattr(session, "app_folder", lambda: folder)
-    monkeypatch.setattr(chosen, "SHIPPED", ())
-    monkeypatch.delenv(chosen.VARIABLE, raising=False)
-    return folder
 
 
 def drive_csv() -> bytes:

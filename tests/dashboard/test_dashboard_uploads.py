@@ -116,7 +116,7 @@ def test_a_log_that_lies_elsewhere_is_named_by_line_and_refused(files, workspace
 def test_a_zip_member_that_climbs_out_is_never_written(files, workspace):
     said = as_zip({"../../machine.yaml": files["machine.yaml"], "../../runs.yaml": files["runs.yaml"]}, workspace, "")
     assert said.startswith("runs.yaml:2: runs[0].file: 'runs/lift.csv' was not uploaded")
-    assert {path.name for path in workspace.parent.iterdir()} == {"made", "session"}
+    assert {path.name for path in workspace.parent.iterdir()} == {"made", "server", "session"}
 
 
 @pytest.mark.parametrize("missing", ["machine.yaml", "runs.yaml"])

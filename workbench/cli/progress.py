@@ -1,5 +1,4 @@
-"""Progress on stderr: a bar on a terminal, otherwise lines. One bar and one writer of lines serve studies, tuning and
-diagnosis."""
+"""Progress on stderr: a bar on a terminal, otherwise lines. One bar serves studies, tuning and diagnosis."""
 
 from __future__ import annotations
 
@@ -18,11 +17,12 @@ if TYPE_CHECKING:
     from workbench.study.store import Progress, Tell
 
 LINE_EVERY_S = 10.0
+ENOUGH_DONE, ENOUGH_S = 0.1, 2.0  # of a diagnosis, and of time, before the rest is foretold
 Show = Callable[[str, int, int | None], None]  # a sentence, what is done, and of how many
 
 
 @contextmanager
-def _shown(line: Callable[[str, int, int | None], None], *, counts: bool = False) -> Iterator[Show]:
+def _shown(line: Show, *, counts: bool = False) -> Iterator[Show]:
     """A bar, or `line` where nobody looks. counts: of runs, with the remaining time; else of stages, with the time."""
     if not sys.stderr.isatty():
         yield line
@@ -51,9 +51,6 @@ class _NowAndThen:
             click.echo(line, err=True)
 
 
-# Studies.
-
-
 @contextmanager
 def shown(names: Sequence[str]) -> Iterator[Tell]:
     """The receiver of the progress of these studies; an interruption reports what is kept."""
@@ -61,15 +58,16 @@ def shown(names: Sequence[str]) -> Iterator[Tell]:
     begun: dict[str, float] = {}
     say = _NowAndThen()
 
-    def rate(progress: Progress) -> str:
-        made, seconds = progress.done - progress.kept, time.monotonic() - begun[progress.name]
+    def counted() -> str:
+        failed = f" ({last[0].failed} failed)" if last[0].failed else ""
+        return f"{last[0].name}: {last[0].done} of {last[0].runs} runs{failed}"
+
+    def rate() -> str:
+        made, seconds = last[0].done - last[0].kept, time.monotonic() - begun[last[0].name]
         return f", {made / seconds:.0f} runs/s" if made and seconds > 0.0 else ""
 
-    def line(sentence: str, done: int, total: int | None) -> None:
-        say(f"{_counts(last[0])}{rate(last[0])}")
-
     try:
-        with _shown(line, counts=True) as show:
+        with _shown(lambda *_: say(f"{counted()}{rate()}"), counts=True) as show:
 
             def tell(progress: Progress) -> None:
                 last[:] = [progress]
@@ -79,21 +77,13 @@ def shown(names: Sequence[str]) -> Iterator[Tell]:
                         text = f"{progress.name}: goes on after {progress.kept} of {progress.runs} runs"
                         click.echo(text, err=True)
                 of = "" if len(names) == 1 else f"{len(begun)}/{len(names)} "
-                show(f"{of}{progress.name}{rate(progress)}", progress.done, progress.runs)
+                show(f"{of}{progress.name}{rate()}", progress.done, progress.runs)
 
             yield tell
     except KeyboardInterrupt:
         if last and last[0].done < last[0].runs:
-            click.echo(f"\n{_counts(last[0])} done and kept; the same command goes on from there.", err=True)
+            click.echo(f"\n{counted()} done and kept; the same command goes on from there.", err=True)
         raise
-
-
-def _counts(progress: Progress) -> str:
-    failed = f" ({progress.failed} failed)" if progress.failed else ""
-    return f"{progress.name}: {progress.done} of {progress.runs} runs{failed}"
-
-
-# Tuning.
 
 
 @contextmanager
@@ -101,26 +91,18 @@ def tuning() -> Iterator[Callable[[TuneProgress], None]]:
     """The receiver of the steps; Ctrl-C ends the tuning, and nothing is written."""
     from workbench.analysis.tune import STEPS
 
+    def words(progress: TuneProgress) -> str:
+        if not progress.tried or math.isnan(progress.cost):
+            return progress.doing
+        return f"{progress.doing}; {progress.tried} tried, least cost {progress.cost:.3f}"
+
     say = _NowAndThen()
     try:
         with _shown(lambda sentence, done, total: say(f"{done + 1}/{total} {sentence}")) as show:
-            yield lambda progress: show(tuning_words(progress), progress.step, STEPS)
+            yield lambda progress: show(words(progress), progress.step, STEPS)
     except KeyboardInterrupt:
         click.echo("The tuning was stopped; nothing is written.", err=True)
         raise
-
-
-def tuning_words(progress: TuneProgress) -> str:
-    """The current step, and the result so far."""
-    if not progress.tried or math.isnan(progress.cost):
-        return progress.doing
-    return f"{progress.doing}; {progress.tried} tried, least cost {progress.cost:.3f}"
-
-
-# Diagnosis.
-
-
-ENOUGH_DONE, ENOUGH_S = 0.1, 2.0  # of the work, and of time, before the rest is foretold
 
 
 class Stages:
@@ -132,17 +114,13 @@ class Stages:
         self._show, self._total, self._begun = show, len(Stage) if writes else len(Stage) - 1, time.monotonic()
 
     def tell(self, progress: DiagnoseProgress) -> None:
-        """Receives the progress of the diagnosis."""
+        """Receives the progress of the diagnosis; foretells the rest at the pace so far, once that says something."""
         from workbench.view.diagnosis import progress_words
 
-        self._at(f"{progress_words(progress)}{self._left(progress.share_done)}", progress.stage.value + 1)
-
-    def _left(self, share: float) -> str:
-        """How long the rest takes, at the pace so far; nothing where that says little yet."""
-        gone = time.monotonic() - self._begun
-        if share < ENOUGH_DONE or gone < ENOUGH_S:
-            return ""
-        return f", about {gone * (1.0 - share) / share:.0f} s left"
+        gone, share, left = time.monotonic() - self._begun, progress.share_done, ""
+        if share >= ENOUGH_DONE and gone >= ENOUGH_S:
+            left = f", about {gone * (1.0 - share) / share:.0f} s left"
+        self._at(f"{progress_words(progress)}{left}", progress.stage.value + 1)
 
     def writing(self, sentence: str) -> None:
         """The report is being written."""
