@@ -6,8 +6,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("streamlit")
-
 from tests.support import axes
 from tests.support.dashboard_app import errors, figures, page
 from workbench.control import LinearCascade

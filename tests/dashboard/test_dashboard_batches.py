@@ -14,9 +14,9 @@ from tests.support.dashboard_app import (
     errors,
     figures,
     good,
-    loads,
     metrics,
     page,
+    sent,
     the_job,
     until,
     words,
@@ -41,7 +41,7 @@ def begun(app: AppTest) -> AppTest:
 
 
 def uploaded(text: str) -> AppTest:
-    app = loads(chosen(batches.UPLOAD), text, "batches upload")
+    app = sent(chosen(batches.UPLOAD), text, "batches upload")
     assert not app.exception
     return app
 
@@ -150,7 +150,7 @@ def test_a_batch_can_run_on_another_machine_than_the_scenario_names(server: Path
     good(app.toggle(key="batches other machine").set_value(True).run())
     app.selectbox(key="batches machine").select("upload a machine.yaml").run()
     assert "batches start" not in [button.key for button in app.button]
-    app = loads(app, MACHINE.replace("name:", "name: another, once", 1), "batches machine file")
+    app = sent(app, MACHINE.replace("name:", "name: another, once", 1), "batches machine file")
     assert "another, once" in words(app)
     job = the_job(server) if begun(app) else None
     assert job is not None and after(app, job)

@@ -5,10 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-pytest.importorskip("streamlit")
-
 from tests.support.dashboard_app import ended, errors, page, the_job, words
 from workbench.core.yaml_strict import dumps, loads
 from workbench.dashboard import jobs

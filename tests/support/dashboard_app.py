@@ -66,7 +66,7 @@ def downloads(app: AppTest) -> list[str]:
     return [element.proto.label for element in app.get("download_button")]
 
 
-def loads(app: AppTest, text: str, key: str) -> AppTest:
+def sent(app: AppTest, text: str, key: str) -> AppTest:
     """The page after a file of this text was sent, under a name that would lead elsewhere."""
     app.file_uploader(key=key).upload("../../etc/evil name.yaml", text.encode(), "application/yaml")
     return app.run()
