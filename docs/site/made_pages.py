@@ -31,10 +31,14 @@ from workbench.study.scenario import Scenario
 from workbench.study.size import SizeFile
 
 
+def grid(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """The lines of a table."""
+    cells = [" | ".join(cell.replace("|", r"\|") for cell in line) for line in (columns, ["---"] * len(columns), *rows)]
+    return [*(f"| {line} |" for line in cells), ""]
+
+
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [columns, ["---"] * len(columns), *rows]
-    cells = [" | ".join(cell.replace("|", r"\|") for cell in line) for line in lines]
-    return "\n".join([f"## {title}", "", *(f"| {line} |" for line in cells), ""])
+    return "\n".join([f"## {title}", "", *grid(columns, rows)])
 
 
 def effects_page(effects: Sequence[Effect] | None = None) -> str:
@@ -78,7 +82,7 @@ def _section(effect: Effect, title: str) -> list[str]:
         *([f"- reads {reads}"] if reads else []),
         f"- shows as {effect.shows}",
         f"- source: {effect.reference}", "",
-        *table("", columns, rows).splitlines()[2:], "",
+        *grid(columns, rows),
     ]  # fmt: skip
 
 
@@ -121,7 +125,7 @@ def keys_page() -> str:
     """The keys of each file that a user writes: default, allowed values, meaning; then why the bounds are there."""
     parts, reasons, seen = [], {}, {}
     for title, record in FILES.items():
-        parts += [f"## {title}", "", *_block("", record, seen, reasons)]
+        parts += [f"## {title}", "", *_block("", record, title, seen, reasons)]
     rows = [[*limits.split(" … "), reason] for (limits, reason) in reasons]
     return "\n".join([*parts, table("Why the bounds are there", ["from", "to", "reason"], rows)])
 
@@ -137,24 +141,26 @@ FILES: Mapping[str, type[BaseModel]] = dict(_titled())
 
 
 def _block(
-    place: str, record: type[BaseModel], seen: dict[type, str], reasons: dict[tuple[str, str], None]
+    place: str, record: type[BaseModel], title: str, seen: dict[type, str], reasons: dict[tuple[str, str], None]
 ) -> list[str]:
     """A block's text and table, then the blocks in it; one that stood before is named only."""
     if record in seen:
-        return [f"**{place}**: the keys are those of `{seen[record]}` above.", ""]
-    seen[record] = place
+        return [f"**{place}**: the same keys as in {seen[record]}.", ""]
+    seen[record] = f"`{place}`, {title}"
     fields = {field.alias or name: field for name, field in record.model_fields.items()}
     text, meanings = explained(record, fields)
     rows, inner = [], []
     for key, field in fields.items():
-        blocks = _records_in(field.annotation)
-        inner += [line for block in blocks for line in _block(f"{place}.{key}".strip("."), block, seen, reasons)]
+        dotted = f"{place}.{key}".strip(".")
+        for block in _records_in(field.annotation):
+            inner += _block(dotted, block, title, seen, reasons)
         if (bounds := bounds_of(field)) is not None:
             reasons[f"{bounds.lowest:g} … {bounds.highest:g}", bounds.because.reason] = None
-        name = f"`{place}.{key}`".replace("`.", "`")
-        rows.append([name, _default(field, blocks), _allowed(field), meanings.get(key, "")])
+        if key in meanings or not _records_in(field.annotation):  # another block follows with its own text
+            rows.append([f"`{dotted}`", _default(field), _allowed(field), meanings.get(key, "")])
+    columns = ["key", "default", "values", "meaning"][: 4 if any(row[3] for row in rows) else 3]
     head = [f"**{place}**: {text}" if place else text, ""]
-    return [*head, *table("", ["key", "default", "values", "meaning"], rows).splitlines()[2:], "", *inner]
+    return [*head, *grid(columns, [row[: len(columns)] for row in rows]), *inner]
 
 
 def explained(record: type[BaseModel], keys: Collection[str]) -> tuple[str, dict[str, str]]:
@@ -163,7 +169,7 @@ def explained(record: type[BaseModel], keys: Collection[str]) -> tuple[str, dict
     text, meanings = "", {}
     for base in reversed([base for base in record.__mro__ if issubclass(base, Record) and base is not Record]):
         said = " ".join(inspect.cleandoc(vars(base).get("__doc__") or "").split())
-        own, *parts = re.split(rf"(?:(?<=^)|(?<=[.;] ))({one}(?:, {one})*): ", said)
+        own, *parts = re.split(rf"(?:(?<=^)|(?<=[.;,] ))({one}(?:, {one})*): ", said)
         text = " ".join(
             sentence for sentence in re.split(r"(?<=\.) ", own.strip()) if not sentence.startswith("Raises")
         )
@@ -172,11 +178,11 @@ def explained(record: type[BaseModel], keys: Collection[str]) -> tuple[str, dict
     return text, meanings
 
 
-def _default(field: FieldInfo, blocks: Sequence[type[BaseModel]]) -> str:
+def _default(field: FieldInfo) -> str:
     if field.is_required():
         return "required"
     value = field.default
-    if blocks or value in (None, "", ()) or field.default_factory is not None:
+    if isinstance(value, BaseModel) or value in (None, "", ()) or field.default_factory is not None:
         return "–"
     if isinstance(value, bool):
         return f"`{value}`".lower()
@@ -221,14 +227,14 @@ def signals_page() -> str:
         ]
         for name, kind in KINDS.items()
     ]
-    return "\n".join(table("", ["machine", "required", "optional"], rows).splitlines()[2:])
+    return "\n".join(grid(["machine", "required", "optional"], rows))
 
 
 def gallery_page() -> str:
     """The scenarios that ship, each with its own description."""
     files = sorted((Path(__file__).resolve().parents[2] / "scenarios").glob("*.yaml"))
     rows = [[f"`{file.name}`", str(load(file).data.get("description", ""))] for file in files]  # type: ignore[attr-defined]
-    return "\n".join(table("", ["file", "what it shows"], rows).splitlines()[2:])
+    return "\n".join(grid(["file", "what it shows"], rows))
 
 
 def commands_page() -> str:
@@ -244,22 +250,13 @@ def commands_page() -> str:
 def _command(title: str, command: click.Command, line: str) -> list[str]:
     context = click.Context(command)
     if isinstance(command, click.Group):
-        inner = [(name, command.get_command(context, name)) for name in command.list_commands(context)]
-        return [
-            line_
-            for name, part in inner
-            if part
-            for line_ in _command(f"{title} {name}", part, part.get_short_help_str(300))
-        ]
+        parts = [command.get_command(context, name) for name in command.list_commands(context)]
+        return [row for part in parts if part for row in _command(f"{title} {part.name}", part, part.help or "")]
     usage = " ".join([title, *command.collect_usage_pieces(context)])
-    rows = []
-    for option in (p for p in command.params if isinstance(p, click.Option) and not p.hidden):
-        record = option.get_help_record(context)
-        if record is not None:
-            rows.append([f"`{record[0]}`", record[1]])
+    options = [p for p in command.params if isinstance(p, click.Option) and not p.hidden]
+    rows = [[f"`{record[0]}`", record[1]] for p in options if (record := p.get_help_record(context))]
     text = inspect.cleandoc(command.help or line).replace("\b", "")
-    return [f"## {title}", "", f"    {usage}", "", *text.split("\n"), "",
-            *table("", ["option", ""], rows).splitlines()[2:], ""]  # fmt: skip
+    return [f"## {title}", "", f"    {usage}", "", *text.split("\n"), "", *grid(["option", ""], rows)]
 
 
 PAGES: Mapping[str, Callable[[], str]] = {
