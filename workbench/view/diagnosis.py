@@ -202,12 +202,9 @@ def left_sentence(d: Diagnosis) -> str:
         return ""
     white = sum(test.white for test in runs)
     related = {name: [t.run for t in runs if name in t.related] for t in runs for name in t.related}
-    said = (
-        f"In {white} of {len(runs)} runs the residual is white noise, which tells nothing of anything that the model "
-        "lacks"
-    )
+    said = f"In {white} of {len(runs)} runs what is left cannot be told from white noise"
     if not related:
-        return f"{said}; with speed, position and input it goes together in none of them (99 % bound)."
+        return f"{said}, and in none it goes together with speed, position or input (99 % bound)."
     what = "; ".join(f"with the {name} in {listed(names)}" for name, names in related.items())
     return f"{said}; it goes together, beyond the 99 % bound, {what}."
 
@@ -580,7 +577,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
     parts["shrink"] = Section(heading, [shrink_sentence(d), *s.sentences], (), [shrink_table(d)], drawn)
     if d.residual_tests:
         bars = (
-            "How much the residual at one moment tells of the residual so much later. 0: nothing, as of noise; bars"
+            "How much the residual at one moment tells of the residual so much later. 0: nothing, as of noise; bars "
             "beyond the dashed bounds are more than chance."
         )
         drawn = [(draw.autocorrelations(d.residual_tests), bars)]

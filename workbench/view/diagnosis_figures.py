@@ -106,7 +106,8 @@ def autocorrelations(tests: Sequence[ResidualTest]) -> Figure:
         ]
         drawn.append([Line("autocorrelation", x, y, stem), *bounds])
     names = [test.run for test in tests]
-    return run_panels("Autocorrelation of what is left", "autocorrelation", names, drawn, x_title="lag (s)")
+    figure = run_panels("Autocorrelation of what is left", "autocorrelation", names, drawn, x_title="lag (s)")
+    return figure.update_xaxes(rangemode="tozero")
 
 
 def inputs(runs: Sequence[RunSeries], unit: str) -> Figure:
