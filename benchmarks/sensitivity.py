@@ -1,4 +1,4 @@
-"""`python -m benchmarks.sensitivity FOLDER... --out ANSWERS --page docs/verdict_numbers.md`: the verdict's numbers.
+"""`python -m benchmarks.sensitivity FOLDER... --out ANSWERS --page benchmarks/verdict_numbers.md`: verdict numbers.
 
 Every number of the verdict that is set by hand, or fitted once, with its reason and with the answers that are right
 when it is 30 % smaller and larger. FOLDERs are sealed campaigns (`workbench blind`) that are open already. Each is

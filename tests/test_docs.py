@@ -23,7 +23,7 @@ from workbench.logs import Campaign
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md"))]
-FENCE = re.compile(r"^```(\S*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"(?:^|(?<=\n\n))((?: {4}.*\n|\n(?= {4}))+)")
 LINK = re.compile(r"!?\[[^\]]*\]\(([^()\s]+)\)")
 TEMPLATES = {"COMMAND"}  # stands for any command
@@ -241,7 +241,7 @@ def run_notebook() -> None:
     notebook = DOCS / "log_to_decision.ipynb"
     names: dict[str, object] = {}
     site = of_the_site("notebook")
-    shown = [site.run_cell(source, names, number) for number, source in enumerate(site.code_cells(notebook), 1)]
+    shown = [site.run_cell(source, names, number) for number, source in enumerate(site.cells_of(notebook), 1)]
     cells = [cell for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
     assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
     for cell, (printed, value) in zip(cells, shown, strict=True):
@@ -249,6 +249,9 @@ def run_notebook() -> None:
     kept = json.dumps([cell["outputs"] for cell in cells], ensure_ascii=False)
     assert names["diagnosis"].verdict.effects[0] in kept  # type: ignore[attr-defined]
     assert kept.count('"image/png"') >= 3
+    decision = next(text for text in site.cells_of(notebook, "markdown") if text.startswith("## The decision"))
+    said = " ".join(f"{printed} {value!r}" for printed, value in shown)
+    assert [number for number in re.findall(r"\b\d{3,}\b", decision) if number not in said] == []
     assert notebook.stat().st_size < 1_000_000
 
 
