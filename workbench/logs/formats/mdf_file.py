@@ -44,13 +44,13 @@ def open_mdf(file: Path) -> Opened:
     longest = max({g for g, _ in places}, key=lambda g: mdf.groups[g].channel_group.cycles_nr)
     known = dict(zip(distinct(titles), places, strict=True))
 
-    def channel(name: str) -> Channel:
+    def of(name: str) -> Channel:
         signal = mdf.get(group=known[name][0], index=known[name][1])
         times = np.asarray(signal.timestamps, dtype=np.float64)
         return Channel(name, "", times, real_numbers(name, np.asarray(signal.samples)))
 
     rows = int(mdf.groups[longest].channel_group.cycles_nr)
-    return over_time(list(known), rows, lambda: np.asarray(mdf.get_master(longest), dtype=np.float64), channel)
+    return over_time(list(known), rows, lambda: np.asarray(mdf.get_master(longest), dtype=np.float64), of)
 
 
 def _check_formulas(channel: Any) -> None:

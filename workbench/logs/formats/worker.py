@@ -113,7 +113,7 @@ def _serve(asked: dict[str, Any], requests: IO[bytes], answers: IO[bytes]) -> No
         wanted = json.loads(requests.readline() or "[]")
         with plain_errors(asked["name"], limits):
             for column, piece in limits.counted(opened.pieces(wanted, limits), len(wanted)) if wanted else ():
-                say(memoryview(piece).cast("B") if len(piece) else b"", column=column, samples=len(piece))
+                say(np.ascontiguousarray(piece).tobytes(), column=column, samples=len(piece))
         say()
     except InputError as error:
         say(error=[error.problem, error.line, error.place])
