@@ -354,7 +354,7 @@ def test_of_many_windows_the_longest_are_listed_in_order_of_time():
     windows = [Window("half", float(k), k + (0.9 if k % 2 and k < 12 else 0.2)) for k in range(16)]
     d = dataclasses.replace(d, where=dataclasses.replace(d.where, windows=tuple(windows)))
     row = next(row for row in diagnosis.where_table(d).rows if row[0] == "half")
-    assert row[2] == "1.0 to 1.9, 3.0 to 3.9, 5.0 to 5.9, 7.0 to 7.9, 9.0 to 9.9, 11.0 to 11.9; 10 shorter ones"
+    assert row[2] == "1.0 to 1.9, 3.0 to 3.9, 5.0 to 5.9, 7.0 to 7.9, 9.0 to 9.9, 11.0 to 11.9; 10 shorter"
     assert len(to_json(d)["where"]["windows"]) == 16
 
 

@@ -102,12 +102,6 @@ def test_no_two_formats_share_a_suffix():
     assert all(suffix.startswith(".") and suffix == suffix.lower() for suffix in suffixes())
 
 
-def test_the_docs_say_what_is_declared():
-    text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-    assert known.section() in text
-    assert known.written(text) == text
-
-
 # Parsed apart
 
 

@@ -95,6 +95,7 @@ def _run(study: Study, place: ResultFolder, spread: Spread, tell: Tell) -> None:
 def _report(study: Study, place: ResultFolder) -> None:
     from workbench.cli.show import print_table, print_text
     from workbench.study.conclude import answer, read_answer
+    from workbench.study.decide import decisions
     from workbench.study.labels import swept_axes
     from workbench.study.rows import read_rows
     from workbench.view.study import decision_table, extremes_table, quantile_table, run_table
@@ -107,11 +108,12 @@ def _report(study: Study, place: ResultFolder) -> None:
         click.echo()
         print_table(extremes_table(rows, swept_axes(rows)))
         click.echo(f"Each of the {len(rows)} runs has its line in the index.")
-    if (decision := decision_table(rows)) is not None:
-        click.echo()
-        print_table(decision)
     # A study that is there already is shown as it is: nothing is run.
     kept = read_answer(place.folder)
+    made = decisions(rows, study.machine, study.scenario.decide, kept.beside if kept is not None else ())
+    if (decision := decision_table(made[-1])) is not None:
+        click.echo()
+        print_table(decision)
     print_text(["", *(answer(study, rows, simulate=False) if kept is None else kept.sentences), ""])
     if place.finished:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")

@@ -125,6 +125,11 @@ class SweptAxis:
     def at(self, row: Row) -> Point:
         return tuple(row.assigned.get(column, "") for column in self.columns)
 
+    def edge(self, row: Row) -> bool:
+        """Whether a run, whose reference reads it, stands at an end of three values or more."""
+        read = any(reads(row.reference, column) for column in self.columns)
+        return read and self.numeric and len(self.points) > 2 and self.at(row) in (self.points[0], self.points[-1])
+
     def say(self, point: Point) -> str:
         """`lowering acceleration 0.4 m/s², lowering jerk 1.2 m/s³`; `feed forward inertia and weight 1`."""
         labels = [field_label(column) for column in self.columns]

@@ -12,7 +12,8 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.machines import Kind
 from workbench.metrics import Metric, View, shown_in
-from workbench.study.conclude import NO_CHANGE, Correlation, Front, cost
+from workbench.study.conclude import NO_CHANGE, Correlation
+from workbench.study.front import Front
 from workbench.study.labels import SweptAxis, drawn_in, metric_label, run_in_words, set_in, shown
 from workbench.study.rows import Row, metrics_of
 from workbench.view.panels import Panels
@@ -406,7 +407,7 @@ def _knee(panels: Panels, column: int, knee: Row, costs: tuple[str, str]) -> Non
 
 
 def _costs(rows: Sequence[Row], name: str) -> Array:
-    return drawn_in(name)[1] * np.array([cost(row, name) for row in rows])
+    return drawn_in(name)[1] * np.array([row[name] for row in rows])
 
 
 Taken = Mapping[float, Mapping[str, float]]

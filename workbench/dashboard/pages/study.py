@@ -40,8 +40,9 @@ from workbench.machines.files import machine_text
 from workbench.metrics import Metric, View, columns, shown_in
 from workbench.references import BASELINE
 from workbench.study.beside import damping_sentence, over_payload, over_ramps
-from workbench.study.conclude import SIGN, alarm, fronts, sentences, utilisation
+from workbench.study.conclude import SIGN, alarm, sentences, utilisation
 from workbench.study.decide import Decision, decisions, take_sentences
+from workbench.study.front import fronts
 from workbench.study.labels import swept_axes
 from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row, metrics_of
@@ -251,8 +252,9 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     if (alarmed := alarm(utilisation(rows, machine))) is not None:
         st.error(plain(powers(alarmed)), icon=":material/warning:")
     _failures(rows)
-    if (shown := decision_table(rows)) is not None:
-        table(replace(shown, rows=[[label(name), *cells] for name, *cells in shown.rows], note=""))
+    made = _weighed(result)
+    if (shown := decision_table(made[-1]) if made else None) is not None:
+        table(replace(shown, note=""))
     _lights(result, shown.note if shown is not None else "")
 
 
