@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from workbench.control import Notch, PiSettings
 from workbench.control.settings import read_controller
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
-from workbench.machines import Hoist, save_machine, with_values
+from workbench.machines import Hoist, default_hoist, save_machine, with_values
 from workbench.study.scenario import Scenario
 from workbench.view.tune import controller_text, warning
 
@@ -96,6 +97,28 @@ def test_a_bandwidth_that_the_delays_forbid_is_refused_with_one_that_they_allow(
     judged = search.judge(kp, ki)
     widest = judged.bandwidth_hz[judged.stable & (judged.ms <= 1.4)].max()
     assert 0.98 * widest <= attainable <= 1.02 * widest
+
+
+@pytest.fixture(scope="module")
+def undamped() -> Hoist:
+    return with_values(default_hoist(), {"wire.damping_time_s": 0.0})
+
+
+def test_a_wire_without_damping_has_a_least_ms_that_is_named_with_its_swing_and_no_gains_go_below(undamped: Hoist):
+    """Exact margins of gains over three decades; and an Ms just above the one named is attained."""
+    own = make_search(undamped, BASE, POINTS)
+    with pytest.raises(InputError, match=r"an undamped swing at (\S+) Hz leaves Ms at (\S+) or more") as refused:
+        best_rejection(own, 1.4)
+    hz, least = (float(x) for x in re.findall(r"at (\d\S*) (?:Hz|or)", refused.value.problem))
+    for kp in np.geomspace(0.5, 500.0, 7):
+        members = family(undamped, with_gains(kp, 2.0 * kp), POINTS)
+        worst = max(members, key=lambda member: member.margins.ms)
+        assert worst.margins.ms > 0.995 * least
+        if worst.margins.stable and kp < 100.0:
+            assert worst.margins.ms_hz == pytest.approx(hz, rel=0.01)
+    shaped = best_rejection(own, 1.05 * least)
+    exact = family(undamped, with_gains(shaped.kp, shaped.ki), POINTS)
+    assert all(member.margins.stable for member in exact) and shaped.ki > 0.0
 
 
 def test_more_delay_leaves_less_to_attain():
