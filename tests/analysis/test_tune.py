@@ -23,7 +23,7 @@ from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
 from workbench.machines import Hoist, default_hoist, save_machine, with_values
 from workbench.study.scenario import Scenario
-from workbench.view.tune import controller_text, warning
+from workbench.view.tune import active_limits, controller_text, warning
 
 ROOT = Path(__file__).resolve().parents[2]
 BASE = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
@@ -166,6 +166,26 @@ def test_the_winner_costs_least_and_no_more_than_the_shaped_gains(tuned: Tuned):
     again = Weights().cost(tuned.winner.score, tuned.shaped.score)
     assert again == pytest.approx(tuned.winner.cost, rel=1e-12)
     assert Weights().cost(tuned.shaped.score, tuned.shaped.score) == pytest.approx(1.0)
+
+
+def test_a_limit_that_is_said_to_be_active_costs_something_and_one_that_is_not_costs_next_to_nothing(tuned: Tuned):
+    """Each limit loosened by a tenth, the rest as it was, and tuned again: by the weights of the first tuning."""
+    goal, base, said = tuned.goal, tuned.shaped.score, active_limits(tuned)
+    if goal.bandwidth_hz is None:
+        floor = 0.8 * tuned.shaped.settings.ki
+        assert ("ki at 80%" in said) == (tuned.winner.settings.ki < 1.01 * floor)
+        return
+
+    def least(other: Goal) -> float:
+        found = tune(slow_drive(), BASE, POINTS, short_trial(slow_drive()), other)
+        return min(Weights().cost(c.score, base) for c in found.tried if c.ms <= other.ms_limit)
+
+    for name, other in (
+        ("Ms ", Goal(goal.bandwidth_hz, 1.1 * goal.ms_limit)),
+        ("the bandwidth asked for", Goal(0.9 * goal.bandwidth_hz, goal.ms_limit)),
+    ):
+        gain = tuned.winner.cost - least(other)
+        assert gain > 1e-3 if name in said else gain < 0.02, (name, said, gain)
 
 
 def test_the_front_holds_the_winner_and_nobody_beats_its_members(tuned: Tuned):
