@@ -159,16 +159,16 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
     except InputError:
         return {}
     search, kind = diagnosis.search, diagnosis.search.problem.active.kind
-    weigh = judge.harmful
+    weigh = judge.deserved
     harms: dict[Names, bool] = {}
 
-    def harmful(search: SearchResult, names: Names) -> bool:
+    def deserved(search: SearchResult, names: Names) -> bool:
         if names not in harms:
             harms[names] = weigh(search, names)
         return harms[names]
 
     def said() -> dict[str, Any]:
-        with patch.object(judge, "harmful", harmful):
+        with patch.object(judge, "deserved", deserved):
             judged = judge.judged_to_help(search)
         first = judged.ranking[0]
         return {

@@ -17,29 +17,29 @@ from workbench.cli.options import NamedGroup
 from workbench.core.errors import InputError
 
 # name -> (where the click command stands, its line in `workbench --help`). The line stands here
-# so that the help imports no numpy, numba or pydantic.
+# so that the help imports no numpy, numba or pydantic. In the order of the work: study, loop, logs, plant.
 COMMANDS: dict[str, tuple[str, str]] = {
-    "app": ("workbench.cli.app:command", "Open the dashboard in a browser."),
-    "blind": ("workbench.cli.blind:command", "Test the diagnosis on campaigns whose truth is sealed."),
+    "study": ("workbench.cli.study:command", "Run scenarios in closed loop; tables and figures."),
     "compare": ("workbench.cli.compare:command", "Compare two results metric by metric; report regressions."),
-    "compare-models": ("workbench.cli.compare_models:command", "Compare the lumped with the multi-body machine."),
+    "report": ("workbench.cli.report:command", "Write the report of a finished study: one HTML page."),
+    "size": ("workbench.cli.size:command", "Size a hoist's drive for a duty cycle; say what limits."),
+    "loop": ("workbench.cli.loop:command", "Compute the stability margins of the speed loop."),
+    "tune": ("workbench.cli.tune:command", "Find controller gains for a bandwidth or best rejection."),
+    "replay": ("workbench.cli.replay:command", "Replay measured torque on the model; compare speeds."),
+    "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign."),
     "diagnose": ("workbench.cli.diagnose:command", "Find the missing effect behind a sim-to-real gap."),
+    "compare-models": ("workbench.cli.compare_models:command", "Compare the lumped with the multi-body machine."),
+    "blind": ("workbench.cli.blind:command", "Test the diagnosis on campaigns whose truth is sealed."),
+    "import": ("workbench.cli.import_logs:command", "Make a campaign of logs as drives write them."),
+    "watch": ("workbench.cli.watch:command", "Watch a machine by its logs; say when it has changed."),
+    "serve": ("workbench.cli.serve:command", "Run a machine's plant in real time, for a PLC."),
+    "export-fmu": ("workbench.cli.export_fmu:command", "Write a machine as an FMU, for other simulators."),
     "export-controller": (
         "workbench.cli.export_controller:command",
         "Write the speed controller for a PLC or a drive.",
     ),
-    "export-fmu": ("workbench.cli.export_fmu:command", "Write a machine as an FMU, for other simulators."),
-    "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign."),
-    "import": ("workbench.cli.import_logs:command", "Make a campaign of logs as drives write them."),
-    "loop": ("workbench.cli.loop:command", "Compute the stability margins of the speed loop."),
-    "replay": ("workbench.cli.replay:command", "Replay measured torque on the model; compare speeds."),
-    "report": ("workbench.cli.report:command", "Write the report of a finished study: one HTML page."),
     "schema": ("workbench.cli.schema:command", "Print a JSON Schema, for completion in an editor."),
-    "serve": ("workbench.cli.serve:command", "Run a machine's plant in real time, for a PLC."),
-    "size": ("workbench.cli.size:command", "Size a hoist's drive for a duty cycle; say what limits."),
-    "study": ("workbench.cli.study:command", "Run scenarios in closed loop; tables and figures."),
-    "watch": ("workbench.cli.watch:command", "Watch a machine by its logs; say when it has changed."),
-    "tune": ("workbench.cli.tune:command", "Find controller gains for a bandwidth or best rejection."),
+    "app": ("workbench.cli.app:command", "Open the dashboard in a browser."),
 }
 
 EXIT_BAD_INPUT = 2
@@ -51,7 +51,7 @@ class LazyGroup(NamedGroup):
     """A click group that knows its sub-commands by `COMMANDS` and imports the one that runs."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted(COMMANDS)
+        return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:

@@ -152,9 +152,10 @@ def score_(
     next_runs: int,
     processes: int,
 ) -> None:
-    """Open the seal of each FOLDER, check that no file was changed since, and score the answers together.
+    """Open the seal of each FOLDER and score the answers together.
 
-    Not all campaigns need an answer. opened.json records when the seal was opened and which answers existed then.
+    Every file is checked against its hash. Not all campaigns need an answer. opened.json records when the seal was
+    opened and which answers existed then.
     """
     from workbench.blind.measures import by_kind
     from workbench.blind.power import power_of_rig

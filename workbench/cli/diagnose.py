@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Largest number of effects that may be missing at once.",
 )
-@click.option("--quick", is_flag=True, help="Names and places within seconds: single effects, no control study.")
+@click.option("--quick", is_flag=True, help="Single effects, no control study: a result within seconds.")
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     "--study",
     "scenario",
     type=click.Path(path_type=Path),
-    help="Scenario whose moves, limits, payloads and controller the consequences are computed with.",
+    help="Scenario that gives moves, limits, payloads and controller of the control study.",
 )
 @click.option(
     "--cluster", metavar="ADDRESS", help="Several campaigns on Dask: tcp://host:port, or local:N for N processes."

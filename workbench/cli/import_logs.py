@@ -41,7 +41,7 @@ from workbench.cli.options import effects_option
     "--runs",
     "runs_csv",
     type=click.Path(path_type=Path),
-    help="CSV with a row a file: file, and any of payload_kg, start_position_m, start_time_s.",
+    help="CSV with one row per file: file, and any of payload_kg, start_position_m, start_time_s.",
 )
 @click.option("--yes", is_flag=True, help="Accept the proposed mapping without asking.")
 @effects_option

@@ -120,29 +120,19 @@ def tuning_words(progress: TuneProgress) -> str:
 # Diagnosis.
 
 
-ENOUGH_DONE, ENOUGH_S = 0.1, 2.0  # of the work, and of time, before the rest is foretold
-
-
 class Stages:
     """Counts the stages of a diagnosis from 1; the last one is the report's, where there is one to write."""
 
     def __init__(self, show: Show, writes: bool) -> None:
         from workbench.diagnose.progress import Stage
 
-        self._show, self._total, self._begun = show, len(Stage) if writes else len(Stage) - 1, time.monotonic()
+        self._show, self._total = show, len(Stage) if writes else len(Stage) - 1
 
     def tell(self, progress: DiagnoseProgress) -> None:
         """Receives the progress of the diagnosis."""
         from workbench.view.diagnosis import progress_words
 
-        self._at(f"{progress_words(progress)}{self._left(progress.share_done)}", progress.stage.value + 1)
-
-    def _left(self, share: float) -> str:
-        """How long the rest takes, at the pace so far; nothing where that says little yet."""
-        gone = time.monotonic() - self._begun
-        if share < ENOUGH_DONE or gone < ENOUGH_S:
-            return ""
-        return f", about {gone * (1.0 - share) / share:.0f} s left"
+        self._at(progress_words(progress), progress.stage.value + 1)
 
     def writing(self, sentence: str) -> None:
         """The report is being written."""

@@ -57,7 +57,7 @@ def command(
 ) -> None:
     """Find kp, ki and the set-point weight by loop shaping and by simulation of the nonlinear closed loop.
 
-    All other controller settings, such as filters and feed-forward, stay as in the scenario, but for --also.
+    All other controller settings, such as filters and feed-forward, stay as in the scenario unless --also names them.
     """
     from workbench.analysis.family import operating_points
     from workbench.analysis.tune import Goal, tune
