@@ -72,7 +72,7 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
 
     (folder / "runs.yaml").write_text(RUNS.replace("lift.csv", "lift.odd"))
     (folder / "runs" / "lift.odd").touch()
-    with pytest.raises(InputError, match=r"save the log as \.csv, \.mat, \.mf4, \.parquet, \.tdms or \.made"):
+    with pytest.raises(InputError, match=r"save the log as \.csv, \.mat, \.mf4, \.parquet, \.xml, \.tdms or \.made"):
         read_campaign(folder)
 
     assert "- **made-up** (`.made`): arrays that numpy has saved." in known.section()
