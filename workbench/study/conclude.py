@@ -181,8 +181,7 @@ def variations(rows: Sequence[Row], told: bool = False, beside: Sequence[Row] = 
 def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float, reference: str) -> Iterator[str]:
     """What an axis does at the heaviest payload, of all runs at a value the worst; only of references that read it."""
     own = [row for row in rows if any(reads(row.reference, column) for column in axis.columns)]
-    groups = {point: [row for row in own if axis.at(row) == point] for point in axis.points}
-    groups = {point: members for point, members in groups.items() if members}
+    groups = axis.grouped(own)
     if len(groups) < 2:
         return
     points, judged = list(groups), metrics_of(rows)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from workbench.analysis.usual import usual_settings
 from workbench.core.errors import InputError
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
@@ -21,8 +20,6 @@ from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS, ResidualTest
-from workbench.diagnose.saved import FILE, write_diagnosis_file
-from workbench.diagnose.unknown import OVER, over_what
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import effects_for
 from workbench.machines import kind_of, plant_of, save_machine
@@ -188,6 +185,8 @@ def next_run_sentence(d: Diagnosis) -> str:
 def unknown_sentences(d: Diagnosis) -> list[str]:
     said = [] if d.unknown is None else list(d.unknown.sentences)
     if said and (correction := d.corrected.measured_correction) is not None:
+        from workbench.diagnose.unknown import over_what
+
         said.append(
             f"machine.yaml holds it, over {over_what(correction.over)}, as `measured_correction`, which replay and "
             "study take into account. It is a measurement, no explanation."
@@ -552,6 +551,8 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
     if d.unknown is not None:
         drawn = []
         if curves := d.unknown.curves:
+            from workbench.diagnose.unknown import OVER
+
             units = [kind_of(d.campaign.machine).ports[curve.acts_on].unit for curve in curves]
             figure = draw.curves(curves, direction_names(d.campaign.machine), OVER, units, d.unknown.law_levels)
             note = "A level for each direction, with a band of two standard errors; positive opposes the motion."
@@ -666,6 +667,8 @@ def write_diagnosis(
             write_next_run(diagnosis, diagnosis.next_run.planned, hidden)
         save_diagnosis_page(diagnosis, hidden / "diagnose.html")
         if keep:
+            from workbench.diagnose.saved import FILE, write_diagnosis_file
+
             write_diagnosis_file(diagnosis, hidden / FILE)
     return diagnosis
 
@@ -673,6 +676,8 @@ def write_diagnosis(
 def write_next_run(d: Diagnosis, planned: Planned, folder: Path) -> None:
     """next_run.csv, the motion as a drive can play it, and next_run.yaml, the same as a scenario of the delivered
     machine."""
+    from workbench.analysis.usual import usual_settings
+
     kind, run, limits = kind_of(d.campaign.machine), planned.run, planned.limits
     unit, speed = kind.moved.unit, run[kind.plant.speeds[0]] * kind.transmission_of(d.campaign.machine)
     gone = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(run.time_s))

@@ -282,8 +282,9 @@ def metrics_over_axis(
         look = line(kind, number)
         for column, payload in enumerate(loads):
             here = [row for row in good if row.reference == kind and row.payload_kg == payload]
+            by_point = axis.grouped(here)
             for level, metric in enumerate(metrics):
-                groups = [[metric.scale * row[metric.name] for row in here if axis.at(row) == p] for p in axis.points]
+                groups = [[metric.scale * row[metric.name] for row in by_point.get(p, ())] for p in axis.points]
                 low, high = (np.array([f(g) if g else np.nan for g in groups]) for f in (min, max))
                 worst, other = (low, high) if metric.better == "higher" else (high, low)
                 if max(map(len, groups), default=0) > 1:
