@@ -1,4 +1,4 @@
-"""The table of least torque peaks in docs/loop_design.md: `python -m benchmarks.least_peaks [--write]`.
+"""The table of least torque peaks in benchmarks/least_peaks.md: `python -m benchmarks.least_peaks [--write]`.
 
 Default machine, 0.7 m/s, 0.6 m/s², in the trapezoid's time. Without --write the table is printed.
 """
@@ -12,7 +12,7 @@ from workbench.machines import default_hoist, load_of, with_values
 from workbench.references import Limits, move_shape, planned_kind
 from workbench.references.least_peak import least_peak, peak_force_n
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "loop_design.md"
+PAGE = Path(__file__).with_suffix(".md")
 START, END = "<!-- made by python -m benchmarks.least_peaks -->", "<!-- end of least peaks -->"
 LIMITS, RINGING_S = Limits(0.7, 0.6), 0.0025
 CASES = ((12.0, 9000.0), (-12.0, 9000.0), (12.0, 0.0), (0.2, 9000.0), (-0.2, 9000.0))

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.sensitivity FOLDER... --out ANSWERS --page docs/verdict_numbers.md`: the verdict's numbers.
+"""`python -m benchmarks.sensitivity FOLDER... --out ANSWERS --page benchmarks/verdict_numbers.md`: verdict numbers.
 
 Every number of the verdict that is set by hand, or fitted once, with its reason and with the answers that are right
 when it is 30 % smaller and larger. FOLDERs are sealed campaigns (`workbench blind`) that are open already. Each is
@@ -159,16 +159,16 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
     except InputError:
         return {}
     search, kind = diagnosis.search, diagnosis.search.problem.active.kind
-    weigh = judge.harmful
+    weigh = judge.deserved
     harms: dict[Names, bool] = {}
 
-    def harmful(search: SearchResult, names: Names) -> bool:
+    def deserved(search: SearchResult, names: Names) -> bool:
         if names not in harms:
             harms[names] = weigh(search, names)
         return harms[names]
 
     def said() -> dict[str, Any]:
-        with patch.object(judge, "harmful", harmful):
+        with patch.object(judge, "deserved", deserved):
             judged = judge.judged_to_help(search)
         first = judged.ranking[0]
         return {

@@ -33,7 +33,7 @@ myst_heading_anchors = 4  # as far down as one page links to another
 suppress_warnings = ["myst.strikethrough"]
 highlight_language = "none"  # an indented block is a file, a screen or an equation; fenced ones say what they are
 
-autodoc_default_options = {"exclude-members": "model_config"}
+autodoc_default_options = {"members": True, "exclude-members": "model_config"}
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"

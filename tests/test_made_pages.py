@@ -4,28 +4,28 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import click
 import pytest
 
 from tests.support.made_pages import FILE, made_pages
+from tests.test_docs import command_of, parts_of
+from workbench.cli import COMMANDS
 from workbench.effects import library_effects
-from workbench.machines import RECORDS
+from workbench.machines import KINDS, RECORDS
 from workbench.metrics import columns, metrics
 from workbench.references import planned_kinds, recorded_kinds
 
 MADE = made_pages()
+DOCS = FILE.parents[1]
 
 
-@pytest.mark.parametrize("name", MADE.PAGES)
-def test_a_page_of_the_docs_includes_what_is_made(name: str):
-    page = (FILE.parents[1] / f"{name}.md").read_text(encoding="utf-8")
-    assert f"```{{include}} made/{name}.md\n```\n" in page
-
-
-def test_the_build_writes_every_page(tmp_path: Path):
+def test_the_build_writes_every_page_and_some_page_of_the_docs_includes_it(tmp_path: Path):
     MADE.write(tmp_path / "made")
     assert {file.stem: file.read_text(encoding="utf-8") for file in (tmp_path / "made").iterdir()} == {
         name: page() for name, page in MADE.PAGES.items()
     }
+    docs = "".join(page.read_text(encoding="utf-8") for page in DOCS.glob("*.md"))
+    assert [name for name in MADE.PAGES if docs.count(f"```{{include}} made/{name}.md\n```\n") != 1] == []
 
 
 def test_every_effect_has_its_section_with_all_its_parameters():
@@ -40,8 +40,40 @@ def test_every_column_of_an_index_is_defined_with_its_unit():
     assert all(f"| `{metric.name}` | {metric.unit} | " in MADE.metrics_page() for metric in metrics())
 
 
-def test_every_reference_and_every_record_has_its_lines():
-    references, bounds = MADE.references_page(), MADE.bounds_page()
-    assert all(f"| `{name}` | " in references for name in {**planned_kinds(), **recorded_kinds()})
-    for record in RECORDS:
-        assert all(f"| `{name}` | " in bounds for name, *_ in MADE.bounded(record))
+def test_every_reference_and_every_signal_of_a_log_has_its_place():
+    assert all(f"| `{name}` | " in MADE.references_page() for name in {**planned_kinds(), **recorded_kinds()})
+    rows = {row.split(" | ")[0].strip("| "): row for row in MADE.signals_page().splitlines()}
+    for name, kind in KINDS.items():
+        assert all(f"`{signal}`" in rows[name] for signal in kind.signals.names)
+
+
+def keys(record: type, prefix: str = "") -> list[str]:
+    """Every key of a record and of the blocks in it, dotted."""
+    found = []
+    for name, field in record.model_fields.items():  # type: ignore[attr-defined]
+        place = f"{prefix}{field.alias or name}"
+        found += [place, *(key for block in MADE._records_in(field.annotation) for key in keys(block, f"{place}."))]
+    return found
+
+
+@pytest.mark.parametrize("record", RECORDS[:2])
+def test_every_key_of_machine_yaml_has_its_line(record: type):
+    page = MADE.keys_page()
+    assert len(keys(record)) > 25
+    assert [key for key in keys(record) if f"| `{key}` | " not in page and f"**{key}**: " not in page] == []
+
+
+def test_a_key_shows_its_default_its_bounds_and_what_the_record_says_of_it():
+    page = MADE.keys_page()
+    assert "| `drive.overload` | `1.6` | 0.001 … 100 | largest torque of a motor over its nominal one" in page
+    assert "| `plant` | `lumped` | `lumped`, `multibody` | the lumped equations" in page
+    assert "| `motor.count` | required | ≥ 1, ≤ 100 |" in page
+    assert "| 0.001 | 300 | the sun's is 274 m/s² |" in page
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_and_option_has_its_line(name: str):
+    page = MADE.commands_page()
+    for part in parts_of(command_of(name))[-1:]:
+        options = [p for p in part.params if isinstance(p, click.Option) and not p.hidden]
+        assert [p.opts[0] for p in options if f"`{p.opts[0]}" not in page and f", {p.opts[0]}" not in page] == []

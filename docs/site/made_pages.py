@@ -1,30 +1,44 @@
-"""The tables of the docs that are made from declarations, by every build: effects, metrics, references, bounds.
+"""The reference pages of the docs, made from declarations by every build: effects, metrics, references, keys, commands.
 
 A page of docs/ includes what `write` puts into docs/made/; none of it is edited or kept by hand.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import importlib
+import inspect
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
+import click
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
-from workbench.core.yaml_strict import bounds_of
+from workbench.cli import COMMANDS
+from workbench.core.record import Record
+from workbench.core.yaml_strict import bounds_of, load
 from workbench.effects import Effect, library_effects
 from workbench.effects.declare import words
 from workbench.effects.registry import library_for
+from workbench.logs.formats.known import section
+from workbench.logs.runs_file import RunsFile
 from workbench.machines import KINDS, RECORDS
 from workbench.metrics import LoopMetric, Metric, metrics, run_metrics, set_of
 from workbench.references import planned_kinds, recorded_kinds
 from workbench.study.scenario import Scenario
+from workbench.study.size import SizeFile
+
+
+def grid(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """The lines of a table."""
+    cells = [" | ".join(cell.replace("|", r"\|") for cell in line) for line in (columns, ["---"] * len(columns), *rows)]
+    return [*(f"| {line} |" for line in cells), ""]
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [columns, ["---"] * len(columns), *rows]
-    cells = [" | ".join(cell.replace("|", r"\|") for cell in line) for line in lines]
-    return "\n".join([f"## {title}", "", *(f"| {line} |" for line in cells), ""])
+    return "\n".join([f"## {title}", "", *grid(columns, rows)])
 
 
 def effects_page(effects: Sequence[Effect] | None = None) -> str:
@@ -68,7 +82,7 @@ def _section(effect: Effect, title: str) -> list[str]:
         *([f"- reads {reads}"] if reads else []),
         f"- shows as {effect.shows}",
         f"- source: {effect.reference}", "",
-        *table("", columns, rows).splitlines()[2:], "",
+        *grid(columns, rows),
     ]  # fmt: skip
 
 
@@ -107,26 +121,89 @@ def references_page() -> str:
     )
 
 
-def bounds_page() -> str:
-    """The bounds of each machine.yaml's and of a scenario's numbers."""
-    parts = []
-    for record in (*RECORDS, Scenario):
-        fields = record.model_fields
-        of = [str(fields[name].default) for name in ("kind", "motion") if name in fields]
-        rows = [[f"`{name}`", f"{low:g}", f"{high:g}", reason] for name, low, high, reason in bounded(record)]
-        title = f"machine.yaml, {' '.join(of)}" if of else "A scenario"
-        parts.append(table(title, ["value", "from", "to", "reason"], rows))
-    return "\n".join(parts)
+def keys_page() -> str:
+    """The keys of each file that a user writes: default, allowed values, meaning; then why the bounds are there."""
+    parts, reasons, seen = [], {}, {}
+    for title, record in FILES.items():
+        parts += [f"## {title}", "", *_block("", record, title, seen, reasons)]
+    rows = [[*limits.split(" … "), reason] for (limits, reason) in reasons]
+    return "\n".join([*parts, table("Why the bounds are there", ["from", "to", "reason"], rows)])
 
 
-def bounded(record: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, float, float, str]]:
-    """(dotted name, lowest, highest, reason) of every number of a record whose bounds have a reason."""
-    for name, field in record.model_fields.items():
+def _titled() -> Iterator[tuple[str, type[BaseModel]]]:
+    for record in RECORDS:
+        words = [str(record.model_fields[name].default) for name in ("kind", "motion") if name in record.model_fields]
+        yield f"machine.yaml, {' '.join(words)}", record
+    yield from {"A scenario": Scenario, "runs.yaml": RunsFile, "A file of `workbench size`": SizeFile}.items()
+
+
+FILES: Mapping[str, type[BaseModel]] = dict(_titled())
+
+
+def _block(
+    place: str, record: type[BaseModel], title: str, seen: dict[type, str], reasons: dict[tuple[str, str], None]
+) -> list[str]:
+    """A block's text and table, then the blocks in it; one that stood before is named only."""
+    if record in seen:
+        return [f"**{place}**: the same keys as in {seen[record]}.", ""]
+    seen[record] = f"`{place}`, {title}"
+    fields = {field.alias or name: field for name, field in record.model_fields.items()}
+    text, meanings = explained(record, fields)
+    rows, inner = [], []
+    for key, field in fields.items():
+        dotted = f"{place}.{key}".strip(".")
+        for block in _records_in(field.annotation):
+            inner += _block(dotted, block, title, seen, reasons)
         if (bounds := bounds_of(field)) is not None:
-            yield f"{prefix}{name}", bounds.lowest, bounds.highest, bounds.because.reason
-            continue
-        inner = [line for part in _records_in(field.annotation) for line in bounded(part, f"{prefix}{name}.")]
-        yield from {line[0]: line for line in inner}.values()
+            reasons[f"{bounds.lowest:g} … {bounds.highest:g}", bounds.because.reason] = None
+        if key in meanings or not _records_in(field.annotation):  # another block follows with its own text
+            rows.append([f"`{dotted}`", _default(field), _allowed(field), meanings.get(key, "")])
+    columns = ["key", "default", "values", "meaning"][: 4 if any(row[3] for row in rows) else 3]
+    head = [f"**{place}**: {text}" if place else text, ""]
+    return [*head, *grid(columns, [row[: len(columns)] for row in rows]), *inner]
+
+
+def explained(record: type[BaseModel], keys: Collection[str]) -> tuple[str, dict[str, str]]:
+    """A record's docstring: its own text, and what it says of each key as `key, key: meaning`."""
+    one = f"(?:{'|'.join(sorted(map(re.escape, keys), key=len, reverse=True))})"
+    text, meanings = "", {}
+    for base in reversed([base for base in record.__mro__ if issubclass(base, Record) and base is not Record]):
+        said = " ".join(inspect.cleandoc(vars(base).get("__doc__") or "").split())
+        own, *parts = re.split(rf"(?:(?<=^)|(?<=[.;,] ))({one}(?:, {one})*): ", said)
+        text = " ".join(
+            sentence for sentence in re.split(r"(?<=\.) ", own.strip()) if not sentence.startswith("Raises")
+        )
+        for names, meaning in zip(parts[::2], parts[1::2], strict=True):
+            meanings |= dict.fromkeys(names.split(", "), meaning.strip().rstrip(".;"))
+    return text, meanings
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    value = field.default
+    if isinstance(value, BaseModel) or value in (None, "", ()) or field.default_factory is not None:
+        return "–"
+    if isinstance(value, bool):
+        return f"`{value}`".lower()
+    return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"
+
+
+def _allowed(field: FieldInfo) -> str:
+    """Bounds of a number, words of a choice."""
+    if (bounds := bounds_of(field)) is not None:
+        return f"{bounds.lowest:g} … {bounds.highest:g}"
+    if field.annotation is bool:
+        return "true, false"
+    if _records_in(field.annotation):
+        return "block"
+    words = [word for part in (field.annotation, *get_args(field.annotation)) for word in get_args(part)]
+    if words and all(isinstance(word, str) for word in words):
+        return ", ".join(f"`{word}`" for word in words)
+    signs = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<"}
+    found = [f"{sign} {getattr(part, name):g}" for part in field.metadata for name, sign in signs.items()
+             if isinstance(getattr(part, name, None), int | float)]  # fmt: skip
+    return ", ".join(found)
 
 
 def _records_in(annotation: Any) -> list[type[BaseModel]]:
@@ -136,11 +213,61 @@ def _records_in(annotation: Any) -> list[type[BaseModel]]:
     return [record for part in get_args(annotation) for record in _records_in(part)]
 
 
+def signals_page() -> str:
+    """What a log of each kind holds."""
+
+    def needed(group: Sequence[Sequence[str]]) -> str:
+        return " or ".join(" and ".join(f"`{name}`" for name in alternative) for alternative in group)
+
+    rows = [
+        [
+            name,
+            ", ".join(needed(group) for group in kind.signals.needed),
+            ", ".join(f"`{s}`" for s in kind.signals.optional),
+        ]
+        for name, kind in KINDS.items()
+    ]
+    return "\n".join(grid(["machine", "required", "optional"], rows))
+
+
+def gallery_page() -> str:
+    """The scenarios that ship, each with its own description."""
+    files = sorted((Path(__file__).resolve().parents[2] / "scenarios").glob("*.yaml"))
+    rows = [[f"`{file.name}`", str(load(file).data.get("description", ""))] for file in files]  # type: ignore[attr-defined]
+    return "\n".join(grid(["file", "what it shows"], rows))
+
+
+def commands_page() -> str:
+    """Every command with its options, as `--help` has them."""
+    parts = []
+    for name, (where, line) in COMMANDS.items():
+        module, attribute = where.split(":")
+        command = getattr(importlib.import_module(module), attribute)
+        parts += _command(f"workbench {name}", command, line)
+    return "\n".join(parts)
+
+
+def _command(title: str, command: click.Command, line: str) -> list[str]:
+    context = click.Context(command)
+    if isinstance(command, click.Group):
+        parts = [command.get_command(context, name) for name in command.list_commands(context)]
+        return [row for part in parts if part for row in _command(f"{title} {part.name}", part, part.help or "")]
+    usage = " ".join([title, *command.collect_usage_pieces(context)])
+    options = [p for p in command.params if isinstance(p, click.Option) and not p.hidden]
+    rows = [[f"`{record[0]}`", record[1]] for p in options if (record := p.get_help_record(context))]
+    text = inspect.cleandoc(command.help or line).replace("\b", "")
+    return [f"## {title}", "", f"    {usage}", "", *text.split("\n"), "", *grid(["option", ""], rows)]
+
+
 PAGES: Mapping[str, Callable[[], str]] = {
     "effects": effects_page,
     "metrics": metrics_page,
     "references": references_page,
-    "bounds": bounds_page,
+    "bounds": keys_page,
+    "signals": signals_page,
+    "log_formats": section,
+    "gallery": gallery_page,
+    "commands": commands_page,
 }
 
 

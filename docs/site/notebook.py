@@ -26,10 +26,10 @@ WIDTH, MOST_HEIGHT = 860, 900  # px of a picture
 LONGEST_S = 300.0  # for a browser on a busy computer
 
 
-def code_cells(notebook: Path) -> list[str]:
-    """The source of each cell of code, in order."""
+def cells_of(notebook: Path, kind: str = "code") -> list[str]:
+    """The source of each cell of one kind, in order."""
     cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
-    return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == kind]
 
 
 def run_cell(source: str, names: dict[str, Any], number: int) -> tuple[str, Any]:

@@ -12,7 +12,7 @@ from benchmarks.sensitivity import Number, changed, numbers
 from workbench.diagnose.hypotheses import evidence, settings
 from workbench.diagnose.verdict import judge
 
-PAGE = sensitivity.ROOT / "docs" / "verdict_numbers.md"
+PAGE = sensitivity.ROOT / "benchmarks" / "verdict_numbers.md"
 
 
 def the(name: str, place: str = "settings") -> Number:
@@ -25,7 +25,7 @@ def test_every_number_of_the_verdict_has_a_reason_and_a_line_on_the_page():
     assert {"threshold", "temperature", "UNDONE", "SECOND", "BINS"} <= {number.name for number in listed}
     assert [number.key for number in listed if not number.reason] == []
     page = PAGE.read_text(encoding="utf-8")
-    command = "python -m benchmarks.sensitivity FOLDERS --out ANSWERS --page docs/verdict_numbers.md"
+    command = "python -m benchmarks.sensitivity FOLDERS --out ANSWERS --page benchmarks/verdict_numbers.md"
     assert [number.key for number in listed if f"| {number.name} |" not in page] == [], f"make it anew: {command}"
 
 

@@ -122,7 +122,7 @@ def test_profiles_have_a_panel_a_variable_on_one_scale():
     drawn = np.array([np.nan if value is None else value for value in forward[0].y])
     np.testing.assert_allclose(drawn[known], first.mean_forward[known])
     assert np.isnan(drawn[~known]).all()
-    assert figure.layout.yaxis.range == figure.layout.yaxis2.range == figure.layout.yaxis3.range
+    assert figure.layout.yaxis2.range == figure.layout.yaxis4.range == figure.layout.yaxis6.range
     assert [title for title in titles(figure) if title.endswith(")")] == [
         "speed (m/s)", "carriage height (m)", "time since the start (s)", "mean residual (N m)",
     ]  # fmt: skip

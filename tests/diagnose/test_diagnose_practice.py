@@ -73,7 +73,6 @@ def test_an_offset_of_the_torque_is_named_or_what_is_alike_by_nature(shared_data
         assert error < 0.4 * told["t_off"]
 
 
-@pytest.mark.xfail(reason="names gearbox_inertia as a third cause beside the two", strict=True)
 def test_two_effects_are_named_together_each_with_its_size(shared_data: Path):
     diagnosis, told = answer(shared_data, "23")
     assert set(diagnosis.verdict.effects) == {"friction_viscous", "torque_scale"}
@@ -142,7 +141,6 @@ def test_an_offset_withheld_from_a_real_axis_comes_back(emps: Emps, more: str):
     assert "friction_coulomb_asymmetric" in diagnosis.verdict.alike  # by nature
 
 
-@pytest.mark.xfail(reason="one base parameter lies 1.02 of its tolerances off", strict=True)
 def test_what_a_real_axis_leaves_itself_moves_no_base_parameter_off(emps: Emps):
     diagnosis = emps()
     far = [

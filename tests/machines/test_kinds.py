@@ -19,7 +19,6 @@ from workbench.machines import KINDS, PLANTS, Axis, Hoist, Kind, kind_of, of_kin
 from workbench.machines.files import RECORDS
 
 ROOT = Path(__file__).resolve().parents[2]
-FORMATS = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
 EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 # Classes of machines: what asks for one of them has a rule that belongs into the record.
 MACHINE_CLASSES = {"Hoist", *(record.__name__ for record in RECORDS), "Axis"}
@@ -86,21 +85,6 @@ def test_sizes_are_positive_and_the_effects_can_be_named(kind):
     assert sizes.kind == kind.name
     assert all(sizes[name] > 0.0 for name in type(sizes).__dataclass_fields__ if name != "kind")
     assert {"friction_viscous", "friction_coulomb", "torque_offset", "speed_delay"} <= set(effects_for(kind.name))
-
-
-@EVERY
-def test_the_formats_list_the_signals_of_the_record(kind):
-    row = next(line for line in FORMATS.splitlines() if line.startswith(f"| {_said(kind)} | `time_s`"))
-    needed = [name for group in kind.signals.needed for alternative in group for name in alternative]
-    required, optional = row.split("|")[2:4]
-    assert set(re.findall(r"`(\w+)`", required)) == set(needed)
-    assert set(re.findall(r"`(\w+)`", optional)) == set(kind.signals.optional)
-
-
-def _said(kind: Kind) -> str:
-    machine = MACHINES[kind.name]
-    motion = getattr(machine, "motion", None)
-    return f"{machine.kind}, {motion}" if motion else str(machine.kind)
 
 
 def test_only_a_hoist_is_studied_and_others_are_called_by_their_kind():

@@ -15,7 +15,6 @@ from tests.support import axes
 from workbench.core.errors import InputError
 from workbench.dashboard.desk import usual_desk
 from workbench.machines import default_hoist, shipped_hoist
-from workbench.metrics import View, shown_in
 from workbench.references import LimitPair, Limits
 from workbench.study.beside import ELASTOMER, QUESTIONS, RINGING, beside, damping_sentence, on_another_damping
 from workbench.study.conclude import (
@@ -33,7 +32,6 @@ from workbench.study.decide import (
     Candidate,
     Decision,
     Given,
-    choices,
     criteria_for,
     decisions,
     take_sentences,
@@ -91,7 +89,8 @@ def sum_by_hand(one: Row, payload_kg: float, slowest_s: float, most_j: float) ->
 
 
 def test_what_is_taken_has_the_least_sum_of_all_runs_by_hand():
-    rows, rivals = list(result().rows), beside(result().study)
+    rows = list(result().rows)
+    rivals = beside(result().study, rows)
     made = decided(result().study, rows, rivals)
     assert made.taken is not None
     slowest = max(r[TIME] for r in rows)
@@ -108,7 +107,8 @@ def test_what_is_taken_has_the_least_sum_of_all_runs_by_hand():
 def test_no_limits_of_a_grid_within_the_time_are_better_than_what_is_taken(payload):
     """Brute force: 12 accelerations, each with 8 jerks, simulated; nobody's sum is less by more than what is alike."""
     own = study(payloads_kg=(payload,), references=("trapezoid", "ruckig"))
-    rows, rivals = list(run_study(own).rows), beside(own)
+    rows = list(run_study(own).rows)
+    rivals = beside(own, rows)
     made = decided(own, rows, rivals)
     assert made.taken is not None
     slowest = max(r[TIME] for r in rows)
@@ -165,7 +165,7 @@ def test_no_run_at_equal_time_takes_longer_than_what_was_asked():
     own = study(payloads_kg=(9000.0,), references=("trapezoid", "ruckig"))
     rows = list(run_study(own).rows)
     slowest = max(r[TIME] for r in rows)
-    rivals = beside(own)
+    rivals = beside(own, rows)
     assert any(r[TIME] > slowest + 0.1 for r in rivals)  # the curve goes on
     taken = [c for c in decided(own, rows, rivals).candidates if c.beside]
     assert taken and max(c.values[TIME] for c in taken) <= slowest + 5e-3
@@ -259,14 +259,26 @@ def test_a_sample_is_judged_by_its_worst_draw():
     assert "the worst of 8 runs" in take_sentences([made])[0]
 
 
-def test_a_sweep_of_jerk_is_held_against_the_trapezoid_and_a_knee_at_the_edge_says_so():
+def test_a_sweep_of_jerk_is_held_against_the_trapezoid_and_a_knee_at_its_edge_widens_it():
+    """Brute force over the wider range: the knee is said to be where the deepest point below the chord is."""
     own = study("jerk_pareto")
     rows = list(run_study(own).rows)
-    rivals = beside(own)
-    assert {r.reference for r in rivals} == {"trapezoid"} and len(rivals) == 7  # an acceleration each
+    rivals = beside(own, rows)
+    trapezoids = [r for r in rivals if r.reference == "trapezoid"]
+    assert len(trapezoids) == 7  # an acceleration each
     assert {c.reference for c in decided(own, rows, rivals).candidates} == {"ruckig", "trapezoid"}
-    (knee,) = [text for text in sentences(rows, peak_limit(own.machine)) if "knee" in text]
-    assert "jerk 6.4 m/s³" in knee and "lies at the edge of jerk: widen that range" in knee
+    (inside,) = [text for text in sentences(rows, peak_limit(own.machine)) if "knee" in text]
+    assert "jerk 6.4 m/s³" in inside and "lies at the edge of jerk: widen that range" in inside
+    every = [*rows, *(r for r in rivals if r.reference == "ruckig")]
+    assert max(float(r.assigned["sweep.limits.jerk_m_s3"]) for r in every) > 5.0 * 6.4
+    (said,) = [text for text in answer_of(own, rows).sentences if "knee" in text]
+    time, peak = (np.array([r[name] for r in every]) for name in (TIME, PEAK))
+    beaten = (time <= time[:, None]) & (peak <= peak[:, None]) & ((time < time[:, None]) | (peak < peak[:, None]))
+    front = np.flatnonzero(~beaten.any(axis=1))
+    x, y = ((v[front] - v[front].min()) / np.ptp(v[front]) for v in (time, peak))
+    deepest = every[front[int(np.argmin(x + y))]]
+    jerk = float(deepest.assigned["sweep.limits.jerk_m_s3"])
+    assert f"jerk {jerk:.4g} m/s³: {deepest[TIME]:.4g} s" in said and "beyond the jerk that was swept" in said
 
 
 @pytest.mark.parametrize(("name", "metric"), [("motor_failure", "thermal_load_percent"), ("emergency_stop", PEAK)])
@@ -350,23 +362,34 @@ def test_two_that_are_alike_are_said_to_be():
     assert f"alike within {100 * ALIKE:.0f} %, a change between them is not worth it" in said
 
 
-def test_the_table_has_a_row_a_reference_and_marks_the_best_of_each_column():
-    table = decision_table(result().rows)
-    assert table is not None
-    assert [line[0] for line in table.rows] == list(REFERENCES)
-    for number, metric in enumerate(shown_in(View.DECISION), start=1):
-        marked = {line[0] for line in table.rows if BEST in line[number]}
-        values = {c.reference: c.values[metric.name] for c in choices(result().rows)}
-        assert min(values, key=values.__getitem__) in marked, metric.name
+def test_the_table_holds_each_reference_at_its_best_in_the_time_of_the_one_taken():
+    """Brute force over all candidates: none of the reference in that time has a smaller sum."""
+    rows = list(result(references=("trapezoid", "ruckig")).rows)
+    made = decided(result().study, rows, beside(study(payloads_kg=(9000.0,), references=("trapezoid", "ruckig")), rows))
+    assert made.taken is not None
+    longest = made.taken.values[TIME] + 5e-3
+    assert len(made.at_equal_time) >= 3 and made.at_equal_time[0] == made.taken
+    for one in made.at_equal_time:
+        own = [c for c in made.left if c.reference == one.reference]
+        in_time = [c for c in own if c.values[TIME] <= longest]
+        assert (
+            one.total == min(c.total for c in in_time)
+            if in_time
+            else one.values[TIME] == min(c.values[TIME] for c in own)
+        )
+    table = decision_table(made)
+    assert table is not None and len(table.rows) == len(made.at_equal_time)
+    assert [line[0].startswith(BEST) for line in table.rows] == [True, *[False] * (len(table.rows) - 1)]
 
 
 def test_nothing_is_chosen_among_one():
-    assert verdict([row("trapezoid", 36.0, 560.0)]) is None
-    assert decision_table([row("trapezoid", 36.0, 560.0)]) is None
+    alone = [row("trapezoid", 36.0, 560.0)]
+    assert verdict(alone) is None
+    assert decision_table(decisions(alone, None)[0]) is None
 
 
 def test_the_optimum_is_lowest_of_its_time_and_speed_in_the_closed_loop_too():
-    peaks = {c.reference: c.values["peak_torque_motor_nm"] for c in choices(result().rows)}
+    peaks = {row.reference: row[PEAK] for row in result().rows}
     assert peaks["optimal"] < min(peaks["trapezoid"], peaks["ruckig_least_peak"])
     assert peaks["ruckig_equal_time"] < peaks["ruckig_least_peak"]
 

@@ -17,7 +17,7 @@ from tests.support.scenario_text import GOOD
 from workbench.cli.study import schema as command
 from workbench.core.yaml_strict import load, loads
 from workbench.machines.files import machine_text
-from workbench.study.conclude import fronts
+from workbench.study.front import fronts
 from workbench.study.load import Study, load_study
 from workbench.study.rows import Row
 from workbench.study.run import run_specs

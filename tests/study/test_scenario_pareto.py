@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.study.conclude import fronts, knee, non_dominated
+from workbench.study.front import fronts, knee, non_dominated
 from workbench.study.rows import Row
 
 # Time against torque. (4, 6) and (6, 5) are beaten; the second (3, 3) is the first one again.
@@ -64,11 +64,6 @@ def test_each_payload_has_its_front_and_failed_runs_are_not_on_it() -> None:
     assert [r.run_id for r in empty.rows] == ["a0", "a1", "a3", "a6", "a7"]
     assert empty.knee is not None and empty.knee.run_id in ("a1", "a3")
     assert (full.payload_kg, full.knee, [r.run_id for r in full.rows]) == (9000.0, None, ["b"])
-
-
-def test_tension_swing_is_largest_minus_smallest_tension() -> None:
-    (front,) = fronts([row("a", 1.0, 5.0), row("b", 2.0, 6.0)], second="wire_tension_swing_n")
-    assert [r.run_id for r in front.rows] == ["a"]
 
 
 def test_a_misspelt_metric_is_told_its_nearest_name() -> None:

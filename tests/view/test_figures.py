@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
+from workbench.machines import default_hoist
 from workbench.references import planned_kinds
-from workbench.view.identify import correlation_matrix, friction_law, level_history
+from workbench.simulate.replay import replay_runs
+from workbench.view.identify import correlation_matrix
 from workbench.view.page import Section, save_page
-from workbench.view.replay import speed_comparison, torque_profiles, torque_residual
+from workbench.view.replay import inputs, speeds, torque_residual
 from workbench.view.study_figures import harder_worked_nm, overview, peak_torque_over_payload, slack_stretches
 from workbench.view.style import LINES
 from workbench.view.thin import PASSES, STRAIGHT, straightened, thin
@@ -173,51 +175,35 @@ def test_harder_worked_motor_is_the_one_with_more_torque_either_way() -> None:
     np.testing.assert_array_equal(harder_worked_nm(run), [3.0, -5.0, -2.5])
 
 
-def test_torque_profiles_are_in_parts_of_nominal() -> None:
-    figure = torque_profiles([loop_run(0.0, 720.0)], 480.0)
-    assert {trace.name for trace in figure.data} == {"motor 1", "motor 2"}
-    assert figure.data[0].y.max() == pytest.approx(1.5)
-
-
-def test_speed_comparison_is_in_per_cent_of_nominal_speed() -> None:
-    measured = Run("run a", TIME, {"speed_motor_rad_s": np.full_like(TIME, 78.55)})
-    simulated = Run("run a", TIME[::2], {"speed_motor_rad_s": np.full_like(TIME[::2], 157.1)})
-    figure = speed_comparison([(measured, simulated)], 157.1, [7.49])
-    assert traces(figure, "measured")[0].y.max() == pytest.approx(50.0)
-    assert traces(figure, "simulated")[0].y.max() == pytest.approx(100.0)
-    assert "run a" in figure.layout.annotations[0].text
-    assert "7.49 %" in figure.layout.annotations[0].text
+def test_a_replays_figures_are_in_parts_of_nominal_torque_and_in_per_cent_of_nominal_speed() -> None:
+    machine = default_hoist()
+    run = Run("run a", TIME, {"torque_motor_nm": np.full_like(TIME, 1440.0), "speed_motor_rad_s": 0.0 * TIME}, 0.0, 5.0)
+    result = replay_runs(machine, [run])
+    torque = inputs(machine, result).data[0]
+    assert torque.name == "mean of both motors"
+    assert torque.y.max() == pytest.approx(1440.0 / 2.0 / machine.motor.nominal_torque_nm)
+    figure, simulated = speeds(machine, result), result.runs[0].simulated["speed_motor_rad_s"]
+    assert traces(figure, "measured")[0].y.max() == 0.0
+    expected = 100.0 / machine.motor.nominal_speed_rad_s * float(np.max(simulated))
+    assert traces(figure, "simulated")[0].y.max() == pytest.approx(expected)
+    assert figure.layout.annotations[0].text == f"<b>run a</b>, RMSE {result.runs[0].speed_rmse_percent:.2f} %<b></b>"
 
 
 def test_residual_figure_shows_noise_band_and_windows() -> None:
-    figure = torque_residual(["a"], [TIME], [np.sin(TIME)], "N", 0.5, [[(3.0, 9.0)]])
+    figure = torque_residual(["a"], [TIME], [np.sin(TIME)], "N", 0.5, windows=[[(3.0, 9.0)]])
     levels = sorted(shape.y0 for shape in figure.layout.shapes if shape.type == "line")
     assert levels == [-1.0, 1.0]
     assert [(s.x0, s.x1) for s in figure.layout.shapes if s.type == "rect"] == [(3.0, 9.0)]
     assert "force residual (N)" in figure.layout.yaxis.title.text
 
 
-def test_friction_law_is_over_weight_against_speed() -> None:
-    speed = np.linspace(-0.8, 0.8, 101)
-    figure = friction_law(speed, [("identified", 6000.0 * np.sign(speed))], 100000.0)
-    (law,) = traces(figure, "identified")
-    assert law.y.max() == pytest.approx(0.06)
-    assert "(m/s)" in figure.layout.xaxis.title.text
-
-
-def test_level_history_starts_at_iteration_zero() -> None:
-    figure = level_history({"hoisting": [6000.0, 6300.0, 6310.0], "lowering": [4500.0, 4400.0, 4390.0]})
-    np.testing.assert_array_equal(traces(figure, "hoisting")[0].x, [0, 1, 2])
-    np.testing.assert_allclose(traces(figure, "lowering")[0].y, [4500.0, 4400.0, 4390.0])
-
-
 def test_correlation_matrix_writes_its_numbers() -> None:
     figure = correlation_matrix(["a", "b"], np.array([[1.0, -0.25], [-0.25, 1.0]]))
-    assert figure.data[0].text[0][1] == "-0.25"
+    assert figure.data[0].z[0][1] == -0.25 and figure.data[0].texttemplate == "%{z:.2f}"
 
 
 def test_page_needs_no_network_and_has_the_same_bytes_each_time(tmp_path: Path) -> None:
-    figure = level_history({"hoisting": [1.0, 2.0]})
+    figure = correlation_matrix(["a", "b"], np.eye(2))
     table = Table([Column("n", "kg"), words("word")], [["1", "<one>"]], "All & each.")
     section = Section("", ["x & y of `<z>`"], ["a > b"], [table], [(figure, "<note>"), (figure, "")])
     for name in ("a.html", "b.html"):

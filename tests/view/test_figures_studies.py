@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from workbench.core.run import Run
-from workbench.study.conclude import Correlation, fronts
+from workbench.study.conclude import Correlation
+from workbench.study.front import fronts
 from workbench.study.labels import swept_axes
 from workbench.study.rows import Row
 from workbench.view.panels import LEGEND_LINE, Panels

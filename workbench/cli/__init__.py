@@ -16,26 +16,27 @@ from workbench import __version__
 from workbench.cli.options import NamedGroup
 from workbench.core.errors import InputError
 
-# name -> (where the click command stands, its line in `workbench --help`). So the help imports no numpy or pydantic.
+# name -> (where the click command stands, its line in `workbench --help`), in the order of the work: study, loop, logs,
+# plant. So the help imports no numpy or pydantic.
 _COMMANDS = {
-    "app": ("app:app", "Open the dashboard in a browser."),
-    "blind": ("blind:blind", "Test the diagnosis on campaigns whose truth is sealed."),
-    "compare": ("compare:compare", "Compare two results metric by metric; report regressions."),
-    "compare-models": ("compare:compare_models", "Compare the lumped with the multi-body machine."),
-    "diagnose": ("diagnose:diagnose", "Find the missing effect behind a sim-to-real gap."),
-    "export-controller": ("export:export_controller", "Write the speed controller for a PLC or a drive."),
-    "export-fmu": ("export:export_fmu", "Write a machine as an FMU, for other simulators."),
-    "identify": ("measured:identify", "Fit friction and masses to a campaign."),
-    "import": ("import_logs:import_", "Make a campaign of logs as drives write them."),
-    "loop": ("design:loop", "Compute the stability margins of the speed loop."),
-    "replay": ("measured:replay", "Replay measured torque on the model; compare speeds."),
-    "report": ("study:report", "Write the report of a finished study: one HTML page."),
-    "schema": ("study:schema", "Print a JSON Schema, for completion in an editor."),
-    "serve": ("serve:serve", "Run a machine's plant in real time, for a PLC."),
-    "size": ("study:size", "Size a hoist's drive for a duty cycle; say what limits."),
     "study": ("study:study", "Run scenarios in closed loop; tables and figures."),
+    "compare": ("compare:compare", "Compare two results metric by metric; report regressions."),
+    "report": ("study:report", "Write the report of a finished study: one HTML page."),
+    "size": ("study:size", "Size a hoist's drive for a duty cycle; say what limits."),
+    "loop": ("design:loop", "Compute the stability margins of the speed loop."),
     "tune": ("design:tune", "Find controller gains for a bandwidth or best rejection."),
+    "replay": ("measured:replay", "Replay measured torque on the model; compare speeds."),
+    "identify": ("measured:identify", "Fit friction and masses to a campaign."),
+    "diagnose": ("diagnose:diagnose", "Find the missing effect behind a sim-to-real gap."),
+    "compare-models": ("compare:compare_models", "Compare the lumped with the multi-body machine."),
+    "blind": ("blind:blind", "Test the diagnosis on campaigns whose truth is sealed."),
+    "import": ("import_logs:import_", "Make a campaign of logs as drives write them."),
     "watch": ("watch:watch", "Watch a machine by its logs; say when it has changed."),
+    "serve": ("serve:serve", "Run a machine's plant in real time, for a PLC."),
+    "export-fmu": ("export:export_fmu", "Write a machine as an FMU, for other simulators."),
+    "export-controller": ("export:export_controller", "Write the speed controller for a PLC or a drive."),
+    "schema": ("study:schema", "Print a JSON Schema, for completion in an editor."),
+    "app": ("app:app", "Open the dashboard in a browser."),
 }
 COMMANDS = {name: (f"workbench.cli.{where}", line) for name, (where, line) in _COMMANDS.items()}
 
@@ -48,7 +49,7 @@ class LazyGroup(NamedGroup):
     """A click group that knows its sub-commands by `COMMANDS` and imports the one that runs."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted(COMMANDS)
+        return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:

@@ -113,9 +113,10 @@ def score_(
     next_runs: Annotated[int, Number] = 0,
     processes: Processes = 2,
 ) -> None:
-    """Open the seal of each FOLDER, check that no file was changed since, and score the answers together.
+    """Open the seal of each FOLDER and score the answers together.
 
-    Not all campaigns need an answer. opened.json records when the seal was opened and which answers existed then.
+    Every file is checked against its hash. Not all campaigns need an answer. opened.json records when the seal was
+    opened and which answers existed then.
 
     out: Folder to make, for score.html, score.md and score.json.
     key: The key of the seal. Default: beside the folder.

@@ -82,7 +82,7 @@ def tune(
 ) -> None:
     """Find kp, ki and the set-point weight by loop shaping and by simulation of the nonlinear closed loop.
 
-    All other controller settings, such as filters and feed-forward, stay as in the scenario, but for --also.
+    All other controller settings, such as filters and feed-forward, stay as in the scenario unless --also names them.
 
     scenario: Scenario that gives machine, drive, controller and moves.
     bandwidth: Closed-loop bandwidth of the slowest payload, in Hz.

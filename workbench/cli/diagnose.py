@@ -57,11 +57,11 @@ def diagnose(
     out: New folder for diagnosis.json, machine.yaml and the report.
     baseline: Base parameters: refitted within their tolerances, or held at their nominal values.
     candidates: Candidate effects, separated by commas; 'all' includes the unlisted ones.
-    quick: Names and places within seconds: single effects, no control study.
+    quick: Single effects, no control study: a result within seconds.
     seed: Seed of random numbers; the same seed gives the same output.
     validate: Names of runs to keep for the end, separated by commas; nothing is fitted to them.
     machine: Another machine.yaml to start from.
-    scenario: Scenario whose moves, limits, payloads and controller the consequences are computed with.
+    scenario: Scenario that gives moves, limits, payloads and controller of the control study.
     cluster: Several campaigns on Dask: tcp://host:port, or local:N for N processes.
     """
     if out is not None:

@@ -49,7 +49,7 @@ def import_(
     start_position: Height at the first sample, in m: one value for all files, or one for each.
     mapped: Column to use for a signal, and its unit (rpm, mm, kNm, %nominal …); may be repeated.
     scales: Signal in SI = factor times column; may be repeated.
-    runs_csv: CSV with a row a file: file, and any of payload_kg, start_position_m, start_time_s.
+    runs_csv: CSV with one row per file: file, and any of payload_kg, start_position_m, start_time_s.
     yes: Accept the proposed mapping without asking.
     """
     check_free(out)

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from workbench.study.store import Progress, Tell
 
 LINE_EVERY_S = 10.0
-ENOUGH_DONE, ENOUGH_S = 0.1, 2.0  # of a diagnosis, and of time, before the rest is foretold
 Show = Callable[[str, int, int | None], None]  # a sentence, what is done, and of how many
 
 
@@ -111,16 +110,13 @@ class Stages:
     def __init__(self, show: Show, writes: bool) -> None:
         from workbench.diagnose.progress import Stage
 
-        self._show, self._total, self._begun = show, len(Stage) if writes else len(Stage) - 1, time.monotonic()
+        self._show, self._total = show, len(Stage) if writes else len(Stage) - 1
 
     def tell(self, progress: DiagnoseProgress) -> None:
-        """Receives the progress of the diagnosis; foretells the rest at the pace so far, once that says something."""
+        """Receives the progress of the diagnosis."""
         from workbench.view.diagnosis import progress_words
 
-        gone, share, left = time.monotonic() - self._begun, progress.share_done, ""
-        if share >= ENOUGH_DONE and gone >= ENOUGH_S:
-            left = f", about {gone * (1.0 - share) / share:.0f} s left"
-        self._at(f"{progress_words(progress)}{left}", progress.stage.value + 1)
+        self._at(progress_words(progress), progress.stage.value + 1)
 
     def writing(self, sentence: str) -> None:
         """The report is being written."""
@@ -136,8 +132,8 @@ def stages(writes: bool) -> Iterator[Stages]:
     last = [""]
 
     def line(sentence: str, done: int, total: int | None) -> None:
-        if (step := sentence.partition(", about ")[0]) != last[0]:
-            last[0] = step
+        if sentence != last[0]:
+            last[0] = sentence
             click.echo(sentence, err=True)
 
     with _shown(line) as show:

@@ -17,6 +17,7 @@ from workbench.core.errors import InputError
 from workbench.core.whole_folder import check_replaceable, replace_json
 from workbench.study.cluster import spread_on
 from workbench.study.conclude import ANSWER, answer, read_answer, write_answer
+from workbench.study.decide import decisions
 from workbench.study.labels import swept_axes
 from workbench.study.load import Study, load_study
 from workbench.study.rows import read_rows
@@ -82,11 +83,12 @@ def _print(study: Study, place: ResultFolder) -> None:
         click.echo()
         print_table(view.extremes_table(rows, swept_axes(rows)))
         click.echo(f"Each of the {len(rows)} runs has its line in the index.")
-    if (decision := view.decision_table(rows)) is not None:
-        click.echo()
-        print_table(decision)
     # A study that is there already is shown as it is: nothing is run.
     kept = read_answer(place.folder)
+    made = decisions(rows, study.machine, study.scenario.decide, kept.beside if kept is not None else ())
+    if (decision := view.decision_table(made[-1])) is not None:
+        click.echo()
+        print_table(decision)
     print_text(["", *(answer(study, rows, simulate=False) if kept is None else kept.sentences), ""])
     if place.finished:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")

@@ -66,7 +66,7 @@ def watch(
     A log is described by its entry in FOLDER/runs.yaml, or by a file beside it, LOG.yaml, with payload_kg and
     start_position_m. A stream is an OPC UA server, opc.tcp://HOST:PORT; see docs/watch.md. The state consists of
     watch.sqlite, cycles.parquet, alarms.parquet and watch.html. Exit status: 1 if there is an alarm that no earlier
-    call has told of by its exit status, 2 if anything failed, else 0. A fleet has the state of each machine in a folder
+    call has reported so, 2 if anything failed, else 0. A fleet has the state of each machine in a folder
     of its name, and one table of all in fleet.parquet and fleet.sqlite.
 
     machine: The identified machine.yaml.

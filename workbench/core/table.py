@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -115,3 +115,8 @@ class Table:
     def __repr__(self) -> str:
         """As plain text with its note."""
         return "\n".join([self.text(), *([self.note] if self.note else [])])
+
+
+def table_of(records: Iterable[Any], cells: Mapping[Column, Callable[[Any], str]], note: str = "") -> Table:
+    """A row a record. cells: each column, and how a record's text in it is made."""
+    return Table(list(cells), [[text(record) for text in cells.values()] for record in records], note)

@@ -17,7 +17,6 @@ from workbench.diagnose.verdict.judge import Judged
 
 SCORED = 3  # hypotheses whose held-out score is computed
 FAR = 3.0  # tolerances
-WORSE = 1.02  # of the held-out residual without an effect
 
 
 def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar]) -> tuple[Candidate, ...]:
@@ -30,7 +29,7 @@ def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar])
     for k, hypothesis in enumerate(judged.weighed):
         unseen = held_out(problem, hypothesis.fit, folds).rms(problem.inputs) if k < SCORED else None
         against = _against(search, judged, hypothesis, keys)
-        if unseen is not None and unseen > WORSE * without:
+        if unseen is not None and unseen > without:
             against.append("predicts a run it has not seen worse than without it")
         rows.append(
             Candidate(

@@ -25,7 +25,6 @@ from workbench.effects.active import (
     sizes_of,
     true_input,
     true_motion,
-    true_run,
 )
 from workbench.effects.declare import SENSOR_PLACES, Effect, EffectMemory, Parameter, Ranged, effect
 from workbench.effects.loading import load_effects

@@ -319,11 +319,6 @@ def logged(run: Run, active: Active) -> Run:
     return _changed(run, active, logged_input, logged_motion)
 
 
-def true_run(run: Run, active: Active, values: Mapping[str, float] | None = None) -> Run:
-    """The run behind its log: the inverse of `logged`, as far as there is one; `values` where not the active ones."""
-    return _changed(run, active, true_input, true_motion, values)
-
-
 def moved_by(active: Active) -> tuple[str, ...]:
     """The symbols of which the motion behind a log depends: those of the speed sensor's effects."""
     effects = _at(active, "speed_sensor")

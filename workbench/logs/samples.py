@@ -47,31 +47,26 @@ def check_time(run: RawRun) -> None:
     steps = np.diff(time_s)
     if not np.isfinite(steps).all():
         raise run.fault(f"{label} spans more than numbers can hold")
-    if (steps < 0.0).any():
-        row = int(np.argmax(steps < 0.0))
-        more = int(np.count_nonzero(steps < 0.0)) - 1
-        tail = f", and {more} more times" if more else ""
-        span = f"{seconds(time_s[row])} to {seconds(time_s[row + 1])}"
-        raise run.fault(f"{label} goes backwards from {span} at {run.row_name(row + 1)}{tail}")
-    rising = steps[steps > 0.0]
-    if not len(rising):
+    if len(back := np.flatnonzero(steps < 0.0)):
+        tail = f", and {len(back) - 1} more times" if len(back) > 1 else ""
+        span = f"{seconds(time_s[back[0]])} to {seconds(time_s[back[0] + 1])}"
+        raise run.fault(f"{label} goes backwards from {span} at {run.row_name(int(back[0]) + 1)}{tail}")
+    if not (steps > 0.0).any():
         raise run.fault(f"{label} stands still at {seconds(time_s[0])}")
-    step, duration = float(np.median(rising)), float(time_s[-1] - time_s[0])
-    if step > MAX_STEP_S:
-        hint = "if it is in milliseconds, give the column a scale of 0.001"
-        raise run.fault(f"{label} has a step of {step:g} s, expected at most {MAX_STEP_S} s; {hint}")
-    if step < MIN_STEP_S:
-        hint = "is it in days or hours?"
-        raise run.fault(f"{label} has a step of {step:g} s, expected at least {MIN_STEP_S:g} s; {hint}")
+    step, duration = float(np.median(steps[steps > 0.0])), float(time_s[-1] - time_s[0])
+    if not MIN_STEP_S <= step <= MAX_STEP_S:
+        hint = f"at least {MIN_STEP_S:g} s; is it in days or hours?"
+        if step > MAX_STEP_S:
+            hint = f"at most {MAX_STEP_S} s; if it is in milliseconds, give the column a scale of 0.001"
+        raise run.fault(f"{label} has a step of {step:g} s, expected {hint}")
     if duration < MIN_DURATION_S:
         raise run.fault(f"{label} spans {duration:.3g} s, expected at least {MIN_DURATION_S} s")
 
 
 def refuse_infinite(run: RawRun) -> None:
     for name, column in run.values.items():
-        infinite = np.isinf(column)
-        if infinite.any():
-            raise run.fault(f"{run.label(name)} is infinite at {seconds(run.time_s[int(np.argmax(infinite))])}")
+        if len(at := np.flatnonzero(np.isinf(column))):
+            raise run.fault(f"{run.label(name)} is infinite at {seconds(run.time_s[at[0]])}")
 
 
 def merge_repeated(run: RawRun) -> None:
@@ -155,34 +150,29 @@ def fill_gaps(run: RawRun) -> None:
             raise run.fault(f"{text}, the run at {seconds(run.time_s[-1])}")
         run.notes.append(f"{text}; the run's last {n - end} samples are cut off")
         run.cut(0, end)
+    time_s = run.time_s
     for name, column in list(run.values.items()):
         missing = np.isnan(column)
-        if not missing.any():
+        if not (total := int(missing.sum())):
             continue
-        problem, text = _bridgeable(run.time_s, missing)
+        starts, ends = stretches(missing)
+        long, widths = _too_long(time_s, starts, ends)
+        first, problem = seconds(time_s[starts[0]]), ""
+        if long.any():
+            worst = int(np.argmax(np.where(long, widths, 0.0)))
+            span = f"{seconds(time_s[starts[worst]])} to {seconds(time_s[ends[worst] - 1])}"
+            allowed = f"at most {MAX_MISSING} within {MAX_BRIDGE_S} s can be bridged"
+            problem = f"{ends[worst] - starts[worst]} samples in a row are missing from {span}; {allowed}"
+        elif total > MAX_SHARE * len(time_s):
+            problem = f"{total} of {len(time_s)} samples are missing, the first at {first}"
         if problem and name in needed:
             raise run.fault(f"{run.label(name)}: {problem}")
         if problem:
             run.drop(name, problem)
             continue
-        run.values[name] = np.where(missing, np.interp(run.time_s, run.time_s[~missing], column[~missing]), column)
-        first = seconds(run.time_s[int(np.argmax(missing))])
+        run.values[name] = np.where(missing, np.interp(time_s, time_s[~missing], column[~missing]), column)
+        text = f"{total} missing sample{'s' * (total > 1)} in {len(starts)} gap{'s' * (len(starts) > 1)}"
         run.notes.append(f"{run.label(name)}: {text} bridged by straight lines, first at {first}")
-
-
-def _bridgeable(time_s: Array, missing: np.ndarray) -> tuple[str, str]:
-    """(what forbids bridging or "", what there is to bridge)."""
-    starts, ends = stretches(missing)
-    lengths, total = ends - starts, int(missing.sum())
-    long, widths = _too_long(time_s, starts, ends)
-    if long.any():
-        worst = int(np.argmax(np.where(long, widths, 0.0)))
-        span = f"{seconds(time_s[starts[worst]])} to {seconds(time_s[ends[worst] - 1])}"
-        allowed = f"at most {MAX_MISSING} within {MAX_BRIDGE_S} s can be bridged"
-        return f"{lengths[worst]} samples in a row are missing from {span}; {allowed}", ""
-    if total > MAX_SHARE * len(time_s):
-        return f"{total} of {len(time_s)} samples are missing, the first at {seconds(time_s[starts[0]])}", ""
-    return "", f"{total} missing sample{'s' * (total > 1)} in {len(starts)} gap{'s' * (len(starts) > 1)}"
 
 
 def bridge_spikes(run: RawRun) -> None:

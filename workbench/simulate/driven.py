@@ -19,7 +19,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.effects import Active, Part, logged_input, moved_by, true_input, true_run
+from workbench.effects import Active, Part, logged_input, moved_by, true_input, true_motion
 from workbench.engine import kernels
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
@@ -78,16 +78,15 @@ class InverseSimulation:
             for run in self.runs
         ]
         self.band_hz = band_hz if band_hz is not None else default_band(machine, self.plant, self.base, self.runs)
-        # The motion behind the log: what a late speed sensor shows is brought forward first.
         self.impacts = tuple(impacts) or tuple(np.zeros(0) for _ in self.runs)
-        self._driven = (self.plant.positions[0], self.plant.speeds[0])
-        true = [true_run(run, self.model.active) for run in self.runs]
-        self.motions = []
-        for run, at in zip(true, self.impacts, strict=True):
+        self._logged = []
+        for run, at in zip(self.runs, self.impacts, strict=True):
             motion = motion_of(run, self.plant, self.band_hz)
             if len(at):
                 motion = replace(motion, acceleration=bridged(run.time_s, motion.acceleration, at))
-            self.motions.append(motion)
+            self._logged.append(motion)
+        # The motion behind the log: what a late speed sensor shows is brought forward.
+        self.motions = [self._behind_log(j) for j in range(len(self.runs))]
         self.symbols = tuple(vars(self.base[0]))
         self.row_of = {symbol: row for row, symbol in enumerate(self.symbols)}
         self.parts = tuple(parts)
@@ -102,7 +101,7 @@ class InverseSimulation:
             i & moving(run.time_s, m.speed, self.scale, self.band_hz)
             for run, m, i in zip(self.runs, self.motions, self.inside, strict=True)
         ]
-        self.judged = [self._judged(j, run) for j, run in enumerate(true)]
+        self.judged = [self._judged(j) for j in range(len(self.runs))]
         self.noise = [noise_rms(r.time_s, u, self.band_hz) for r, u in zip(self.runs, self.inputs, strict=True)]
 
     def predict(self, values: Sequence[Sequence[SimpleNamespace]]) -> list[list[tuple[Array, Array]]]:
@@ -203,16 +202,17 @@ class InverseSimulation:
         if key == own:
             return self.motions[j]
         if (j, key) not in self._behind:
-            self._behind[j, key] = self._shifted(j, sum(key) - sum(own))
+            self._behind[j, key] = self._behind_log(j, dict(zip(self._late, key, strict=True)))
             while len(self._behind) > MOTIONS_KEPT * len(self.runs):
                 self._behind.popitem(last=False)
         return self._behind[j, key]
 
-    def _shifted(self, j: int, earlier_s: float) -> Motion:
-        """The motion of run j, brought forward: a delay and the low-pass may change places."""
-        time_s, motion = self.runs[j].time_s, self.motions[j]
-        at = time_s + earlier_s
-        return Motion(*(np.interp(at, time_s, x) for x in (motion.position, motion.speed, motion.acceleration)))
+    def _behind_log(self, j: int, values: Mapping[str, float] | None = None) -> Motion:
+        """The motion of run j behind its sensor: a delay and the low-pass may change places. values: by symbol, where
+        not the active ones."""
+        motion = self._logged[j]
+        series = (motion.position, motion.speed, motion.acceleration)
+        return Motion(*(true_motion(self.model.active, self.runs[j].time_s, x, values) for x in series))
 
     def starts(self) -> Array:
         """(states, runs): where each run begins, with the load held."""
@@ -228,12 +228,12 @@ class InverseSimulation:
             for run, logged in zip(self.runs, self.inputs, strict=True)
         ]
 
-    def _judged(self, j: int, true: Run) -> np.ndarray:
+    def _judged(self, j: int) -> np.ndarray:
         """(n,) bool: the samples that residuals are judged by: moving, and so in a late log too; no impact beside."""
         run = self.runs[j]
         going = self.moving[j] & ~beside(run.time_s, self.impacts[j], GUARD_S)
-        if any(true[name] is not run[name] for name in self._driven if name in run):
-            going &= moving(run.time_s, motion_of(run, self.plant, self.band_hz).speed, self.scale, self.band_hz)
+        if self._late:
+            going &= moving(run.time_s, self._logged[j].speed, self.scale, self.band_hz)
         return going
 
     def balances(self, values: Sequence[SimpleNamespace] | None = None) -> list[Balance]:

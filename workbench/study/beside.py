@@ -26,10 +26,12 @@ from workbench.references import (
     planned_kinds,
 )
 from workbench.references.least_peak import least_peak, peak_force_n
+from workbench.references.library.wire import ZVD, impulses
 from workbench.references.limits import raised
 from workbench.study.decide import Given, candidates, criteria_for
+from workbench.study.front import fronts
 from workbench.study.grid import RunSpec
-from workbench.study.labels import field_label, listed, words_of
+from workbench.study.labels import field_label, listed, swept_axes, words_of
 from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import peak_limit, run_specs
@@ -77,68 +79,120 @@ def over_ramps(
 
 TIMES = (1.0, 1.02, 1.05, 1.1, 1.2)  # of the quickest: where the curves over move time have their points
 JERKS = (1.0, 3.0, 9.0)  # times the limits' own ratio of jerk to acceleration, that the best is chosen from
+FAMILIES = (BASELINE, "ruckig", "seventh_order", "zvd")
+LEAST = (
+    "optimal"  # a linear programme a move: only at the heaviest payload, in the times of the quickest and the slowest
+)
 GENTLEST = 1e-3  # of the acceleration that is given: slower is not sought
 MOST_PAYLOADS = 3
 MOST_SPECS = 4096  # of a sweep, among which the trapezoid's are sought
+WIDER, ROUNDS = 3, 2  # points beyond the edge at which a knee lies, and how often
 SAME_S = 5e-3
 
 
-def beside(study: Study) -> list[Row]:
-    """The runs that a study is compared with: at equal times, or the trapezoid in a sweep of jerk that lacks it."""
+def beside(study: Study, rows: Sequence[Row]) -> list[Row]:
+    """The runs that a study is compared with: every family at equal times; of a sweep of limits the trapezoid where it
+    lacks it, and the limits beyond the edge at which its knee lies."""
     sweep = study.scenario.sweep
     swept = {} if sweep is None else sweep.grid | sweep.zip
-    if not any("jerk" in name for name in swept) or BASELINE in study.scenario.kinds or study.scenario.sample:
+    if not any(name.startswith("limits.") for name in swept) or study.scenario.sample:
         return at_equal_times(study)
+    wider, every = list[Row](), list(rows)
+    for _ in range(ROUNDS):
+        wider += (found := beyond_the_edge(study, every))
+        every += found
+    if not any("jerk" in name for name in swept) or BASELINE in study.scenario.kinds:
+        return wider
     specs: dict[tuple[object, ...], RunSpec] = {}
     for spec in study.specs[:MOST_SPECS]:
         rest = {name: value for name, value in spec.assigned.items() if "jerk" not in name}
         own = replace(spec, reference=BASELINE, assigned=rest, record_every=0, run_id=f"{spec.run_id}_{BASELINE}")
         if not spec.problem and spec.recording is None:
             specs.setdefault((spec.payload_kg, *rest.items()), own)
-    return [row for row, _ in run_specs(list(specs.values()))]
+    return [*wider, *(row for row, _ in run_specs(list(specs.values())))]
+
+
+def beyond_the_edge(study: Study, rows: Sequence[Row]) -> list[Row]:
+    """The runs at further values of the axes at whose edge the knee of the heaviest payload lies; [] where it is inside
+    or those values are not possible."""
+    sweep, axes = study.scenario.sweep, swept_axes(rows)
+    grid = {} if sweep is None else dict(sweep.grid)
+    knees = [front.knee for front in fronts([row for row in rows if row.ok]) if front.knee is not None]
+    further: dict[str, tuple[float, ...]] = {}
+    for axis in axes if knees else ():
+        name, at = axis.columns[0].removeprefix("sweep."), axis.at(knees[-1])
+        if not name.startswith("limits.") or name not in grid or not axis.numeric:
+            continue
+        values = [float(point[0]) for point in axis.points]
+        if axis.edge(knees[-1]):
+            last, before = (values[-1], values[-2]) if at == axis.points[-1] else (values[0], values[1])
+            further[name] = tuple(float(f"{last * (last / before) ** k:.4g}") for k in range(1, WIDER + 1))
+        elif len(values) > 2:  # the knee's own value with its neighbours
+            k = values.index(float(at[0]))
+            grid[name] = tuple(values[k - 1 : k + 2])
+    if not further:
+        return []
+    changes = {"sweep": {**grid, "zip": sweep.zip if sweep else {}, **further}, "outputs": {"signals": "none"}}
+    try:
+        specs = plan_study(changed(study.scenario, changes), study.machine, study.recordings).specs
+    except InputError:
+        return []
+    return [row for row, _ in run_specs(specs[:MOST_SPECS]) if row.ok]
 
 
 def at_equal_times(study: Study) -> list[Row]:
     """Each family of references slowed down to each other's times and to points beyond, speed limit kept.
 
-    Those with a jerk limit take several ratios of jerk to acceleration; the trapezoid is always among them. The limits
-    stand in the rows as a sweep of them would. [] where sweep, sample, events or jogs leave no such comparison.
+    Those with a jerk limit take several ratios of jerk to acceleration. The limits stand in the rows as a sweep of them
+    would. [] where sweep, sample, events or jogs leave no such comparison.
     """
-    scenario = study.scenario
+    scenario, kinds = study.scenario, planned_kinds()
     jogs = any(step.speed_m_s is not None for step in study.specs[0].moves)
     if scenario.sweep or scenario.sample or scenario.events != Events() or scenario.plant != "lumped" or jogs:
         return []
     payloads = sorted({spec.payload_kg for spec in study.specs})
     if len(payloads) > MOST_PAYLOADS:
         payloads = [payloads[0], payloads[len(payloads) // 2], payloads[-1]]
-    kinds = planned_kinds()
     specs: list[RunSpec] = []
     for payload in payloads:
         own = {s.reference: s for s in study.specs if s.payload_kg == payload and not s.problem}
         own = {name: spec for name, spec in own.items() if name in kinds}
         if not own:
             continue
-        families = {n: s for n, s in own.items() if not kinds[n].same_time_as and not kinds[n].needs_load}
-        families.setdefault(BASELINE, replace(next(iter(own.values())), reference=BASELINE))
+        first = next(iter(own.values()))
+        assert first.limits is not None
+        load, jerk = load_of(first.machine, payload), first.limits.hoisting.jerk_m_s3
         times = [_duration_s(spec, spec.limits) for spec in own.values()]
         wanted = sorted({round(time, 3) for time in (*times, *(min(times) * factor for factor in TIMES))})
-        for name, spec in families.items():
-            for ratio in JERKS if kinds[name].needs_jerk else (1.0,):
-                specs += _slowed(spec, wanted, ratio)
-    return [row for row, _ in run_specs(specs)]
+        for name in dict.fromkeys([*own, *FAMILIES, LEAST]):
+            kind, spec = kinds[name], own.get(name, replace(first, reference=name))
+            unknown = kind.needs_load and (load is None or (kind.needs_following and not (load.hangs or load.rigid)))
+            shaper = kind.needs_load and not kind.same_time_as  # of a load that hardly swings it is the trapezoid
+            if unknown or (shaper and (load is None or len(impulses(ZVD, load)) < 2)):
+                continue
+            if kind.same_time_as and (name != LEAST or payload != payloads[-1]):
+                continue
+            if kind.needs_jerk and math.isinf(jerk):
+                continue
+            for ratio in JERKS if kind.needs_jerk else (1.0,):
+                specs += _slowed(
+                    spec, sorted({min(times), max(times)}) if name == LEAST else wanted, ratio, own=name in own
+                )
+    return [row for row, _ in run_specs(specs) if row.ok]
 
 
-def _slowed(spec: RunSpec, wanted: Sequence[float], ratio: float) -> Iterator[RunSpec]:
-    """The run with acceleration and jerk lowered until its moves take each of the times; quicker ones are left out."""
+def _slowed(spec: RunSpec, wanted: Sequence[float], ratio: float, own: bool) -> Iterator[RunSpec]:
+    """The run with acceleration and jerk lowered until its moves take each of the times; quicker ones are left out, and
+    of the study's own references what it has run itself."""
     from scipy.optimize import brentq
 
-    own = spec.limits
-    assert own is not None
+    given = spec.limits
+    assert given is not None
     unit = kind_of(spec.machine).moved.unit
 
     def scaled(factor: float) -> LimitPair:
         """Accelerations times the factor, jerks times it and the ratio."""
-        ways = (own.hoisting, own.lowering)
+        ways = (given.hoisting, given.lowering)
         return LimitPair(
             *(Limits(w.speed_m_s, factor * w.acceleration_m_s2, factor * ratio * w.jerk_m_s3) for w in ways)
         )
@@ -148,11 +202,10 @@ def _slowed(spec: RunSpec, wanted: Sequence[float], ratio: float) -> Iterator[Ru
         def late(log_factor: float, time_s: float = time_s) -> float:
             return _duration_s(spec, scaled(math.exp(log_factor))) - time_s
 
-        if ratio == 1.0 and abs(late(0.0)) < SAME_S:
-            continue  # the study's own run
-        if late(0.0) > -SAME_S or late(math.log(GENTLEST)) < 0.0:
+        quickest = late(0.0)
+        if (own and ratio == 1.0 and abs(quickest) < SAME_S) or quickest > SAME_S or late(math.log(GENTLEST)) < 0.0:
             continue
-        limits = scaled(math.exp(brentq(late, math.log(GENTLEST), 0.0, xtol=1e-6)))
+        limits = scaled(math.exp(brentq(late, math.log(GENTLEST), 0.0, xtol=1e-6)) if quickest < -SAME_S else 1.0)
         a, j = limits.hoisting.acceleration_m_s2, limits.hoisting.jerk_m_s3
         assigned = {f"sweep.limits.{key_in(unit, 'acceleration_m_s2')}": float(f"{a:.4g}")}
         if planned_kinds()[spec.reference].needs_jerk:

@@ -1,10 +1,4 @@
-"""What a study says: its decision, the number that it asks for, then at most three findings that could change it.
-
-The knee of a front: its costs are brought to 0…1, from the best to the worst on the front; the chord joins its two
-ends; the knee is the run farthest below the chord. A front of fewer than three runs, or one that nowhere lies below its
-chord, has no knee. (Distance to the chord: I. Das, "On characterizing the 'knee' of the Pareto curve", Structural
-Optimization 18, 1999, for two costs.)
-"""
+"""What a study says: its decision, the number that it asks for, then at most three findings that could change it."""
 
 from __future__ import annotations
 
@@ -17,10 +11,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from workbench.core.errors import InputError, nearest
-from workbench.core.run import Array
+from workbench.core.errors import InputError
 from workbench.core.whole_folder import write_json
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.metrics import View, set_of, shown_in
@@ -33,6 +25,7 @@ from workbench.study.beside import (
     on_another_damping,
 )
 from workbench.study.decide import decisions, take_sentences
+from workbench.study.front import Front, fronts
 from workbench.study.labels import (
     Label,
     SweptAxis,
@@ -43,6 +36,7 @@ from workbench.study.labels import (
     run_in_words,
     shown,
     swept_axes,
+    words_of,
 )
 from workbench.study.load import Study
 from workbench.study.rows import (
@@ -66,66 +60,6 @@ MOST_BYTES = 1_000_000
 QUANTILES = (0.05, 0.5, 0.95)
 NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
 AT_THE_LIMIT = 0.85  # rms over limit: three quarters of the time are spent there
-
-
-@dataclass(frozen=True)
-class Front:
-    """The front of one group of runs. rows: from the smallest first cost to the largest; knee: one of them or None."""
-
-    payload_kg: float
-    costs: tuple[str, str]
-    rows: tuple[Row, ...]
-    knee: Row | None
-
-
-def non_dominated(first: Array, second: Array) -> npt.NDArray[np.intp]:
-    """Indices of the non-dominated points, by rising `first`. Of equal points the earliest is kept.
-
-    first, second: (n,) costs, finite.
-    """
-    order = np.lexsort((np.arange(len(first)), second, first))
-    falling = second[order]
-    below = np.concatenate(([True], falling[1:] < np.minimum.accumulate(falling)[:-1])) if len(order) else order > 0
-    return order[below]
-
-
-def knee(first: Array, second: Array) -> int | None:
-    """The place of the knee on a front: (n,) rising and (n,) falling costs. None where there is none."""
-    if len(first) < 3:
-        return None
-    x = (first - first[0]) / (first[-1] - first[0])
-    y = (second - second[-1]) / (second[0] - second[-1])
-    depth = (1.0 - x - y) / np.sqrt(2.0)  # below the chord from (0, 1) to (1, 0)
-    at = int(np.argmax(depth))
-    return at if depth[at] > 1e-9 else None
-
-
-def fronts(rows: Sequence[Row], second: str = "", first: str = "move_time_s") -> list[Front]:
-    """The front of each payload: the runs that no other is at least as good as in both costs and better in one.
-
-    first, second: metrics to be kept small, without a second the largest torque or force. Failed runs are left out.
-    InputError for a metric that the rows do not have.
-    """
-    costs = first, second or metrics_of(rows).peak
-    found = []
-    for payload in sorted({row.payload_kg for row in rows if row.ok}):
-        own = [row for row in rows if row.ok and row.payload_kg == payload]
-        x, y = (np.array([cost(row, name) for row in own]) for name in costs)
-        known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
-        chosen = known[non_dominated(x[known], y[known])]
-        at = knee(x[chosen], y[chosen])
-        front = tuple(own[i] for i in chosen)
-        found.append(Front(payload, costs, front, None if at is None else front[at]))
-    return found
-
-
-def cost(row: Row, name: str) -> float:
-    """A row's cost; InputError for what it has no number of."""
-    if name == "wire_tension_swing_n" and name not in row.metrics:  # of an older version
-        return row["max_wire_tension_n"] - row["min_wire_tension_n"]
-    if name not in row.metrics:
-        raise InputError(f"no metric '{name}'; {nearest(name, row.metrics)}")
-    return row[name]
 
 
 @dataclass(frozen=True)
@@ -166,10 +100,11 @@ def sentences(rows: Sequence[Row], limit: float) -> list[str]:
 def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     """Runs that failed, are at a limit, hunt, go slack or end elsewhere: each can turn the decision round."""
     good, axes = [row for row in rows if row.ok], swept_axes(rows)
-    failed = [row for row in rows if not row.ok]
-    said = [" ".join(f"{row.run_id} failed: {row.reason}." for row in failed[:MOST_FAILED])] if failed else []
-    if len(failed) > MOST_FAILED:
-        said[0] += f" {len(failed) - MOST_FAILED} more of {len(rows)} runs failed; the index says why."
+    said = []
+    if failed := [row for row in rows if not row.ok]:
+        said.append(" ".join(f"{row.run_id} failed: {row.reason}." for row in failed[:MOST_FAILED]))
+        if len(failed) > MOST_FAILED:
+            said[0] += f" {len(failed) - MOST_FAILED} more of {len(rows)} runs failed; the index says why."
     if not good:
         return said
     judged = metrics_of(good)
@@ -188,10 +123,9 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
         value = f"{judged.by_name[judged.peak].text(limit)} {judged.input_unit}"
         said.append(f"The {judged.input_words} limit of {value} is reached{which(at_limit)}.")
     if stuck:
-        cannot = "motors cannot" if judged.payload else "drive cannot"
         said.append(
             f"The {judged.input_words} is at its limit nearly all the time{which(stuck)}: the loop swings from limit "
-            f"to limit, or the {cannot} carry the load."
+            f"to limit, or the {'motors' if judged.payload else 'drive'} cannot carry the load."
         )
     if hunting := [row for row in good if hunts(row)]:
         worst = max(hunting, key=swings_per_s)
@@ -200,10 +134,10 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
             f"{run_in_words(worst, axes)}, {swings_per_s(worst):.0f} times a second of motion."
         )
     if slack := [row for row in good if row.get("slack_time_s") > 0.0]:
-        longest = max(slack, key=lambda row: row["slack_time_s"])
+        worst = max(slack, key=lambda row: row["slack_time_s"])
         said.append(
-            f"The wire goes slack{which(slack)}; longest {longest['slack_time_s']:.2g} s "
-            f"({run_in_words(longest, axes)}). It tightens again with a jerk."
+            f"The wire goes slack{which(slack)}; longest {worst['slack_time_s']:.2g} s ({run_in_words(worst, axes)}). "
+            "It tightens again with a jerk."
         )
     if astray := [row for row in good if is_astray(row)]:
         worst = max(astray, key=lambda row: abs(row[judged.end]))
@@ -217,22 +151,26 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     return said
 
 
-def variations(rows: Sequence[Row], told: bool = False) -> list[str]:
-    """What a sweep or a sample does; of a study that varies nothing, and has `told` no decision, the largest peak."""
+def variations(rows: Sequence[Row], told: bool = False, beside: Sequence[Row] = (), reference: str = "") -> list[str]:
+    """What a sweep or a sample does; of a study that varies nothing, and has `told` no decision, the largest peak.
+
+    beside: runs with further values, among which the knee is sought too. reference: whose effects are told, "" for all.
+    """
     good, axes = [row for row in rows if row.ok], swept_axes(rows)
     if not good:
         return []
-    heaviest = max(row.payload_kg for row in good)
+    judged, heaviest = metrics_of(good), max(row.payload_kg for row in good)
     here = [row for row in good if row.payload_kg == heaviest]
-    said = []
-    if any(".limits." in column for axis in axes for column in axis.columns) and fronts(here)[0].knee is not None:
-        said.append(_knee(fronts(here)[0], axes))
-    said += [text for axis in axes for text in _effect(axis, here, heaviest)]
-    if drawn_columns(good):
-        said += scatter(good)
+    said: list[str] = []
+    if any(".limits." in column for axis in axes for column in axis.columns):
+        varied = here[0].assigned.keys()
+        further = [row for row in beside if row.payload_kg == heaviest and row.assigned.keys() == varied]
+        said += _knee(fronts([*here, *further])[0], axes, swept_axes([*here, *further]))
+    own = [row for row in here if row.reference == reference]
+    said += [text for axis in axes for text in _effect(axis, own or here, heaviest, reference if own else "")]
+    said += scatter(good) if drawn_columns(good) else []
     if said or told:
         return said
-    judged = metrics_of(good)
     worst = max(good, key=lambda row: row[judged.peak])
     peak = f"{judged.by_name[judged.peak].text(worst[judged.peak])} {judged.input_unit}"
     share = f" ({worst['peak_torque_percent']:.0f} % of nominal)" if judged.payload else ""
@@ -240,19 +178,18 @@ def variations(rows: Sequence[Row], told: bool = False) -> list[str]:
     return [f"The largest {judged.input_words} peak is {peak}{share}, with {worst.reference}{where}."]
 
 
-def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float) -> Iterator[str]:
+def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float, reference: str) -> Iterator[str]:
     """What an axis does at the heaviest payload, of all runs at a value the worst; only of references that read it."""
-    groups: dict[Any, list[Row]] = {point: [] for point in axis.points}
-    for row in rows:
-        if any(reads(row.reference, column) for column in axis.columns):
-            groups[axis.at(row)].append(row)
-    groups = {point: members for point, members in groups.items() if members}
+    own = [row for row in rows if any(reads(row.reference, column) for column in axis.columns)]
+    groups = axis.grouped(own)
     if len(groups) < 2:
         return
-    points, judged, own = list(groups), metrics_of(rows), [row for members in groups.values() for row in members]
+    points, judged = list(groups), metrics_of(rows)
     several = max(map(len, groups.values())) > 1
     at = f"at {payload_kg:g} kg" if judged.payload else ""
-    where = f"{at}, the worst runs," if several and at else "in the worst runs" if several else at
+    with_it = f"with {words_of(reference)}" if len({row.reference for row in rows}) == 1 else ""
+    worst = "in the worst runs" if several else ""
+    where = ", ".join(filter(None, (" ".join(filter(None, (at, with_it if reference else ""))), worst)))
     parts, same = [], []
     for metric in shown_in(View.SENTENCES, judged):
         if any(row.metrics.get(metric.name) is None for row in own):
@@ -262,12 +199,12 @@ def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float) -> Iterator
             parts.append(f"the {metric.label} {_course(axis, points, values, metric.shown_unit)}")
         else:
             same.append(metric.label)
+    words = axis.words.capitalize()
     if not parts:
-        to = f"the worst runs' {listed(same)}; single runs may differ" if several else listed(same)
-        yield f"{axis.words.capitalize()} makes no difference {f'{at} ' if at else ''}to {to}."
+        yield f"{words} makes no difference {f'{where} ' if where else ''}to {listed(same)}."
         return
-    start = f"{axis.words.capitalize()} from {axis.short(points[0])} to {axis.short(points[-1])}"
-    yield f"{start if axis.numeric else axis.words.capitalize()}: {where} {listed(parts)}."
+    start = f"{words} from {axis.short(points[0])} to {axis.short(points[-1])}" if axis.numeric else words
+    yield f"{start}: {f'{where}, ' if several else f'{where} '}{listed(parts)}.".replace(":  ", ": ")
 
 
 def _course(axis: SweptAxis, points: Sequence[tuple[float | str, ...]], values: Sequence[float], unit: str) -> str:
@@ -276,33 +213,33 @@ def _course(axis: SweptAxis, points: Sequence[tuple[float | str, ...]], values: 
         return "is " + ", ".join(f"{v:.3g} {unit} with {shown(p[0])}" for p, v in zip(points, values, strict=True))
     text = f"goes from {values[0]:.3g} to {values[-1]:.3g} {unit}"
     reach, ends = max(abs(value) for value in values) * NO_CHANGE, (values[0], values[-1])
-    low, high = int(np.argmin(values)), int(np.argmax(values))
-    if values[low] < min(ends) - reach:
-        return f"{text}, with its least, {values[low]:.3g} {unit}, at {axis.short(points[low])}"
-    if values[high] > max(ends) + reach:
-        return f"{text}, with its most, {values[high]:.3g} {unit}, at {axis.short(points[high])}"
+    for name, at, beyond in (
+        ("least", int(np.argmin(values)), min(ends) - reach - min(values)),
+        ("most", int(np.argmax(values)), max(values) - max(ends) - reach),
+    ):
+        if beyond > 0.0:
+            return f"{text}, with its {name}, {values[at]:.3g} {unit}, at {axis.short(points[at])}"
     return text
 
 
-def _knee(front: Front, axes: Sequence[SweptAxis]) -> str:
-    """Where a front of move time against the peak turns, and whether that is at the edge of what was swept."""
+def _knee(front: Front, axes: Sequence[SweptAxis], wider: Sequence[SweptAxis]) -> Iterator[str]:
+    """Where a front of move time against the peak turns, and whether that is beyond the sweep, or at the edge of all
+    that was run."""
     knee, judged = front.knee, metrics_of(front.rows)
-    assert knee is not None
+    if knee is None:
+        return
     peak = judged.by_name[front.costs[1]]
     setting = ", ".join(axis.say(axis.at(knee)) for axis in axes)
     ends = [f"{row['move_time_s']:.4g} s for {peak.text(row[peak.name])}" for row in (front.rows[0], front.rows[-1])]
-    edges = [axis.words for axis in axes if _at_edge(axis, knee)]
-    edge = f"; it lies at the edge of {listed(edges)}: widen that range" if edges else ""
-    return (
+    beyond = [axis.words for axis in axes if axis.numeric and axis.at(knee) not in axis.points]
+    edges = [axis.words for axis in wider if axis.edge(knee)]
+    where = f", beyond the {listed(beyond)} that was swept" if beyond else ""
+    where += f"; it lies at the edge of {listed(edges)}: widen that range" if edges else ""
+    yield (
         f"{f'At {front.payload_kg:g} kg the' if judged.payload else 'The'} knee of move time against {peak.label} is "
         f"{knee.reference} with {setting}: {knee['move_time_s']:.4g} s and {peak.text(knee[peak.name])} "
-        f"{peak.shown_unit}, between {' and '.join(ends)} at the ends{edge}."
+        f"{peak.shown_unit}, between {' and '.join(ends)} at the ends{where}."
     )
-
-
-def _at_edge(axis: SweptAxis, row: Row) -> bool:
-    read = any(reads(row.reference, column) for column in axis.columns)
-    return read and axis.numeric and len(axis.points) > 2 and axis.at(row) in (axis.points[0], axis.points[-1])
 
 
 def scatter(good: Sequence[Row]) -> list[str]:
@@ -313,13 +250,13 @@ def scatter(good: Sequence[Row]) -> list[str]:
         rows = [row for row in good if (row.payload_kg, row.reference) == (payload, reference)]
         if len(rows) < 3:
             continue
-        low, middle, high, most = np.quantile([row[judged.peak] for row in rows], (*QUANTILES, 1.0))
+        low, middle, high, most = map(metric.text, np.quantile([row[judged.peak] for row in rows], (*QUANTILES, 1.0)))
         ranked = rank_correlations(rows, drawn_columns(good), judged.peak)
         strong = [f"{r.label.words} (rank correlation {r.value:+.2f})" for r in ranked if abs(r.value) >= 0.2][:3]
+        where = f"at {payload:g} kg " if judged.payload else ""
         texts.append(
-            f"Over {len(rows)} runs {f'at {payload:g} kg ' if judged.payload else ''}with {reference} the "
-            f"{metric.label} is {metric.text(middle)} {metric.unit} in the median, {metric.text(low)} to "
-            f"{metric.text(high)} {metric.unit} in nine of ten, {metric.text(most)} {metric.unit} at most"
+            f"Over {len(rows)} runs {where}with {reference} the {metric.label} is {middle} {metric.unit} in the "
+            f"median, {low} to {high} {metric.unit} in nine of ten, {most} {metric.unit} at most"
             f"{f'; it depends most on {listed(strong)}' if strong else ''}."
         )
     return texts
@@ -433,11 +370,12 @@ def answer_of(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> An
     asked: list[Asked] = []
     if simulate:
         with suppress(InputError):  # a comparison that cannot be planned leaves the study's own rows as they are
-            rivals, asked = beside(study), answers(study)
-    taken = take_sentences(decisions(rows, study.machine, study.scenario.decide, rivals))
+            rivals, asked = beside(study, rows), answers(study)
+    made = decisions(rows, study.machine, study.scenario.decide, rivals)
+    taken, best = take_sentences(made), made[-1].candidates[0]
     alarmed = alarm([use for use in utilisation(rows, study.machine) if not use.told])
     first = [*asked_sentences(study, asked), *taken, *([alarmed] if alarmed else [])]
-    found = [*troubles(rows, peak_limit(study.machine)), *variations(rows, told=bool(taken))]
+    found = [*troubles(rows, peak_limit(study.machine)), *variations(rows, bool(taken), rivals, best.reference)]
     if simulate and len(found) < MOST_FINDINGS and (damping := on_another_damping(study)) is not None:
         found.append(damping)
     if len(found) < MOST_FINDINGS and not study.scenario.sweep and not study.scenario.sample:

@@ -8,23 +8,22 @@ the last two.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from workbench.analysis.family import family, operating_points, weakest
-from workbench.analysis.search import Search, best_rejection, for_bandwidth, make_search
+from workbench.analysis.search import best_rejection, for_bandwidth, make_search
 from workbench.analysis.tune import Goal
 from workbench.analysis.usual import usual_controller, usual_settings
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
 from workbench.core.json_records import plain
-from workbench.core.run import Array, Run
+from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
 from workbench.effects import effects_for, sizes_of
-from workbench.effects import find as find_effect
 from workbench.machines import HOIST, LOOPED, AnyKind, Axis, Hoist, Kind, kind_of, looped, studied
 from workbench.metrics import Metric, find, set_of
 from workbench.references import LimitPair, Limits, Step, motion_time_s
@@ -49,6 +48,7 @@ LEAST_SPEED = 0.01  # of nominal: slower runs say nothing of how the machine is 
 END_OF_RAIL = 0.02  # of the rail, left free at both ends: the carriage swings a little past its reference
 LONGEST_S = 60.0  # one way
 LEAD_S, DWELL_S, SETTLE_S = 1.0, 2.0, 2.0
+CORRECTION = "measured_correction"
 NOT_STUDIED = (
     f"What changes in the control study is not said for an {{}}: studies, loop and tune are for machines of {LOOPED}."
 )
@@ -153,6 +153,10 @@ class Change:
     def ok(self) -> bool:
         return self.before.ok and self.after.ok
 
+    def words(self, kind: Kind) -> str:
+        """`4500 kg with ruckig`; of an axis its reference."""
+        return f"{self.payload_kg:g} kg with {self.reference}" if kind.payload else self.reference
+
     def percent(self, metric: str) -> float:
         """By how much the effects change a metric; NaN where a run failed."""
         return percent(self.before[metric], self.after[metric])
@@ -233,6 +237,13 @@ class Consequences:
     sentences: tuple[str, ...]
 
     @property
+    def nominal(self) -> float | None:
+        """One motor's nominal torque, as a run's two figures of its peak have it; None of an axis."""
+        ok = (run for row in self.rows for run in (row.before, row.after) if run.ok)
+        peaks = ((run["peak_torque_motor_nm"], run["peak_torque_percent"]) for run in ok if self.study.kind.payload)
+        return next((100.0 * peak / percent for peak, percent in peaks if percent > 0.0), None)
+
+    @property
     def better_reference_changes(self) -> bool:
         """By torque peak or tracking error, over all payloads or at one of them."""
         return any(choice.changed for choice in self.choices)
@@ -280,83 +291,52 @@ def consequences_of(
     given, now = looped(nominal), looped(corrected)
     if given is None or now is None:
         return None, NOT_STUDIED.format(kind_of(nominal).noun)
-    if scenario is not None:
-        study = study_of(scenario)
-    else:
-        study = small_study(given, runs, payloads_kg=payloads_kg, controller=controller)
-    effects = new_effects(given, now)
+    study = study_of(scenario) if scenario else small_study(given, runs, payloads_kg=payloads_kg, controller=controller)
+    effects = tuple(name for name, values in now.effects.items() if given.effects.get(name) != values)
+    if now.measured_correction not in (None, given.measured_correction):
+        effects = (*effects, CORRECTION)
     was = without(now, given, effects) if effects else given
-    rows = _rows(study, given, looped(refitted) if refitted is not None else None, was, now)
+
+    machines = {"given": given, "refitted": looped(refitted) if refitted else None, "before": was, "after": now}
+    done: dict[str, Sequence[Row | None]] = {}
+    for when, machine in machines.items():  # equal machines are run once
+        same = next((other for other in done if machines[other] == machine), None)
+        done[when] = done[same] if same else worst_runs(study, machine) if machine else [None] * len(done["given"])
+    cases = [(spec.payload_kg, spec.reference) for spec in study.specs(given)]
+    rows = tuple(Change(*case, *of) for case, *of in zip(cases, *done.values(), strict=True))
+
     loops = [_weakest_loop(machine, study) for machine in (was, now)]
     usable = loops[0].stable and math.isfinite(loops[0].bandwidth_hz)
     wanted = goal or Goal(float(f"{loops[0].bandwidth_hz:.2g}") if usable else None, MS_LIMIT)
     before, after, old = _gains(study, was, now, wanted)
-    consequences = Consequences(
-        effects=effects,
-        study=study,
-        rows=rows,
-        loop_before=loops[0],
-        loop_after=loops[1],
-        gains_goal=(wanted.bandwidth_hz, wanted.ms_limit),
-        gains_before=before,
-        gains_after=after,
-        old_gains_bandwidth_hz=old,
-        choices=_choices(rows, study.kind),
-        sentences=(),
-    )
-    return replace(consequences, sentences=tuple(_sentences(consequences, now))), ""
-
-
-def new_effects(nominal: Hoist | Axis, corrected: Hoist | Axis) -> tuple[str, ...]:
-    """The effects that the nominal machine lacks or has with other values."""
-    effects = [name for name, values in corrected.effects.items() if nominal.effects.get(name) != values]
-    table = corrected.measured_correction
-    return (*effects, *(["measured_correction"] if table not in (None, nominal.measured_correction) else []))
+    made = Consequences(
+        effects, study, rows, loops[0], loops[1], (wanted.bandwidth_hz, wanted.ms_limit), before, after, old,
+        _choices(rows, study.kind), (),
+    )  # fmt: skip
+    return replace(made, sentences=tuple(_sentences(made, now))), ""
 
 
 def without(corrected: Hoist | Axis, nominal: Hoist | Axis, effects: Sequence[str]) -> Hoist | Axis:
     """The corrected machine with these effects as the nominal one has them, all else equal."""
     kept = {name: values for name, values in corrected.effects.items() if name not in effects}
     kept |= {name: nominal.effects[name] for name in effects if name in nominal.effects}
-    update: dict[str, Any] = {"effects": kept}
-    if "measured_correction" in effects:
-        update["measured_correction"] = nominal.measured_correction
-    return corrected.model_copy(update=update)
+    table = nominal.measured_correction if CORRECTION in effects else corrected.measured_correction
+    return corrected.model_copy(update={"effects": kept, "measured_correction": table})
 
 
-def _rows(
-    study: SmallStudy, given: Hoist | Axis, refitted: Hoist | Axis | None, was: Hoist | Axis, now: Hoist | Axis
-) -> tuple[Change, ...]:
-    """One row for each case, with the runs of all machines; equal machines are run once."""
-    known: list[tuple[Hoist | Axis, list[Row]]] = []
-
-    def runs(machine: Hoist | Axis) -> list[Row]:
-        for other, figures in known:
-            if other == machine:
-                return figures
-        known.append((machine, _runs(study, machine)))
-        return known[-1][1]
-
-    nothing: list[Row | None] = [None] * len(runs(given))
-    of_refitted = [*runs(refitted)] if refitted is not None else nothing
-    cases = [(spec.payload_kg, spec.reference) for spec in study.specs(given)]
-    columns = zip(cases, runs(given), of_refitted, runs(was), runs(now), strict=True)
-    return tuple(Change(*case, as_given, fitted, before, after) for case, as_given, fitted, before, after in columns)
-
-
-def _runs(study: SmallStudy, machine: Hoist | Axis) -> list[Row]:
+def worst_runs(study: SmallStudy, machine: Hoist | Axis) -> list[Row]:
     """The runs of a machine; if it has values that differ from run to run, such as a phase, the worst of several.
 
     A failed run has no figure but its move time.
     """
     # Machine by machine: as many runs at a time, so that one compiled kernel serves all.
-    rows = [[row for row, _ in run_specs(study.specs(at_phase))] for at_phase in _at_phases(machine)]
-    names, figures = metrics_for(study.kind), []
-    for alike in zip(*rows, strict=True):
+    by_phase = [[row for row, _ in run_specs(study.specs(at_phase))] for at_phase in _at_phases(machine)]
+    names, rows = metrics_for(study.kind), []
+    for alike in zip(*by_phase, strict=True):
         row = next((row for row in alike if not row.ok), alike[0])
         worst = {name: find(name).worst([row[name] for row in alike]) if row.ok else None for name in names}
-        figures.append(replace(row, metrics=worst | {"move_time_s": alike[0]["move_time_s"]}))
-    return figures
+        rows.append(replace(row, metrics=worst | {"move_time_s": alike[0]["move_time_s"]}))
+    return rows
 
 
 def _per_run(machine: Hoist | Axis) -> list[str]:
@@ -367,67 +347,53 @@ def _per_run(machine: Hoist | Axis) -> list[str]:
 
 def _at_phases(machine: Hoist | Axis) -> list[Hoist | Axis]:
     """The machine itself or, if an effect has a value for each run, four machines evenly over its range."""
-    own = _per_run(machine)
-    if not own:
-        return [machine]
-    sizes, known = sizes_of(machine), effects_for(kind_of(machine).name)
-    machines = []
-    for k in range(PHASES):
+    known, sizes, own = effects_for(kind_of(machine).name), sizes_of(machine), _per_run(machine)
+
+    def at(share: float) -> Hoist | Axis:
         effects = {name: dict(values) for name, values in machine.effects.items()}
         for name in own:
-            for p in known[name].ranges(sizes):
-                if p.per_run:
-                    effects[name][p.name] = p.lowest + (p.highest - p.lowest) * k / PHASES
-        machines.append(machine.model_copy(update={"effects": effects}))
-    return machines
+            ranges = [p for p in known[name].ranges(sizes) if p.per_run]
+            effects[name] |= {p.name: p.lowest + (p.highest - p.lowest) * share for p in ranges}
+        return machine.model_copy(update={"effects": effects})
+
+    return [at(k / PHASES) for k in range(PHASES)] if own else [machine]
 
 
 def _weakest_loop(machine: Hoist | Axis, study: SmallStudy) -> LoopFigures:
     worst = weakest(family(machine, study.controller, operating_points(machine, study.payloads_kg, study.heights_m)))
-    m = worst.margins
-    return LoopFigures(
-        payload_kg=worst.point.payload_kg,
-        height_m=worst.point.height_m,
-        stable=m.stable,
-        gain_margin_db=20.0 * math.log10(m.gain_up) if math.isfinite(m.gain_up) else math.inf,
-        phase_margin_deg=m.phase_deg,
-        ms=m.ms,
-        crossover_hz=m.crossover_hz,
-        bandwidth_hz=m.bandwidth_hz,
-    )
+    m, up = worst.margins, worst.margins.gain_up
+    gain_db = 20.0 * math.log10(up) if math.isfinite(up) else math.inf
+    return LoopFigures(worst.point.payload_kg, worst.point.height_m, m.stable, gain_db, m.phase_deg, m.ms,
+                       m.crossover_hz, m.bandwidth_hz)  # fmt: skip
 
 
 def _gains(study: SmallStudy, was: Hoist | Axis, now: Hoist | Axis, goal: Goal) -> tuple[Gains, Gains, float]:
     """Recommended for each machine, and the bandwidth (Hz) that the first ones give the second machine."""
     ends = tuple(dict.fromkeys((study.payloads_kg[0], study.payloads_kg[-1])))
-    heights = (study.heights_m[0], study.heights_m[-1])
-    searches = [
-        make_search(machine, study.controller, operating_points(machine, ends, heights)) for machine in (was, now)
-    ]
-    before, after = (_shaped(search, goal, study.controller.GAINS) for search in searches)
+    heights, names = (study.heights_m[0], study.heights_m[-1]), study.controller.GAINS
+    found = []
+    for machine in (was, now):
+        search = make_search(machine, study.controller, operating_points(machine, ends, heights))
+        try:
+            if goal.bandwidth_hz is None:
+                shaped = best_rejection(search, goal.ms_limit)
+            else:
+                shaped = for_bandwidth(search, goal.bandwidth_hz, goal.ms_limit)
+            found.append(Gains(float(f"{shaped.kp:.4g}"), float(f"{shaped.ki:.4g}"), names))
+        except InputError as error:
+            found.append(Gains(math.nan, math.nan, names, error.problem))
+    before, after = found
     if not before.ok:
         return before, after, math.nan
-    judged = searches[1].judge(np.array([before.kp]), np.array([before.ki]))
+    judged = search.judge(np.array([before.kp]), np.array([before.ki]))
     return before, after, float(judged.bandwidth_hz[0]) if judged.stable[0] else math.nan
-
-
-def _shaped(search: Search, goal: Goal, names: tuple[str, str]) -> Gains:
-    try:
-        if goal.bandwidth_hz is None:
-            shaped = best_rejection(search, goal.ms_limit)
-        else:
-            shaped = for_bandwidth(search, goal.bandwidth_hz, goal.ms_limit)
-    except InputError as error:
-        return Gains(math.nan, math.nan, names, error.problem)
-    return Gains(float(f"{shaped.kp:.4g}"), float(f"{shaped.ki:.4g}"), names)
 
 
 def _choices(rows: Sequence[Change], kind: Kind) -> tuple[Choice, ...]:
     """By each judged metric: over all payloads, then at each one; of a study with two references."""
-    references = list(dict.fromkeys(row.reference for row in rows))
+    references, judged = list(dict.fromkeys(row.reference for row in rows)), set_of(kind.name)
     if len(references) < 2:
         return ()
-    payloads, judged = tuple(dict.fromkeys(row.payload_kg for row in rows)), set_of(kind.name)
 
     def better(metric: str, payload_kg: float | None, when: str) -> str:
         """The reference whose worst run is the better one."""
@@ -441,7 +407,7 @@ def _choices(rows: Sequence[Change], kind: Kind) -> tuple[Choice, ...]:
     return tuple(
         Choice(metric, payload, better(metric, payload, "before"), better(metric, payload, "after"))
         for metric in (judged.peak, judged.error, judged.rms_error)
-        for payload in (None, *payloads)
+        for payload in (None, *dict.fromkeys(row.payload_kg for row in rows))
     )
 
 
@@ -460,29 +426,34 @@ def small_study(
     carriage mass. An axis' ramps keep to half of its force limit beside friction and load. The controller is the rule's
     where none is given.
     """
-    kind = kind_of(machine)
+    kind, hoist = kind_of(machine), studied(machine) is not None
     loop, axis = kind.looped, kind.looped.position_loop
     top = loop.top_speed(machine).speed
     motions = [motion for run in runs if (motion := _motion(machine, run)) is not None]
     motions = [motion for motion in motions if motion[0] > (0.0 if axis else LEAST_SPEED * top)]
     shortest, usual = (0.02, 0.2) if axis else (0.2, 1.2)  # s of a ramp
     if motions:
-        speed = min(max(motion[0] for motion in motions), 0.99 * top)
-        acceleration = min(max(motion[1] for motion in motions), speed / shortest)
-        start, end = min(motion[2] for motion in motions), max(motion[3] for motion in motions)
+        fastest, steepest, lowest, highest = zip(*motions, strict=True)
+        speed = min(max(fastest), 0.99 * top)
+        acceleration = min(max(steepest), speed / shortest)
+        start, end = min(lowest), max(highest)
     else:
         speed = 0.9 * (min(top, loop.speed_scale(machine)) if axis else top)
         acceleration = speed / usual
         start, end = 0.0, 0.6 * speed
-    if studied(machine) is not None:
+    if hoist:
         low, high = machine.rail.lowest_position_m, machine.highest_position_m
         bottom, ceiling = low + END_OF_RAIL * (high - low), high - END_OF_RAIL * (high - low)
-        if not motions:
+        if motions:
+            start, end = max(start, bottom), min(end, ceiling)
+        else:
             start = low + 0.25 * (high - low)
             end = start + min(0.5 * (high - low), 5.0 * speed)
-        start, end = max(start, bottom) if motions else start, min(end, ceiling) if motions else end
         if end - start < 0.02 * (ceiling - bottom):  # as far as nothing, or a height that is not this rail's
             start, end = bottom, 0.5 * (bottom + ceiling)
+        known = sorted({run.payload_kg for run in runs}) or [x * machine.carriage.mass_kg for x in (0.0, 0.5, 1.0)]
+        middle = min(known, key=lambda load: abs(load - 0.5 * (known[0] + known[-1])))
+        loads, by_rule = tuple(sorted({known[0], middle, known[-1]})), usual_controller(machine)
     else:
         steady = max(machine.role("coulomb_forward"), machine.role("coulomb_backward"))
         steady += machine.role("viscous") * speed
@@ -490,15 +461,14 @@ def small_study(
         room = 0.5 * (loop.input_limit(machine) - steady)
         if 0.0 < room < math.inf:
             acceleration = min(acceleration, room / loop.total_inertia(machine, 0.0))
+        loads, by_rule = (0.0,), usual_settings(machine)[0]
     speed, acceleration = _digits(speed), _digits(acceleration)
-    loads = _payloads(machine, runs) if studied(machine) is not None else (0.0,)
-    usual_one = usual_controller(machine) if studied(machine) is not None else usual_settings(machine)[0]
     return SmallStudy(
         payloads_kg=loads if payloads_kg is None or axis else tuple(sorted(set(payloads_kg))),
         start_position_m=_digits(start),
         travel_m=_digits(min(max(end - start, 1e-6), LONGEST_S * speed)),
         limits=Limits(speed, acceleration, _digits(1.5 * acceleration**2 / speed)),
-        controller=usual_one if controller is None else controller,
+        controller=by_rule if controller is None else controller,
         from_runs=bool(motions),
         controller_given=controller is not None,
         kind=kind,
@@ -508,12 +478,13 @@ def small_study(
 def _motion(machine: AnyKind, run: Run) -> tuple[float, float, float, float] | None:
     """(fastest speed, largest acceleration, lowest and highest place) of a run, m or rad and seconds; the first two as
     means over a window. None of a run that is too short or has no speed."""
-    if studied(machine) is not None:
+    hoist = studied(machine) is not None
+    if hoist:
         speed, place, per, window = "speed_motor_rad_s", "position_carriage_m", machine.lift_m_per_rad, WINDOW_S
     else:
         speed, place, per, window = machine.speed_signal, machine.position_signal, 1.0, AXIS_WINDOW_S
     t, window = run.time_s, max(window, 4.0 * run.sample_time_s)
-    logged = studied(machine) is None and place in run
+    logged = not hoist and place in run
     if len(t) < 3 or run.duration_s < 3.0 * window or not (logged or speed in run):
         return None
     if logged:
@@ -521,23 +492,12 @@ def _motion(machine: AnyKind, run: Run) -> tuple[float, float, float, float] | N
     else:
         v = run[speed] * per
         way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
-    here = run.signals.get(place, run.start_position_m + way) if studied(machine) is not None else way
+    here = run.signals.get(place, run.start_position_m + way) if hoist else way
     at = np.arange(t[0], t[-1] - 2.0 * window, 0.2 * window)
     marks = [np.interp(at + k * window, t, way) for k in range(3)]
-    first, second = ((marks[k + 1] - marks[k]) / window for k in range(2))
-    fastest = max(_largest(first), _largest(second))
-    return fastest, _largest((second - first) / window), float(np.min(here)), float(np.max(here))
-
-
-def _largest(values: Array) -> float:
-    return float(np.max(np.abs(values)))
-
-
-def _payloads(machine: Hoist, runs: Sequence[Run]) -> tuple[float, ...]:
-    """The lightest, the one nearest to the middle, and the heaviest."""
-    known = sorted({run.payload_kg for run in runs}) or [share * machine.carriage.mass_kg for share in (0.0, 0.5, 1.0)]
-    middle = min(known, key=lambda load: abs(load - 0.5 * (known[0] + known[-1])))
-    return tuple(sorted({known[0], middle, known[-1]}))
+    speeds = np.diff(marks, axis=0) / window
+    steepest = np.abs(speeds[1] - speeds[0]).max() / window
+    return float(np.abs(speeds).max()), float(steepest), float(np.min(here)), float(np.max(here))
 
 
 def _digits(value: float) -> float:
@@ -550,15 +510,12 @@ def _sentences(c: Consequences, corrected: Hoist | Axis) -> Iterator[str]:
     kind, judged = c.study.kind, set_of(c.study.kind.name)
     yield _what(c)
     yield from _failures(c.rows, kind)
-    most = AT_LIMIT * kind.looped.peak_limit(corrected)
-    new = [row for row in c.rows if row.ok and row.after[judged.peak] >= most > row.before[judged.peak]]
-    if new:
-        who = (
-            "The motors now reach their torque" if kind.payload else f"The drive now reaches its {kind.drive.quantity}"
-        )
-        yield f"{who} limit at {listed([_at(kind, row) for row in new])}."
-    good = [row for row in c.rows if row.ok]
-    yield from (_figure(good, metric, kind) for metric in (figures_told(kind) if good else ()))
+    most, good = AT_LIMIT * kind.looped.peak_limit(corrected), [row for row in c.rows if row.ok]
+    if new := [row for row in good if row.after[judged.peak] >= most > row.before[judged.peak]]:
+        who = "motors now reach their torque" if kind.payload else f"drive now reaches its {kind.drive.quantity}"
+        yield f"The {who} limit at {listed([row.words(kind) for row in new])}."
+    if good:
+        yield from (_figure(good, metric, kind) for metric in figures_told(kind))
     by = {(row.payload_kg, row.reference): row.before["move_time_s"] for row in c.rows}
     longer = by.get((c.rows[0].payload_kg, "ruckig"), math.nan) - by.get((c.rows[0].payload_kg, "trapezoid"), math.nan)
     if math.isfinite(longer):
@@ -571,18 +528,18 @@ def _sentences(c: Consequences, corrected: Hoist | Axis) -> Iterator[str]:
         yield _better(c.choices, judged.error, "tracking error", kind)
     yield _loop(c)
     yield _gain_words(c)
+    known = effects_for(kind.name)
     if own := _per_run(corrected):
         yield (
             f"In each run {listed(own)} has a phase of its own: every run was made at {PHASES} phases, and each figure "
             "is the worst of them."
         )
-    known = effects_for(kind.name)
     if cold := [name for name in corrected.effects if known[name].regime == "time" and name not in own]:
         yield f"Time counts from the start of the campaign, so {listed(cold)} is as on the cold machine."
-    if outside := [name for name in corrected.effects if find_effect(name, kind.name).on_sensor]:
+    if outside := [name for name in corrected.effects if known[name].on_sensor]:
         yield f"On the log alone, so that neither runs nor loop know of it: {listed(outside)}."
-    own_drive = corrected.drive
-    if not (own_drive.torque_lag_s or own_drive.speed_filter_s or own_drive.speed_delay_s):
+    drive = corrected.drive
+    if not (drive.torque_lag_s or drive.speed_filter_s or drive.speed_delay_s):
         yield "The machine's drive has no lag, filter or delay, so its margins are those of sampling alone."
 
 
@@ -605,60 +562,46 @@ def _what(consequences: Consequences) -> str:
     )
 
 
-def _at(kind: Kind, row: Change) -> str:
-    """`4500 kg with ruckig`; of an axis its reference."""
-    return f"{row.payload_kg:g} kg with {row.reference}" if kind.payload else row.reference
-
-
 def _failures(rows: Sequence[Change], kind: Kind) -> Iterator[str]:
-    groups: dict[tuple[float, bool, bool, str], list[Change]] = {}
+    groups: dict[tuple[float, bool, bool, str], list[str]] = {}
     for row in rows:
         if not row.ok:
             # Where the motors cannot hold the load, how far it fell says nothing.
             reason = (row.after.reason or row.before.reason).rpartition("; ")[2]
-            groups.setdefault((row.payload_kg, row.before.ok, row.after.ok, reason), []).append(row)
+            groups.setdefault((row.payload_kg, row.before.ok, row.after.ok, reason), []).append(row.reference)
     for (payload, was_ok, is_ok, reason), alike in groups.items():
-        which = "with either reference" if len(alike) == 2 else f"with the {alike[0].reference} reference"
+        which = "with either reference" if len(alike) == 2 else f"with the {alike[0]} reference"
         start = f"At {payload:g} kg {which}" if kind.payload else f"{which[0].upper()}{which[1:]}"
-        if was_ok:
-            yield f"{start} the move is no longer possible: {reason}."
-        elif is_ok:
-            yield f"{start} the move is possible now; before: {reason}."
-        else:
-            yield f"{start} the move is possible neither before nor after: {reason}."
+        now = f"{'neither before nor after' if not is_ok else 'now; before'}: {reason}"
+        yield f"{start} the move is no longer possible: {reason}." if was_ok else f"{start} the move is possible {now}."
 
 
 def figures_told(kind: Kind) -> tuple[Metric, ...]:
     """The metrics that sentences tell."""
     judged = set_of(kind.name)
-    if kind.payload:
-        return tuple(judged.by_name[name] for name in (judged.peak, judged.error, "min_wire_tension_n"))
-    return tuple(judged.by_name[name] for name in (judged.peak, judged.rms, judged.error, "settling_time_s"))
+    names = (judged.error, "min_wire_tension_n") if kind.payload else (judged.rms, judged.error, "settling_time_s")
+    return tuple(judged.by_name[name] for name in (judged.peak, *names))
 
 
 def _figure(good: Sequence[Change], metric: Metric, kind: Kind) -> str:
     name = metric.name
     if name == "min_wire_tension_n" and (slack := [row for row in good if row.after[name] <= 0.0]):
         was = ", as before" if all(row.before[name] <= 0.0 for row in slack) else ""
-        return f"The wire goes slack at {listed([_at(kind, row) for row in slack])}{was}."
+        return f"The wire goes slack at {listed([row.words(kind) for row in slack])}{was}."
     changes = [row.percent(name) for row in good]
-    low, high = min(changes), max(changes)
-    if max(abs(low), abs(high)) < SMALL:
+    if max(map(abs, changes)) < SMALL:
         return f"The {metric.label} does not change."
     most = max(good, key=lambda row: abs(row.percent(name)))
     before, after = (metric.scale * run[name] for run in (most.before, most.after))
-    if f"{low:+.1f}" == f"{high:+.1f}":
-        span = f"{high:+.1f} %"
-    elif abs(low) < SMALL or abs(high) < SMALL:  # an end of zero is omitted
-        span = f"up to {max(low, high, key=abs):+.1f} %"
-    else:
-        span = f"{low:+.1f} to {high:+.1f} %"
-    where = f"most {'at' if kind.payload else 'with'} {_at(kind, most)}"
+    low, high = f"{min(changes):+.1f}", f"{max(changes):+.1f}"
+    span = f"{high} %" if low == high else f"{low} to {high} %"
+    where = f"most {'at' if kind.payload else 'with'} {most.words(kind)}"
     return f"The {metric.label} changes by {span}, {where}: {before:.3g} to {after:.3g} {metric.shown_unit}."
 
 
 def _better(choices: Sequence[Choice], metric: str, by: str, kind: Kind) -> str:
     mine = [choice for choice in choices if choice.metric == metric and choice.payload_kg is not None]
+    known = [choice for choice in mine if choice.before and choice.after]
 
     def name(reference: str) -> str:
         return "neither" if reference == "alike" else reference
@@ -666,10 +609,9 @@ def _better(choices: Sequence[Choice], metric: str, by: str, kind: Kind) -> str:
     def at(choice: Choice) -> str:
         return f" at {choice.payload_kg:g} kg" if kind.payload else ""
 
-    if moved := [choice for choice in mine if choice.changed]:
+    if moved := [choice for choice in known if choice.changed]:
         cases = [f"{at(c)} {name(c.after)} instead of {name(c.before)}".strip() for c in moved]
         return f"By {by} the better reference is another one now: {listed(cases)}."
-    known = [choice for choice in mine if choice.before and choice.after]
     if not known:
         return f"By {by} the references cannot be compared, for runs failed."
     names = list(dict.fromkeys(choice.after for choice in known))
@@ -677,7 +619,7 @@ def _better(choices: Sequence[Choice], metric: str, by: str, kind: Kind) -> str:
         return f"By {by} the better reference stays the same: {listed([f'{name(c.after)}{at(c)}' for c in known])}."
     if names == ["alike"]:
         return f"By {by} both references stay alike."
-    where = "" if not kind.payload else at(known[0]) if len(known) == 1 else " at every payload"
+    where = at(known[0]) if len(known) == 1 else " at every payload"
     some = " that both move" if 1 < len(known) < len(mine) else ""
     return f"By {by} {names[0]} stays the better reference{where}{some}."
 
@@ -691,20 +633,17 @@ def _loop(c: Consequences) -> str:
     if not a.stable:
         where = f"{a.payload_kg:g} kg" if kind.payload else "some places"
         return f"The {name}, unstable before at {where}, is stable: Ms {b.ms:.2f}."
-
-    def decibels(value: float) -> str:
-        return f"{value:.1f} dB" if math.isfinite(value) else "without bound"
-
     moved, still = [], []
-    for name, least, show, x, y in (
-        ("the least gain margin", 0.5, decibels, a.gain_margin_db, b.gain_margin_db),
-        ("the least phase margin", 1.0, "{:.0f}°".format, a.phase_margin_deg, b.phase_margin_deg),
-        ("the largest Ms", 0.01, "{:.2f}".format, a.ms, b.ms),
+    for what, least, form, x, y in (
+        ("the least gain margin", 0.5, "{:.1f} dB", a.gain_margin_db, b.gain_margin_db),
+        ("the least phase margin", 1.0, "{:.0f}°", a.phase_margin_deg, b.phase_margin_deg),
+        ("the largest Ms", 0.01, "{:.2f}", a.ms, b.ms),
     ):
+        was, now = (form.format(value) if math.isfinite(value) else "without bound" for value in (x, y))
         if x == y or abs(y - x) < least:
-            still.append(f"{name} is {show(y)}")
+            still.append(f"{what} is {now}")
         else:
-            moved.append(f"{name} goes from {show(x)} to {show(y)}")
+            moved.append(f"{what} goes from {was} to {now}")
     if not moved:
         return f"The loop's margins do not change: {listed(still)}."
     over = "Over loads and heights" if kind.payload else "Over its positions"
@@ -712,10 +651,9 @@ def _loop(c: Consequences) -> str:
 
 
 def _gain_words(c: Consequences) -> str:
-    bandwidth, ms = c.gains_goal
+    (bandwidth, ms), before, after = c.gains_goal, c.gains_before, c.gains_after
     goal = "the best rejection of load steps" if bandwidth is None else f"a bandwidth of {bandwidth:g} Hz"
     start = f"For {goal} with Ms {'' if bandwidth is None else 'and Mt '}at most {ms:g}"
-    before, after = c.gains_before, c.gains_after
     if not after.ok:
         return f"{start} loop shaping finds no gains{'' if before.ok else ', nor before'}: {after.reason}."
     units = c.study.controller.UNITS
@@ -762,22 +700,23 @@ def as_json(c: Consequences) -> dict[str, Any]:
     """Plain mappings and lists, six significant digits; null for what is no finite number."""
     kind = c.study.kind
 
-    def placed(record: Mapping[str, Any]) -> dict[str, Any]:
+    def placed(record: object, **more: Any) -> dict[str, Any]:
         """Without the payload where the kind carries none, the height as its place."""
-        if kind.payload:
-            return dict(record)
-        said = {name: value for name, value in record.items() if name != "payload_kg"}
-        return {f"position_{kind.moved.unit}" if name == "height_m" else name: value for name, value in said.items()}
+        said = vars(record) | more
+        if not kind.payload:
+            del said["payload_kg"]
+            if "height_m" in said:
+                said[f"position_{kind.moved.unit}"] = said.pop("height_m")
+        return said
 
     def run(row: Row | None) -> dict[str, Any] | None:
         return None if row is None else {"reason": row.reason, **{name: row.get(name) for name in metrics_for(kind)}}
 
     def gains(own: Gains) -> dict[str, Any]:
-        return {**dict(zip(own.names, (own.kp, own.ki), strict=True)), "reason": own.reason}
+        return {own.names[0]: own.kp, own.names[1]: own.ki, "reason": own.reason}
 
     rows = [
-        placed(vars(row))
-        | {when: run(getattr(row, when)) for when in ("given", "refitted", "before", "after")}
+        placed(row, **{when: run(getattr(row, when)) for when in ("given", "refitted", "before", "after")})
         | {"change_percent": {name: row.percent(name) for name in metrics_for(kind)}}
         for row in c.rows
     ]
@@ -786,14 +725,14 @@ def as_json(c: Consequences) -> dict[str, Any]:
             "effects": c.effects,
             "study": c.study.as_json(),
             "rows": rows,
-            "loop": {"before": placed(vars(c.loop_before)), "after": placed(vars(c.loop_after))},
+            "loop": {"before": placed(c.loop_before), "after": placed(c.loop_after)},
             "gains": {
                 "goal": {"bandwidth_hz": c.gains_goal[0], "ms": c.gains_goal[1]},
                 "before": gains(c.gains_before),
                 "after": gains(c.gains_after),
                 "old_gains_bandwidth_hz": c.old_gains_bandwidth_hz,
             },
-            "better_reference": [placed(vars(choice)) | {"changed": choice.changed} for choice in c.choices],
+            "better_reference": [placed(choice, changed=choice.changed) for choice in c.choices],
             "sentences": c.sentences,
         }
     )

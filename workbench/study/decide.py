@@ -14,9 +14,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import numpy as np
+
 from workbench.core.errors import InputError, nearest
 from workbench.machines import Axis, Hoist, kind_of, load_of
-from workbench.metrics import Metric, MetricSet, View, find, set_with, shown_in
+from workbench.metrics import Metric, MetricSet, find, set_with
 from workbench.study.labels import SweptAxis, listed, reads, swept_axes, words_of
 from workbench.study.rows import Row, hunts, is_astray, metrics_of
 from workbench.study.scenario import CriterionBlock
@@ -84,38 +86,37 @@ def criteria_for(
     Usual limits: a tenth of the torque in reserve, thermal load 100 %, a hoist's wire above a tenth of its static
     tension; scales: 2 % of nominal speed, 50 mm and the static tension. InputError for what is no metric of the kind.
     """
-    limit = math.inf if machine is None else kind_of(machine).looped.peak_limit(machine)
     given = dict(given or {})
     reserve = given.pop(RESERVE, CriterionBlock())
     left = 1.0 - (10.0 if reserve.least is None else reserve.least) / 100.0
     weight = 2.0 if reserve.weight is None else reserve.weight
+    limit, static, fastest = math.inf, None, None
+    if machine is not None:
+        loop, load = kind_of(machine).looped, load_of(machine, payload_kg)
+        limit = loop.peak_limit(machine)
+        if judged.payload and load is not None:
+            static, fastest = load.hold_n / FALLS, loop.speed_scale(machine)
     usual = [
         Criterion(judged.peak, weight, most=left * limit if math.isfinite(limit) else None),
         Criterion("thermal_load_percent", 1.0, most=100.0),
         Criterion(TIME, 2.0),
         Criterion("energy_motoring_j", 0.5),
     ]
-    load = None if machine is None else load_of(machine, payload_kg)
-    if judged.payload and machine is not None and load is not None:
-        static, fastest = load.hold_n / FALLS, kind_of(machine).looped.speed_scale(machine)
+    if not judged.payload:
+        usual += [Criterion(judged.rms_error, 1.0), Criterion(judged.error, 1.0), Criterion("settling_time_s", 1.0)]
+    else:
         usual += [
             Criterion("wire_tension_swing_n", 1.0, scale=static),
-            Criterion("min_wire_tension_n", 1.0, least=0.1 * static),
-            Criterion(judged.rms_error, 1.0, scale=0.02 * fastest),
-            Criterion("position_error_max_m", 1.0, scale=judged.astray),
+            *([Criterion("min_wire_tension_n", 1.0, least=0.1 * static)] if static is not None else []),
+            Criterion(judged.rms_error, 1.0, scale=None if fastest is None else 0.02 * fastest),
+            Criterion("position_error_max_m", 1.0, scale=None if static is None else judged.astray),
         ]
-    elif judged.payload:
-        usual += [Criterion(name, 1.0) for name in ("wire_tension_swing_n", judged.rms_error, "position_error_max_m")]
-    else:
-        usual += [Criterion(judged.rms_error, 1.0), Criterion(judged.error, 1.0), Criterion("settling_time_s", 1.0)]
     chosen = {criterion.name: criterion for criterion in usual if criterion.name in judged.by_name}
     for name, block in given.items():
         if name not in judged.by_name or judged.by_name[name].better is None:
             known = [RESERVE, *(metric.name for metric in judged.metrics if metric.better is not None)]
             raise InputError(f"unknown criterion '{name}'; {nearest(name, known)}", place=f"decide.{name}")
-        old = chosen.get(name, Criterion(name, 1.0))
-        new = {key: value for key, value in block.model_dump().items() if value is not None}
-        chosen[name] = replace(old, **new)
+        chosen[name] = replace(chosen.get(name, Criterion(name, 1.0)), **block.model_dump(exclude_none=True))
     return tuple(chosen.values())
 
 
@@ -147,7 +148,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Decision:
-    """At one payload: the candidates from the best on, those that break a limit last. taken: None where all do."""
+    """At one payload: the candidates from the best on, those that break a limit last."""
 
     payload_kg: float
     criteria: tuple[Criterion, ...]
@@ -163,26 +164,48 @@ class Decision:
 
     @property
     def dominated(self) -> list[Candidate]:
-        """Of the study's own those that another one is better than, or as good as, in every criterion."""
-        own = [candidate for candidate in self.left[:MOST_COMPARED] if not candidate.beside]
-        names = [criterion.name for criterion in self.criteria]
-
-        def beats(a: Candidate, b: Candidate) -> bool:
-            no_worse = all(a.shares[name] <= b.shares[name] for name in names)
-            return no_worse and any(a.shares[name] < b.shares[name] * (1.0 - NEAR) for name in names)
-
-        return [one for one in own if any(beats(other, one) for other in self.left[:MOST_COMPARED])]
+        """Of the study's own those that another one is no worse than in any criterion, and in one better by more than a
+        thousandth."""
+        left = self.left[:MOST_COMPARED]
+        shares = np.array([list(one.shares.values()) for one in left]).reshape(len(left), -1)
+        no_worse = np.all(shares[None] <= shares[:, None], axis=-1)
+        better = np.any(shares[None] < shares[:, None] * (1.0 - NEAR), axis=-1)
+        return [one for one, beaten in zip(left, np.any(no_worse & better, axis=1), strict=True)
+                if beaten and not one.beside]  # fmt: skip
 
     @property
     def taken(self) -> Candidate | None:
+        """None where all break a limit."""
         return self.left[0] if self.left else None
 
     @property
+    def at_equal_time(self) -> list[Candidate]:
+        """Of each reference the best that takes no longer than the one taken, or its quickest where none is so quick.
+
+        Those of references that all break a limit come last.
+        """
+        if self.taken is None:
+            return []
+        longest, best = self.taken.values[TIME] + SAME_TIME_S, []
+        for reference in dict.fromkeys(one.reference for one in self.left):
+            own = [one for one in self.left if one.reference == reference]
+            in_time = [one for one in own if one.values[TIME] <= longest]
+            best.append(in_time[0] if in_time else min(own, key=lambda one: one.values[TIME]))
+        known = {one.reference for one in best}
+        out = {one.reference: one for one in reversed(self.candidates) if one.reference not in known}
+        return [*best, *reversed(out.values())]
+
+    @property
     def rival(self) -> Candidate | None:
-        """Whom the one taken is compared with: the quickest of the rest; where it is quickest itself, the next best."""
+        """Whom the one taken is compared with: the best of another reference in its time; of one reference the quickest
+        of the rest, or the next best where it is quickest itself."""
         rest = self.left[1:]
         if self.taken is None or not rest:
             return None
+        others = [one for one in self.at_equal_time if one.reference != self.taken.reference and not one.broken]
+        if others:
+            in_time = [one for one in others if one.values[TIME] <= self.taken.values[TIME] + SAME_TIME_S]
+            return (in_time or others)[0]
         quickest = min(rest, key=lambda c: (round(c.values[TIME] / SAME_TIME_S), c.total))
         return quickest if quickest.values[TIME] < self.taken.values[TIME] - SAME_TIME_S else rest[0]
 
@@ -191,20 +214,19 @@ def decisions(
     rows: Sequence[Row], machine: Hoist | Axis | None, given: Given | None = None, beside: Sequence[Row] = ()
 ) -> list[Decision]:
     """The decision at each payload, over all that the rows vary. beside: runs for the comparison at equal time."""
-    judged = metrics_of(rows)
+    judged, made = metrics_of(rows), []
     varied = any(name.startswith(("sweep.drive.", "sweep.machine.")) for row in rows for name in row.assigned)
-    made = []
     for payload in sorted({row.payload_kg for row in rows}):
+        own, others = ([row for row in some if row.payload_kg == payload] for some in (rows, beside))
         criteria = criteria_for(judged, machine, payload, given)
         if varied:  # each run has a limit of its own, which its row does not know
             criteria = tuple(replace(c, most=None) if c.name == judged.peak else c for c in criteria)
-        known = [row for row in rows if row.payload_kg == payload and row.ok]
-        criteria = tuple(c for c in criteria if all(row.metrics.get(c.name) is not None for row in known))
-        found = [*candidates([row for row in rows if row.payload_kg == payload], criteria)]
+        criteria = tuple(c for c in criteria if all(row.metrics.get(c.name) is not None for row in own if row.ok))
+        found = [*candidates(own, criteria)]
         slowest = max((c.values[TIME] for c in found if not c.broken), default=math.inf)
         found += [
             replace(candidate, beside=True)
-            for candidate in candidates([row for row in beside if row.payload_kg == payload], criteria)
+            for candidate in candidates(others, criteria)
             if candidate.values[TIME] <= slowest + SAME_TIME_S and not candidate.broken
         ]
         made.append(Decision(payload, criteria, _ranked(found, criteria)))
@@ -226,22 +248,23 @@ def candidates(rows: Sequence[Row], criteria: Sequence[Criterion]) -> Iterator[C
     for own in groups.values():
         reference = own[0].reference
         chosen = [axis for axis in read[reference] if any(column in own[0].assigned for column in axis.columns)]
-        setting = ", ".join(axis.say(axis.at(own[0])) for axis in chosen)
         good = [row for row in own if row.ok]
         values = {c.name: float(c.metric.worst([row[c.name] for row in good])) if good else math.nan for c in criteria}
         values.setdefault(TIME, max((row[TIME] for row in good), default=math.nan))
         broken = tuple(_broken(own, good, values, criteria))
-        keeps = _kept(own, conditions[0], criteria) if broken and len(conditions) == 1 else ""
-        yield Candidate(own[0].payload_kg, reference, setting, values, len(own), broken, keeps=keeps)
+        yield Candidate(
+            own[0].payload_kg, reference, ", ".join(axis.say(axis.at(own[0])) for axis in chosen), values, len(own),
+            broken, keeps=_kept(own, conditions[0], criteria) if broken and len(conditions) == 1 else "",
+        )  # fmt: skip
 
 
 def _kept(own: Sequence[Row], axis: SweptAxis, criteria: Sequence[Criterion]) -> str:
     """The values of a condition at which all runs keep every limit, in words."""
     kept = []
-    for point in axis.points:
-        here = [row for row in own if axis.at(row) == point]
-        values = {c.name: float(c.metric.worst([row[c.name] for row in here])) for c in criteria if here[0].ok}
-        if all(row.ok for row in here) and not list(_broken(here, here, values, criteria)):
+    for point, here in axis.grouped(own).items():
+        good = [row for row in here if row.ok]
+        values = {c.name: float(c.metric.worst([row[c.name] for row in good])) for c in criteria if good}
+        if not list(_broken(here, good, values, criteria)):
             kept.append(axis.short(point))
     return f"{axis.words} {listed(kept)}" if kept else ""
 
@@ -277,8 +300,7 @@ def take_sentences(made: Sequence[Decision]) -> list[str]:
         return []
     groups: dict[str, list[Decision]] = {}
     for decision in made:
-        taken = decision.taken
-        groups.setdefault(taken.words if taken else "", []).append(decision)
+        groups.setdefault(decision.taken.words if decision.taken else "", []).append(decision)
     return [_take(alike, len(groups) == 1) for alike in groups.values()]
 
 
@@ -305,8 +327,7 @@ def _take(alike: Sequence[Decision], always: bool) -> str:
         said += f". {_against(decision, taken, rival)}"
     if beaten := decision.dominated:
         said += f". Beaten in every criterion: {listed(some([c.words for c in beaten]))}"
-    out = [candidate for candidate in decision.candidates if candidate.broken]
-    if out:
+    if out := [candidate for candidate in decision.candidates if candidate.broken]:
         said += f". Out: {listed(some([f'{c.words} ({c.broken[0]})' for c in out]))}"
     return f"{said}."
 
@@ -325,14 +346,12 @@ def _against(decision: Decision, taken: Candidate, rival: Candidate) -> str:
     ):
         a, b, metric = rival.values[criterion.name], taken.values[criterion.name], criterion.metric
         worse = metric.worse_by(a, b)
-        if abs(worse) < max(metric.visible, 0.005 * abs(a)) or metric.text(a) == metric.text(b):
-            continue
-        change = f"{metric.label} {metric.text(b)} instead of {metric.text(a)} {metric.shown_unit}".strip()
-        (costs if worse > 0.0 else gains).append(change)
-    close = rival.total - taken.total < ALIKE * taken.total
+        if abs(worse) >= max(metric.visible, 0.005 * abs(a)) and metric.text(a) != metric.text(b):
+            change = f"{metric.label} {metric.text(b)} instead of {metric.text(a)} {metric.shown_unit}".strip()
+            (costs if worse > 0.0 else gains).append(change)
     said = f"Against {rival.words} it {f'gains {listed(gains[:3])}' if gains else 'gains nothing that counts'}"
     said += f" and costs {listed(costs[:3])}" if costs else " at no cost"
-    if close:
+    if rival.total - taken.total < ALIKE * taken.total:
         return f"{said}: the two are alike within {100.0 * ALIKE:.0f} %, a change between them is not worth it"
     turn = weight_that_turns(decision, taken, rival)
     if turn is None:
@@ -361,29 +380,3 @@ def verdict(
     """The sentences that take, as one text; None where there is nothing to choose."""
     said = take_sentences(decisions(rows, machine, given, beside))
     return " ".join(said) or None
-
-
-@dataclass(frozen=True)
-class Choice:
-    """One reference's figures: of each metric the worst of the payloads that all references have run."""
-
-    reference: str
-    values: dict[str, float]
-
-
-def choices(rows: Sequence[Row]) -> list[Choice]:
-    """A choice a reference, in the order of the rows; none where values are swept or drawn, or no payload is common."""
-    if any(row.assigned for row in rows):
-        return []
-    good = [row for row in rows if row.ok]
-    kinds = list(dict.fromkeys(row.reference for row in good))
-    loads = [{row.payload_kg for row in good if row.reference == kind} for kind in kinds]
-    common = set.intersection(*loads) if loads else set()
-    judged = metrics_of(rows)
-    names = dict.fromkeys([TIME, judged.peak, *(metric.name for metric in shown_in(View.DECISION, judged))])
-    of_kind = {kind: [row for row in good if row.reference == kind and row.payload_kg in common] for kind in kinds}
-    return [
-        Choice(kind, {n: float(judged.by_name[n].worst([row.get(n) for row in own])) for n in names})
-        for kind, own in of_kind.items()
-        if own
-    ]

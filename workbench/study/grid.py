@@ -1,4 +1,4 @@
-"""The fields of a scenario under dotted names, and runs built with some of them set to other values."""
+"""The runs of a scenario: its fields under dotted names, and the grid of sweep, sample, payloads and references."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, overload
 
 import numpy as np
@@ -31,44 +31,26 @@ from workbench.references import (
     plan_motion,
     planned_kind,
 )
-from workbench.study.scenario import (
-    IN_METRES,
-    MoveBlock,
-    Scenario,
-    check_payload_kg,
-    distributions,
-    draws,
-    key_in,
-    listed,
-)
+from workbench.study.scenario import IN_METRES, Scenario, check_payload_kg, distributions, draws, key_in, listed
 
-Assigned = Mapping[str, float | bool | str]
-_NUMBERS = ("payload_kg", "start_position_m", "lead_s", "settle_s")
-_LIMITS = ("speed_m_s", "acceleration_m_s2", "jerk_m_s3")
-_NO_FIELDS = (
+Value = float | bool | str
+Assigned = Mapping[str, Value]
+NUMBERS = ("payload_kg", "start_position_m", "lead_s", "settle_s")
+LIMITS = ("speed_m_s", "acceleration_m_s2", "jerk_m_s3")
+WAYS = ("hoisting", "lowering")
+PARTS = (*NUMBERS, "machine", "moves", "limits", "controller", "events", "solver")
+ROOTS = ("limits", "moves", "controller", "drive", "machine", "events", "effects", "solver")
+NO_FIELDS = (
     "format", "kind", "name", "identified", "tolerances", "effects", "allowances", "measured_correction", "log",
 )  # fmt: skip
-# Root of a field's name -> the part of a run that it belongs to.
-_PARTS = {name: name for name in (*_NUMBERS, "machine", "moves", "limits", "controller", "events")} | {
-    "solver": "step_s"
-}
-MOST_CACHED = 4096
-
-
-@dataclass(frozen=True)
-class Parts:
-    """The parts of a run that sweeps and samples may change."""
-
-    machine: AnyKind
-    payload_kg: float | None
-    start_position_m: float | None
-    lead_s: float
-    settle_s: float
-    moves: tuple[Step, ...]
-    limits: LimitPair | None
-    controller: Settings
-    events: Events
-    step_s: float
+# Fields that change which motions are possible.
+MOTION = (
+    "machine.rail.", "machine.wire.segment_length_m", "machine.gearbox.", "machine.winch.drum_diameter_m",
+    "machine.motor.nominal_speed_rad_s", "limits.", "moves[", "start_position", "lead_s", "settle_s",
+)  # fmt: skip
+MOST_CACHED, MOST_RUNS, LONGEST_ID = 4096, 1_000_000, 140
+MOST_MOTIONS = 5_000  # motions whose times are reckoned one by one
+LONGEST_S = 3600.0
 
 
 @dataclass(frozen=True)
@@ -84,27 +66,21 @@ class Fields:
 
     def names(self) -> tuple[str, ...]:
         """All that can be swept or sampled, in the order of the file."""
-        effects = [f"effects.{e}.{p}" for e, values in self.machine.effects.items() for p in values]
-        kind = kind_of(self.machine)
-        unit = kind.moved.unit
-        limits = [key_in(unit, name) for name in _LIMITS]
-        ways, events = (("hoisting", "lowering"), _leaves(Events)) if kind.payload else ((), ())
-        return (
-            *(
-                key_in(unit, name) if name == "start_position_m" else name
-                for name in _NUMBERS
-                if kind.payload or name != "payload_kg"
-            ),
-            *(f"limits.{name}" for name in limits),
-            *(f"limits.{way}.{name}" for way in ways for name in limits),
-            *(f"moves[{i}].{key}" for i, move in enumerate(self.scenario.moves) for key in _given(move)),
-            *(f"controller.{name}" for name in _leaves(type(self.scenario.controller))),
-            *(f"drive.{name}" for name in _leaves(type(self.machine.drive))),
-            *(f"machine.{name}" for name in _leaves(type(self.machine))),
-            *(f"events.{name}" for name in events),
-            *effects,
-            "solver.step_s",
-        )
+        kind, hoist = kind_of(self.machine), kind_of(self.machine).payload
+        limits = [key_in(kind.moved.unit, name) for name in LIMITS]
+        blocks = {
+            "limits": [*limits, *(f"{way}.{name}" for way in WAYS for name in limits if hoist)],
+            **{f"moves[{i}]": list(move.model_dump(exclude_none=True)) for i, move in enumerate(self.scenario.moves)},
+            "controller": _leaves(type(self.scenario.controller)),
+            "drive": _leaves(type(self.machine.drive)),
+            "machine": _leaves(type(self.machine)),
+            "events": _leaves(Events) if hoist else [],
+            "effects": [f"{effect}.{name}" for effect, values in self.machine.effects.items() for name in values],
+            "solver": ["step_s"],
+        }
+        start = key_in(kind.moved.unit, "start_position_m")
+        numbers = [start if name == "start_position_m" else name for name in NUMBERS[0 if hoist else 1 :]]
+        return (*numbers, *(f"{root}.{name}" for root, own in blocks.items() for name in own))
 
     def check_name(self, name: str) -> None:
         """InputError for what is no field, with the nearest one."""
@@ -117,138 +93,105 @@ class Fields:
         tails = {full.rsplit(".", 1)[-1]: full for full in reversed(names)}
         hint = f"did you mean '{tails[name]}'?" if name in tails else nearest(name, names)
         if hint.startswith("valid"):
-            hint = f"fields are {', '.join(_NUMBERS)} and those of {', '.join(_ROOTS)}"
+            hint = f"fields are {', '.join(NUMBERS)} and those of {', '.join(ROOTS)}"
         raise InputError(f"unknown field '{name}'; {hint}")
 
     def value(self, name: str) -> float | None:
         """A field's own number; None where it has none, or not one only."""
         if ("value", name) not in self._cache:
-            self._cache["value", name] = self._value(name)
+            self._cache["value", name] = self._value(*split(name))
         value: float | None = self._cache["value", name]
         return value
 
-    def _value(self, name: str) -> float | None:
-        parts = self.parts({})
-        root, path = _split(name)
-        if root in _NUMBERS:
-            return getattr(parts, root)
-        if root == "limits":
-            pair = parts.limits
-            chosen = [] if pair is None else [pair.hoisting, pair.lowering]
-            if len(path) == 2 and pair is not None:
-                chosen = [getattr(pair, str(path[0]))]
-            values = {getattr(limits, IN_METRES.get(str(path[-1]), str(path[-1]))) for limits in chosen}
+    def _value(self, root: str, path: Place) -> float | None:
+        value = self.parts({})[root]
+        if root == "limits" and value is not None:
+            key = IN_METRES.get(str(path[-1]), str(path[-1]))
+            values = {getattr(getattr(value, str(way)), key) for way in (path[:1] if len(path) == 2 else WAYS)}
             return values.pop() if len(values) == 1 else None
-        value: Any = {
-            "moves": [move.model_dump() for move in self.scenario.moves],
-            "controller": parts.controller.model_dump(),
-            "machine": parts.machine.model_dump(),
-            "events": parts.events.model_dump(),
-            "solver": {"step_s": parts.step_s},
-        }[root]
+        if root == "moves":
+            value = [move.model_dump() for move in self.scenario.moves]
+        elif isinstance(value, BaseModel):
+            value = value.model_dump()
         for part in path:
             value = None if value is None else value[part]
         return float(value) if isinstance(value, int | float) else None
 
-    def parts(self, assigned: Assigned) -> Parts:
-        """The parts with these fields set. InputError with the field's name as place where one does not fit."""
-        by_root: dict[str, tuple[tuple[str, float | bool | str], ...]] = dict.fromkeys(_PARTS, ())
+    def parts(self, assigned: Assigned) -> dict[str, Any]:
+        """By PARTS, with these fields set. InputError with the field's name as place where one does not fit."""
+        by_root: dict[str, tuple[tuple[str, Value], ...]] = dict.fromkeys(PARTS, ())
         for name, value in assigned.items():
-            by_root[_split(name)[0]] += ((name, value),)
-        made: dict[str, Any] = {}
+            by_root[split(name)[0]] += ((name, value),)
+        parts = {}
         for root, items in by_root.items():
             if (root, items) not in self._cache:
                 if len(self._cache) >= MOST_CACHED:
                     self._cache.clear()
                 self._cache[root, items] = self._part(root, items)
-            made[_PARTS[root]] = self._cache[root, items]
-        return Parts(**made)
+            parts[root] = self._cache[root, items]
+        return parts
 
     def _part(self, root: str, items: Sequence[tuple[str, Any]]) -> Any:
-        if root in _NUMBERS:
-            return self._number(root, items)
-        if root in ("moves", "limits"):
-            return self._moves(items) if root == "moves" else self._limits(items)
-        changed = _changed(self.machine if root == "machine" else getattr(self.scenario, root), items)
-        return changed.step_s if root == "solver" else changed
-
-    def _number(self, name: str, items: Sequence[tuple[str, Any]]) -> float | None:
+        if root == "limits":
+            return self._limits(items)
+        if root == "moves":
+            moves = list(self.scenario.moves)
+            for name, value in items:
+                number, key = split(name)[1]
+                moves[int(number)] = _changed(moves[int(number)], [(name, (key,), value)])
+            return tuple(move.step() for move in moves)
+        if root not in NUMBERS:
+            record = self.machine if root == "machine" else getattr(self.scenario, root)
+            return _changed(record, [(name, split(name)[1], value) for name, value in items])
         if not items:
-            start = name == "start_position_m"
-            return None if name == "payload_kg" else self.scenario.start if start else getattr(self.scenario, name)
+            start = root == "start_position_m"
+            return None if root == "payload_kg" else self.scenario.start if start else getattr(self.scenario, root)
         ((_, value),) = items
-        lowest = None if name == "start_position_m" else 0.0
-        if isinstance(value, bool | str) or (lowest is not None and value < lowest):
-            raise InputError(f"{value!r}, expected a number{' of at least 0' if lowest == 0.0 else ''}", place=name)
-        if name == "payload_kg":
+        if isinstance(value, bool | str) or (root != "start_position_m" and value < 0.0):
+            raise InputError(f"{value!r}, expected a number{'' if 'start' in root else ' of at least 0'}", place=root)
+        if root == "payload_kg":
             try:
                 check_payload_kg(value)
             except ValueError as error:
-                raise InputError(str(error), place=name) from error
+                raise InputError(str(error), place=root) from error
         return float(value)
-
-    def _moves(self, items: Sequence[tuple[str, Any]]) -> tuple[Step, ...]:
-        moves = list(self.scenario.moves)
-        for name, value in items:
-            number = int(_split(name)[1][0])
-            moves[number] = _changed(moves[number], [(name, value)])
-        return tuple(move.step() for move in moves)
 
     def _limits(self, items: Sequence[tuple[str, Any]]) -> LimitPair | None:
         """Both directions. A field without a direction sets both, one with a direction goes over it."""
         block = self.scenario.limits
-        common: dict[str, float | None] = {**dict.fromkeys(_LIMITS), **block.given()}
-        ways = {way: common | getattr(block, way).given() for way in ("hoisting", "lowering")}
+        ways = {way: {**dict.fromkeys(LIMITS), **block.given(), **getattr(block, way).given()} for way in WAYS}
         for name, value in sorted(items, key=lambda item: item[0].count(".")):
-            path = _split(name)[1]
-            for way in ways if len(path) == 1 else (path[0],):
-                ways[str(way)][IN_METRES.get(str(path[-1]), str(path[-1]))] = _positive(name, value)
+            path = split(name)[1]
+            if isinstance(value, bool) or not isinstance(value, float | int) or not value > 0.0:
+                raise InputError(f"{value!r}, expected a number greater than 0", place=name)
+            for way in ways if len(path) == 1 else path[:1]:
+                ways[str(way)][IN_METRES.get(str(path[-1]), str(path[-1]))] = float(value)
         if all(value is None for values in ways.values() for value in values.values()):
             return None
-        return LimitPair(*(_limits_of(way, values) for way, values in ways.items()))
+        pair = []
+        for way, values in ways.items():
+            if lacking := [name for name in LIMITS[:2] if values[name] is None]:
+                raise InputError(f"has no {lacking[0]} for {way}", place="limits")
+            try:
+                pair.append(Limits(**{name: value for name, value in values.items() if value is not None}))
+            except InputError as error:
+                raise InputError(error.problem, place=f"limits.{error.place}") from error
+        return LimitPair(*pair)
 
 
-def _limits_of(way: str, values: Mapping[str, float | None]) -> Limits:
-    for name in ("speed_m_s", "acceleration_m_s2"):
-        if values[name] is None:
-            raise InputError(f"has no {name} for {way}", place="limits")
-    given = {name: value for name, value in values.items() if value is not None}
-    try:
-        return Limits(**given)
-    except InputError as error:
-        raise InputError(error.problem, place=f"limits.{error.place}") from error
-
-
-def _positive(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, float | int) or not value > 0.0:
-        raise InputError(f"{value!r}, expected a number greater than 0", place=name)
-    return float(value)
-
-
-_ROOTS = ("limits", "moves", "controller", "drive", "machine", "events", "effects", "solver")
-
-
-def _given(move: MoveBlock) -> list[str]:
-    return [key for key in MoveBlock.model_fields if getattr(move, key) is not None]
-
-
-def _leaves(model: type[BaseModel], prefix: str = "") -> Iterable[str]:
+def _leaves(model: type[BaseModel], prefix: str = "") -> list[str]:
     """Dotted names of a record's values, those of optional blocks included."""
+    names: list[str] = []
     for name, info in model.model_fields.items():
-        blocks = [
-            annotation
-            for annotation in (info.annotation, *getattr(info.annotation, "__args__", ()))
-            if isinstance(annotation, type) and issubclass(annotation, BaseModel)
-        ]
-        if not prefix and name in _NO_FIELDS:
-            continue
-        if blocks:
-            yield from _leaves(blocks[0], f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}"
+        kinds = (info.annotation, *getattr(info.annotation, "__args__", ()))
+        block = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
+        if prefix or name not in NO_FIELDS:
+            names += _leaves(block, f"{prefix}{name}.") if block is not None else [f"{prefix}{name}"]
+    return names
 
 
-def _split(name: str) -> tuple[str, Place]:
+@lru_cache(maxsize=MOST_CACHED)
+def split(name: str) -> tuple[str, Place]:
     """The part a field belongs to and its place in that: drive.overload is machine's drive, overload."""
     root, _, rest = IN_METRES.get(name, name).partition(".")
     if root in ("drive", "effects"):
@@ -258,15 +201,12 @@ def _split(name: str) -> tuple[str, Place]:
     return root, tuple(rest.split(".")) if rest else ()
 
 
-def _changed(record: Any, items: Sequence[tuple[str, Any]]) -> Any:
-    """A record with fields set to other values, checked as the file is."""
+def _changed(record: Any, items: Sequence[tuple[str, Place, Any]]) -> Any:
+    """A record with fields (name, place, value) set to other values, checked as the file is."""
     if not items:
         return record
     data = record.model_dump()
-    for name, value in items:
-        path = _split(name)[1]
-        if isinstance(path[0], int):
-            path = path[1:]
+    for _, path, value in items:
         block = data
         for part in path[:-1]:
             if block.get(part) is None:
@@ -280,7 +220,7 @@ def _changed(record: Any, items: Sequence[tuple[str, Any]]) -> Any:
     except ValidationError as error:
         place, problem = problem_lines(type(record), error, data)[0]
         ends = dotted(place)
-        named = next((name for name, _ in items if ends and name.endswith(ends)), items[0][0])
+        named = next((name for name, *_ in items if ends and name.endswith(ends)), items[0][0])
         raise InputError(problem if named.endswith(ends) else f"{ends}: {problem}", place=named) from error
 
 
@@ -322,7 +262,6 @@ class RunSpec:
     duration_s: float
     controller: Settings
     events: Events = field(default_factory=Events)
-    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     step_s: float = 0.001
     plant: str = "lumped"
     record_every: int = 10
@@ -334,22 +273,21 @@ class RunSpec:
         """The motion; equal motions are planned once. InputError where it is not possible."""
         if self.problem:
             raise InputError(self.problem)
-        plan, events = self._undisturbed(), self.events
+        rail, events = kind_of(self.machine).looped.rail(self.machine), self.events
+        plan: Plan
+        if self.recording is not None:
+            plan = _recorded_plan(self.recording, rail, self.lead_s, self.settle_s)
+        else:
+            assert self.limits is not None
+            check_speed(self.limits, self.machine)
+            kind = planned_kind(self.reference)
+            load = load_of(self.machine, self.payload_kg) if kind.needs_load or kind.uses_load else None
+            plan = _planned(
+                self.reference, self.moves, self.start_position_m, self.limits, rail, self.lead_s, self.settle_s, load
+            )
         if events.emergency_stop_s is None or events.emergency_deceleration_m_s2 is None:
             return plan
         return _stopped(plan, events.emergency_stop_s, events.emergency_deceleration_m_s2)
-
-    def _undisturbed(self) -> Plan:
-        rail = kind_of(self.machine).looped.rail(self.machine)
-        if self.recording is not None:
-            return _recorded_plan(self.recording, rail, self.lead_s, self.settle_s)
-        assert self.limits is not None
-        check_speed(self.limits, self.machine)
-        kind = planned_kind(self.reference)
-        load = load_of(self.machine, self.payload_kg) if kind.needs_load or kind.uses_load else None
-        return _planned(
-            self.reference, self.moves, self.start_position_m, self.limits, rail, self.lead_s, self.settle_s, load
-        )
 
 
 _planned = lru_cache(maxsize=256)(plan_motion)
@@ -358,106 +296,96 @@ _stopped = lru_cache(maxsize=256)(StoppedPlan)
 
 @lru_cache(maxsize=16)
 def _recorded_plan(recording: Recording, rail: tuple[float, float], lead_s: float, settle_s: float) -> RecordedPlan:
+    r = recording
     return RecordedPlan(
-        kind=recording.label,
-        time_s=recording.time_s,
-        speed_recorded_m_s=recording.speed_m_s,
-        start_position_m=recording.start_position_m,
-        rail_m=rail,
-        lead_s=lead_s,
-        settle_s=settle_s,
-        smoothing_s=recording.smoothing_s,
-    )
+        r.label, r.time_s, r.speed_m_s, r.start_position_m, rail, lead_s=lead_s, settle_s=settle_s,
+        smoothing_s=r.smoothing_s,
+    )  # fmt: skip
 
 
 def check_speed(limits: LimitPair, machine: Hoist | Axis) -> None:
     """InputError where a speed limit is beyond what the machine allows."""
     kind = kind_of(machine)
-    top = kind.looped.top_speed(machine)
-    key = "speed_rad_s" if kind.moved.unit == "rad" else "speed_m_s"
-    for name, way_limits in (("hoisting", limits.hoisting), ("lowering", limits.lowering)):
-        if way_limits.speed_m_s > top.speed * (1.0 + 1e-9):
-            raise InputError(
-                f"{top.reason.format(limit=way_limits.speed_m_s)}; "
-                f"expected at most {int(top.speed * 1000.0) / 1000.0:g} {kind.moved.speed_unit}",
-                place=f"limits.{key}" if limits.hoisting == limits.lowering else f"limits.{name}.{key}",
-            )
-
-
-# Values of the machine that change which motions are possible.
-_MOTION = (
-    "machine.rail.",
-    "machine.wire.segment_length_m",
-    "machine.gearbox.",
-    "machine.winch.drum_diameter_m",
-    "machine.motor.nominal_speed_rad_s",
-    "limits.",
-    "moves[",
-    "start_position",
-    "lead_s",
-    "settle_s",
-)
+    top, key = kind.looped.top_speed(machine), key_in(kind.moved.unit, "speed_m_s")
+    for way in WAYS:
+        speed = getattr(limits, way).speed_m_s
+        if speed > top.speed * (1.0 + 1e-9):
+            most = f"expected at most {int(top.speed * 1000.0) / 1000.0:g} {kind.moved.speed_unit}"
+            place = f"limits.{key}" if limits.hoisting == limits.lowering else f"limits.{way}.{key}"
+            raise InputError(f"{top.reason.format(limit=speed)}; {most}", place=place)
 
 
 @dataclass(frozen=True)
 class GridAxis:
     """One direction of the grid of runs: fields that change together, and their values point by point.
 
-    values: (points, fields). labels: how a run's id names each point.
+    values: (points, fields). labels: how a run's id names each point. relative: of drawn fields, whether the value is
+    a factor.
     """
 
     names: tuple[str, ...]
-    values: Sequence[Sequence[float | bool | str]]
+    values: Sequence[Sequence[Value]]
     labels: Sequence[str]
-    sampled: bool = False
     relative: tuple[bool, ...] = ()
 
     def __len__(self) -> int:
         return len(self.values)
 
     @property
+    def sampled(self) -> bool:
+        return bool(self.relative)
+
+    @property
     def moves(self) -> bool:
         """Whether it changes the motion."""
-        return any(name.startswith(_MOTION) for name in self.names)
+        return any(name.startswith(MOTION) for name in self.names)
+
+    def place(self, name: str, number: int | None = None) -> str:
+        """Where a field stands in the scenario, or one of its values."""
+        if self.sampled:
+            return f"sample.values.{name}"
+        return f"sweep.{'zip.' if len(self.names) > 1 else ''}{name}{'' if number is None else f'[{number}]'}"
+
+    def ends(self) -> list[int]:
+        """The points at which a field of the axis is smallest or largest."""
+        points = {0, len(self) - 1}
+        for column in zip(*self.values, strict=True):
+            if all(isinstance(value, float) for value in column):
+                points |= {int(np.argmin(column)), int(np.argmax(column))}
+        return sorted(points)
 
 
 def swept(scenario: Scenario, fields: Fields) -> Iterator[GridAxis]:
     """One axis for each swept field, and one for all under `zip`. InputError names the field that does not fit."""
     if scenario.sweep is None:
         return
-    grid = scenario.sweep.grid
+    grid = {name: listed(values) for name, values in scenario.sweep.grid.items()}
     together = {name: listed(values) for name, values in scenario.sweep.zip.items()}
     for name in (*grid, *together):
+        place = f"sweep.{'zip.' if name in together else ''}{name}"
         try:
             fields.check_name(name)
         except InputError as error:
-            raise InputError(error.problem, place=place_of(name, name in together)) from error
-    if both := [name for name in together if name in grid]:
-        raise InputError("is swept by itself too", place=place_of(both[0], True))
-    lengths = {name: len(values) for name, values in together.items()}
-    if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{name} {n}" for name, n in lengths.items())
+            raise InputError(error.problem, place=place) from error
+        if name in grid and name in together:
+            raise InputError("is swept by itself too", place=f"sweep.zip.{name}")
+    if len({len(values) for values in together.values()}) > 1:
+        said = ", ".join(f"{name} {len(values)}" for name, values in together.items())
         raise InputError(f"lists of unequal length cannot be walked together: {said}", place="sweep.zip")
     short = _short_names((*grid, *together))
-    for name, values in grid.items():
-        yield _axis((name,), [listed(values)], short, name)
+    for columns in ({name: values} for name, values in grid.items()):
+        yield _axis(columns, short, f"sweep.{next(iter(columns))}")
     if together:
-        yield _axis(tuple(together), list(together.values()), short, None)
+        yield _axis(together, short, "sweep.zip")
 
 
-def _axis(
-    names: tuple[str, ...], columns: list[list[float | bool | str]], short: Mapping[str, str], one: str | None
-) -> GridAxis:
-    points = list(zip(*columns, strict=True))
-    twice = [point for point, count in Counter(points).items() if count > 1]
-    if twice:
-        place = place_of(one, False) if one else "sweep.zip"
-        raise InputError(f"{', '.join(map(_words, twice[0]))} stands there twice; once is enough", place=place)
-    words = [labels_of(column) for column in columns]
-    labels = [
-        "_".join(f"{short[n]}_{column[k]}" for n, column in zip(names, words, strict=True)) for k in range(len(points))
-    ]
-    return GridAxis(names, points, labels)
+def _axis(columns: Mapping[str, list[Value]], short: Mapping[str, str], place: str) -> GridAxis:
+    points = list(zip(*columns.values(), strict=True))
+    if twice := [point for point, count in Counter(points).items() if count > 1]:
+        words = ", ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in twice[0])
+        raise InputError(f"{words} stands there twice; once is enough", place=place)
+    labels = zip(*([f"{short[name]}_{x}" for x in labels_of(values)] for name, values in columns.items()), strict=True)
+    return GridAxis(tuple(columns), points, ["_".join(parts) for parts in labels])
 
 
 def sampled(scenario: Scenario, fields: Fields, machine: Hoist | Axis) -> Iterator[GridAxis]:
@@ -468,42 +396,24 @@ def sampled(scenario: Scenario, fields: Fields, machine: Hoist | Axis) -> Iterat
     taken = {name for axis in swept(scenario, fields) for name in axis.names}
     chosen = distributions(block, machine)
     for name, distribution in chosen.items():
+        listed_payloads = name == "payload_kg" and scenario.payloads_kg is not None
         try:
             fields.check_name(name)
             if name in taken and not distribution.relative:
                 raise InputError("is swept too; drawn about the swept value it needs relative: true")
-            if distribution.relative and name not in taken and not _has_value(name, scenario, fields):
+            if distribution.relative and not (name in taken or listed_payloads or fields.value(name) is not None):
                 raise InputError("has no value of its own to be multiplied; draw it without relative")
-            if name == "payload_kg" and not distribution.relative and scenario.payloads_kg is not None:
+            if listed_payloads and not distribution.relative:
                 raise InputError("payloads_kg lists payloads; leave it out, or draw with relative: true")
         except InputError as error:
             raise InputError(error.problem, place=f"sample.values.{name}") from error
-    seed = scenario.seed if block.seed is None else block.seed
-    values: Array = draws(block, chosen, seed)
+    values = draws(block, chosen, scenario.seed if block.seed is None else block.seed).tolist()
     digits = len(str(block.count - 1))
-    yield GridAxis(
-        tuple(chosen),
-        values.tolist(),
-        [f"s{k:0{digits}d}" for k in range(block.count)],
-        sampled=True,
-        relative=tuple(distribution.relative for distribution in chosen.values()),
-    )
+    relative = tuple(distribution.relative for distribution in chosen.values())
+    yield GridAxis(tuple(chosen), values, [f"s{k:0{digits}d}" for k in range(block.count)], relative)
 
 
-def _has_value(name: str, scenario: Scenario, fields: Fields) -> bool:
-    return scenario.payloads_kg is not None if name == "payload_kg" else fields.value(name) is not None
-
-
-def place_of(name: str, together: bool) -> str:
-    """Where a swept field stands in the scenario."""
-    return f"sweep.zip.{name}" if together else f"sweep.{name}"
-
-
-def _words(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def labels_of(values: Sequence[float | bool | str]) -> list[str]:
+def labels_of(values: Sequence[Value]) -> list[str]:
     """Short words for values, safe in file names and different for different values."""
     for digits in (6, 12, 17):
         words = [
@@ -521,15 +431,10 @@ def _short_names(names: Sequence[str]) -> dict[str, str]:
     words = {name: re.findall(r"[A-Za-z0-9_]+", name) for name in names}
     short: dict[str, str] = {}
     for name, parts in words.items():
-        for count in range(1, len(parts) + 1):
-            tail = parts[-count:]
-            if all(other == name or other_parts[-count:] != tail for other, other_parts in words.items()):
-                break
-        short[name] = "-".join(tail)
+        others = [other for key, other in words.items() if key != name]
+        known = (k for k in range(1, len(parts)) if all(other[-k:] != parts[-k:] for other in others))
+        short[name] = "-".join(parts[-next(known, len(parts)) :])
     return short
-
-
-LONGEST_ID = 140
 
 
 @dataclass(frozen=True)
@@ -543,19 +448,23 @@ class RunList(Sequence[RunSpec]):
     axes: tuple[GridAxis, ...]
     recordings: Mapping[str, Recording]
     duration_s: float = math.nan
-    _payloads: tuple[tuple[float | None, str], ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        payloads = self.scenario.payloads_kg
-        labels = labels_of(payloads) if payloads is not None else [""]
-        object.__setattr__(self, "_payloads", tuple(zip(payloads or (None,), labels, strict=True)))
 
     @property
     def scenario(self) -> Scenario:
         return self.fields.scenario
 
+    @cached_property
+    def payloads(self) -> list[tuple[float | None, str]]:
+        """Each with its name in ids."""
+        loads = self.scenario.payloads_kg
+        return [(None, "")] if loads is None else [(x, f"{word}kg") for x, word in zip(loads, labels_of(loads))]  # noqa: B905
+
+    @cached_property
+    def shape(self) -> tuple[int, ...]:
+        return (*map(len, self.axes), len(self.payloads), len(self.scenario.references))
+
     def __len__(self) -> int:
-        return math.prod((*map(len, self.axes), len(self._payloads), len(self.scenario.references)))
+        return math.prod(self.shape)
 
     @overload
     def __getitem__(self, index: int) -> RunSpec: ...
@@ -569,56 +478,58 @@ class RunList(Sequence[RunSpec]):
         return self._spec(index % len(self))
 
     def _spec(self, index: int) -> RunSpec:
-        rest, kind = divmod(index, len(self.scenario.references))
-        rest, place = divmod(rest, len(self._payloads))
         at = []
-        for axis in reversed(self.axes):
-            rest, k = divmod(rest, len(axis))
+        for size in reversed(self.shape):
+            index, k = divmod(index, size)
             at.append(k)
-        payload, label = self._payloads[place]
-        swept, sampled = self.assigned(at[::-1], payload)
+        kind, place, *at = at
+        points = list(zip(self.axes, reversed(at), strict=True))
+        payload, label = self.payloads[place]
+        swept, sampled = self.assigned(points, payload)
         problem = ""
         try:
             parts = self.fields.parts(swept | sampled)
         except InputError as error:
             # Each value fits by itself; these do not fit together. The run is a row that says so.
             parts, problem = self.fields.parts({}), str(error)
-        scenario = self.scenario
-        reference = scenario.kinds[kind]
-        recording = self.recordings.get(reference)
-        load = parts.payload_kg if parts.payload_kg is not None else payload
-        start = recording.start_position_m if recording is not None else parts.start_position_m
+        scenario, reference = self.scenario, self.scenario.kinds[kind]
+        recording, outputs = self.recordings.get(reference), self.scenario.outputs
+        load = parts["payload_kg"] if parts["payload_kg"] is not None else payload
+        start = parts["start_position_m"] if recording is None else recording.start_position_m
+        thinned = max(1, round(outputs.every_s / parts["controller"].sample_time_s))
+        names = [label, reference, *(axis.labels[k] for axis, k in points)]
+        run_id = "_".join(filter(None, names))
+        if len(run_id) > LONGEST_ID:
+            run_id = "_".join(filter(None, (label, reference, hashlib.sha256(run_id.encode()).hexdigest()[:16])))
+        assigned = {f"sweep.{name}": value for name, value in swept.items()}
+        assigned |= {f"sample.{name}": value for name, value in sampled.items()}
         return RunSpec(
-            run_id=self._run_id(label, reference, at[::-1]),
+            run_id=run_id,
             scenario=scenario.name,
-            machine=parts.machine,
+            machine=parts["machine"],
             payload_kg=0.0 if load is None else load,
             start_position_m=0.0 if start is None else start,
             reference=reference,
-            moves=parts.moves,
-            limits=parts.limits,
-            lead_s=parts.lead_s,
-            settle_s=parts.settle_s,
+            moves=parts["moves"],
+            limits=parts["limits"],
+            lead_s=parts["lead_s"],
+            settle_s=parts["settle_s"],
             duration_s=self.duration_s,
-            controller=parts.controller,
-            events=parts.events,
-            effects=parts.machine.effects,
-            step_s=parts.step_s,
+            controller=parts["controller"],
+            events=parts["events"],
+            step_s=parts["solver"].step_s,
             plant=scenario.plant,
-            record_every=_record_every(scenario, parts),
+            record_every={"none": 0, "full": 1}.get(outputs.signals, thinned),
             recording=recording,
-            assigned={f"sweep.{name}": _column(value) for name, value in swept.items()}
-            | {f"sample.{name}": _column(value) for name, value in sampled.items()},
+            # Index columns hold numbers or words.
+            assigned={name: x if isinstance(x, str) else float(x) for name, x in assigned.items()},
             problem=problem,
         )
 
-    def assigned(self, at: Sequence[int], payload: float | None) -> tuple[dict[str, Any], dict[str, Any]]:
-        """What sweep and sample set at a point of the axes; drawn factors are multiplied out."""
-        return self._set(zip(self.axes, at, strict=True), payload)
-
-    def _set(
-        self, points: Iterable[tuple[GridAxis, int]], payload: float | None
+    def assigned(
+        self, points: Iterable[tuple[GridAxis, int]], payload: float | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What sweep and sample set at points of axes; drawn factors are multiplied out."""
         swept: dict[str, Any] = {}
         sampled: dict[str, Any] = {}
         for axis, k in points:
@@ -631,35 +542,6 @@ class RunList(Sequence[RunSpec]):
                     value = float(value) * float(own) if own is not None else math.nan
                 sampled[name] = value
         return swept, sampled
-
-    def motion_parts(self, points: Iterable[tuple[GridAxis, int]]) -> Parts:
-        """The parts with only these axes set, the rest as the file has it."""
-        swept, sampled = self._set(points, None)
-        return self.fields.parts(swept | sampled)
-
-    def _run_id(self, label: str, reference: str, at: Sequence[int]) -> str:
-        parts = [axis.labels[k] for axis, k in zip(self.axes, at, strict=True)]
-        name = "_".join(part for part in (f"{label}kg" if label else "", reference, *parts) if part)
-        if len(name) > LONGEST_ID:
-            digest = hashlib.sha256(name.encode()).hexdigest()[:16]
-            name = "_".join(part for part in (f"{label}kg" if label else "", reference, digest) if part)
-        return name
-
-
-def _record_every(scenario: Scenario, parts: Parts) -> int:
-    outputs = scenario.outputs
-    if outputs.signals == "none":
-        return 0
-    return 1 if outputs.signals == "full" else max(1, round(outputs.every_s / parts.controller.sample_time_s))
-
-
-def _column(value: float | bool | str) -> float | str:
-    """Index columns hold numbers or words."""
-    return value if isinstance(value, str) else float(value)
-
-
-MOST_RUNS = 1_000_000
-MOST_MOTIONS = 5_000  # motions whose times are reckoned one by one
 
 
 def plan_runs(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, Recording] | None = None) -> RunList:
@@ -674,32 +556,27 @@ def plan_runs(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str
     if len(specs) > MOST_RUNS:
         place = "sweep" if scenario.sweep is not None else "sample"
         raise InputError(f"makes {len(specs):,} runs, expected at most {MOST_RUNS:,}", place=place)
-    _check_values(axes, fields)
+    for axis in axes:
+        for name, *column in zip(axis.names, *axis.values, strict=True):
+            _check_values(axis, name, column, fields)
     return replace(specs, duration_s=_common_duration_s(specs))
 
 
-def _check_values(axes: Sequence[GridAxis], fields: Fields) -> None:
+def _check_values(axis: GridAxis, name: str, column: Sequence[Any], fields: Fields) -> None:
     """Each value by itself, the rest as the file has it; of drawn ones the smallest and the largest."""
-    for axis in axes:
-        for column, name in enumerate(axis.names):
-            if not axis.sampled:
-                for k, point in enumerate(axis.values):
-                    _try({name: point[column]}, fields, f"{place_of(name, len(axis.names) > 1)}[{k}]", name)
-                continue
-            drawn = np.array([point[column] for point in axis.values], dtype=float)
-            for k in (int(np.argmin(drawn)), int(np.argmax(drawn))):
-                own = fields.value(name) if axis.relative[column] else 1.0
-                if own is not None:
-                    _try({name: float(drawn[k]) * own}, fields, f"sample.values.{name}", name, f" (draw {k})")
-
-
-def _try(assigned: Assigned, fields: Fields, place: str, name: str, note: str = "") -> None:
-    try:
-        fields.parts(assigned)
-    except InputError as error:
-        if error.place == name:
-            raise InputError(error.problem + note, place=place) from error
-        # Something else does not fit with it; other swept values may yet mend that.
+    chosen: Iterable[int] = range(len(column))
+    factor: float | None = 1.0
+    if axis.sampled:
+        chosen = (int(np.argmin(column)), int(np.argmax(column)))
+        factor = fields.value(name) if axis.relative[axis.names.index(name)] else 1.0
+    for k in chosen if factor is not None else ():
+        try:
+            fields.parts({name: column[k] * factor if axis.sampled else column[k]})
+        except InputError as error:
+            # Where something else does not fit with it, other swept values may yet mend that.
+            if error.place == name:
+                note = f" (draw {k})" if axis.sampled else ""
+                raise InputError(error.problem + note, place=axis.place(name, k)) from error
 
 
 def _common_duration_s(specs: RunList) -> float:
@@ -711,60 +588,47 @@ def _common_duration_s(specs: RunList) -> float:
     """
     moving = [axis for axis in specs.axes if axis.moves]
     many = math.prod(map(len, moving)) > MOST_MOTIONS
-    ends = [_ends(axis) if many else range(len(axis)) for axis in moving]
     longest, first = -math.inf, None
-    works: list[set[int]] = [set() for _ in moving]
+    works: set[tuple[int, int]] = set()  # (axis, point)
     errors: dict[tuple[int, int], InputError] = {}
-    for at in itertools.product(*ends):
+    for at in itertools.product(*(axis.ends() if many else range(len(axis)) for axis in moving)):
+        swept, sampled = specs.assigned(zip(moving, at, strict=True))
         try:
-            parts = specs.motion_parts(zip(moving, at, strict=True))
+            parts = specs.fields.parts(swept | sampled)
         except InputError as error:  # does not fit with the file's own values; other swept ones may mend that
-            first, parts = first or error, None
+            first = first or error
+            works.update(enumerate(at))
+            continue
         try:
-            longest = longest if parts is None else max(longest, _time_s(specs, parts))
+            longest = max(longest, _time_s(specs, parts))
+            works.update(enumerate(at))
         except InputError as error:
             first = first or error
-            for i, k in enumerate(at):
-                errors.setdefault((i, k), error)
-            continue
-        for done, k in zip(works, at, strict=True):
-            done.add(k)
+            errors = dict.fromkeys(enumerate(at), error) | errors
     if first is not None and longest == -math.inf:
         raise first
-    for (i, k), why in sorted(errors.items(), key=lambda item: item[0]):
-        axis = moving[i]
-        if k not in works[i] and not axis.sampled:
+    for i, k in sorted(errors.keys() - works):
+        axis, why = moving[i], errors[i, k]
+        if not axis.sampled:
             together = len(axis.names) > 1
-            place = "sweep.zip" if together else f"{place_of(axis.names[0], False)}[{k}]"
             said = why.problem if why.place in axis.names or together else f"{why.place}: {why.problem}"
-            raise InputError(said, place=place) from why
+            raise InputError(said, place="sweep.zip" if together else axis.place(axis.names[0], k)) from why
     # A slip of a zero would fill the memory: the longest sensible duty cycle is an hour.
-    if longest > 3600.0:
-        raise InputError(f"the moves take {longest:.0f} s, expected at most 3600 s", place="moves")
+    if longest > LONGEST_S:
+        raise InputError(f"the moves take {longest:.0f} s, expected at most {LONGEST_S:.0f} s", place="moves")
     return longest
 
 
-def _time_s(specs: RunList, parts: Parts) -> float:
-    scenario, machine = specs.scenario, parts.machine
-    rail = kind_of(machine).looped.rail(machine)
+def _time_s(specs: RunList, parts: Mapping[str, Any]) -> float:
+    scenario, machine, limits, start = specs.scenario, parts["machine"], parts["limits"], parts["start_position_m"]
     times = [r.time_s[-1] - r.time_s[0] + r.smoothing_s for r in specs.recordings.values()]
     if kinds := scenario.planned_kinds:
-        if parts.limits is None or parts.start_position_m is None:
-            start = f"start_position_{kind_of(machine).moved.unit}"
-            raise InputError("is missing", place="limits" if parts.limits is None else start)
-        check_speed(parts.limits, machine)
+        if limits is None or start is None:
+            key = key_in(kind_of(machine).moved.unit, "start_position_m")
+            raise InputError("is missing", place="limits" if limits is None else key)
+        check_speed(limits, machine)
         # The heaviest load swings slowest, and what is shaped for it takes longest.
-        payload = max(scenario.payloads_kg or (0.0,)) if parts.payload_kg is None else parts.payload_kg
-        load = load_of(machine, payload)
-        times.append(motion_time_s(kinds, parts.moves, parts.start_position_m, parts.limits, rail, load))
-    return parts.lead_s + float(max(times)) + parts.settle_s
-
-
-def _ends(axis: GridAxis) -> list[int]:
-    """The points at which a field of the axis is smallest or largest."""
-    points = {0, len(axis) - 1}
-    for column in range(len(axis.names)):
-        values = [point[column] for point in axis.values]
-        if all(isinstance(value, float) for value in values):
-            points |= {int(np.argmin(np.array(values))), int(np.argmax(np.array(values)))}
-    return sorted(points)
+        payload = max(scenario.payloads_kg or (0.0,)) if parts["payload_kg"] is None else parts["payload_kg"]
+        rail = kind_of(machine).looped.rail(machine)
+        times.append(motion_time_s(kinds, parts["moves"], start, limits, rail, load_of(machine, payload)))
+    return float(parts["lead_s"] + float(max(times)) + parts["settle_s"])

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +21,6 @@ from workbench.core.shown import Brief
 from workbench.core.yaml_strict import Document, Place, dotted, dumps, load, problem_lines
 from workbench.effects import check
 from workbench.effects.registry import digests_of
-from workbench.logs import read_campaign
 from workbench.machines import (
     LOOPED,
     SHIPPED,
@@ -45,32 +44,30 @@ from workbench.study.grid import Recording, RunList, plan_runs
 from workbench.study.scenario import RecordedBlock, Scenario, check_kind
 
 LONGEST_CHAIN = 10
-# Values that are names with dots in them: written as blocks they mean the same.
-_FLAT = ("machine_overrides",)
+OVERRIDES = "machine_overrides"  # whose values are names with dots in them: written as blocks they mean the same
 
 
 @dataclass(frozen=True)
 class Layered:
-    """`data` after all merging. `file` is the outermost; `origin`: place -> where it stands."""
+    """A scenario after all merging. chain: file and line of each place in it, the outermost first."""
 
-    file: Path
     data: dict[str, Any]
-    origin: Mapping[Place, tuple[Path, int]]
+    chain: tuple[tuple[Path, Mapping[Place, int]], ...]
 
     def at(self, place: Place) -> tuple[Path, int | None]:
         """File and line of a place, or of the nearest block around it."""
         for end in range(len(place), 0, -1):
-            if place[:end] in self.origin:
-                return self.origin[place[:end]]
-        return self.file, 1 if not place else None
+            for file, lines in self.chain:
+                if place[:end] in lines:
+                    return file, lines[place[:end]]
+        return self.chain[0][0], None if place else 1
 
     def keys_in_same_file(self, place: Place) -> set[str]:
         """The keys of a place's block that stand in the same file as the place itself."""
         block: Any = self.data
         for part in place[:-1]:
             block = block[part]
-        mine = self.at(place)[0]
-        keys = block if isinstance(block, dict) else ()
+        mine, keys = self.at(place)[0], block if isinstance(block, dict) else ()
         return {str(key) for key in keys if self.at((*place[:-1], key))[0] == mine}
 
     def error(self, problem: str, place: Place) -> InputError:
@@ -85,103 +82,68 @@ def read_layers(path: str | os.PathLike[str]) -> Layered:
     """
     chain: list[Layered] = []
     seen: list[Path] = []
-    file, asked = Path(path), None
+    file = Path(path)
     while True:
-        if asked is not None and (not os.path.isfile(file) or file.resolve() in seen or len(seen) >= LONGEST_CHAIN):
-            raise asked.error(_why_not(file, seen), ("extends",))
         layer = layer_of(load(file))
         chain.append(layer)
         seen.append(file.resolve())
         extended = layer.data.pop("extends", None)
         if extended is None:
-            break
+            return together(chain)
         if not isinstance(extended, str) or not extended:
             raise layer.error(f"{extended!r}, expected the path of a scenario file, seen from this one", ("extends",))
         if "\0" in extended:
             raise layer.error("is not a path", ("extends",))
-        file, asked = file.parent / extended, layer
-    return together(Path(path), chain)
+        file = file.parent / extended
+        if not os.path.isfile(file):  # False, too, for a name that no file can have
+            raise layer.error(f"no scenario file {file}; expected a path seen from this file", ("extends",))
+        if file.resolve() in seen:
+            circle = " extends ".join(path.name for path in [*seen, file])
+            raise layer.error(f"goes in a circle: {circle}", ("extends",))
+        if len(seen) >= LONGEST_CHAIN:
+            raise layer.error(f"is a chain of more than {LONGEST_CHAIN} files", ("extends",))
 
 
-def together(file: Path, chain: Sequence[Layered]) -> Layered:
+def together(chain: Sequence[Layered]) -> Layered:
     """Layers as one, the outermost first."""
     data: dict[str, Any] = {}
-    origin: dict[Place, tuple[Path, int]] = {}
     for layer in reversed(chain):
-        data = _merged(data, layer.data, (), origin, layer.origin)
-    return Layered(file, data, origin)
+        data = _merged(data, layer.data)
+    return Layered(data, tuple(one for layer in chain for one in layer.chain))
 
 
-def _why_not(file: Path, seen: list[Path]) -> str:
-    if not os.path.isfile(file):  # False, too, for a name that no file can have
-        return f"no scenario file {file}; expected a path seen from this file"
-    if file.resolve() in seen:
-        return f"goes in a circle: {' extends '.join(path.name for path in [*seen, file])}"
-    return f"is a chain of more than {LONGEST_CHAIN} files"
+def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    both = {key: _merged(old[key], new[key]) for key in old.keys() & new.keys()
+            if isinstance(old[key], dict) and isinstance(new[key], dict)}  # fmt: skip
+    return {**old, **new, **both}
 
 
 def layer_of(document: Document) -> Layered:
     """One document by itself, what it extends aside. InputError where it is no block of keys."""
-    origin = {place: (document.file, line) for place, line in document.lines.items() if place}
     if not isinstance(document.data, dict):
         line = document.line(())
         raise InputError("is not a block of keys; expected a scenario", file=document.file, line=line)
-    layer = Layered(document.file, dict(document.data), origin)
-    for key in _FLAT:
-        if isinstance(block := layer.data.get(key), dict):
-            layer.data[key] = _flattened(block, (key,), "", {}, layer)
+    lines = {place: line for place, line in document.lines.items() if place}
+    layer = Layered(dict(document.data), ((document.file, lines),))
+    if isinstance(block := layer.data.get(OVERRIDES), dict):
+        layer.data[OVERRIDES] = flat = dict[str, Any]()
+        for place, value in _values(block, (OVERRIDES,)):
+            name = ".".join(map(str, place[1:]))
+            if name in flat:
+                raise layer.error(f"'{name}' is set twice, in a block and by its dotted name", place)
+            flat[name] = value
+            lines[OVERRIDES, name] = layer.at(place)[1] or 1
     return layer
 
 
-def _flattened(
-    block: dict[str, Any], place: Place, prefix: str, flat: dict[str, Any], layer: Layered
-) -> dict[str, Any]:
-    """{wire: {segment_length_m: 30}} as {wire.segment_length_m: 30}, lines kept."""
-    assert isinstance(layer.origin, dict)
+def _values(block: Mapping[str, Any], place: Place = ()) -> Iterator[tuple[Place, Any]]:
+    """What is no block, with its place."""
     for key, value in block.items():
-        name, here = f"{prefix}{key}", (*place, key)
-        if isinstance(value, dict):
-            _flattened(value, here, f"{name}.", flat, layer)
-            continue
-        if name in flat:
-            raise layer.error(f"'{name}' is set twice, in a block and by its dotted name", here)
-        flat[name] = value
-        layer.origin[(place[0], name)] = layer.at(here)
-    return flat
+        yield from _values(value, (*place, key)) if isinstance(value, Mapping) else [((*place, key), value)]
 
 
-def _merged(
-    old: dict[str, Any],
-    new: dict[str, Any],
-    place: Place,
-    origin: dict[Place, tuple[Path, int]],
-    new_origin: Mapping[Place, tuple[Path, int]],
-) -> dict[str, Any]:
-    result = dict(old)
-    for key, value in new.items():
-        here = (*place, key)
-        if isinstance(value, dict) and isinstance(old.get(key), dict):
-            result[key] = _merged(old[key], value, here, origin, new_origin)
-        else:
-            result[key] = value
-            if key in old:  # only then there is something stale; a look through all places for each key is quadratic
-                for stale in [known for known in origin if known[: len(here)] == here]:
-                    del origin[stale]
-            _copy_origin(value, here, origin, new_origin)
-        if here in new_origin:
-            origin[here] = new_origin[here]
-    return result
-
-
-def _copy_origin(
-    value: Any, place: Place, origin: dict[Place, tuple[Path, int]], new_origin: Mapping[Place, tuple[Path, int]]
-) -> None:
-    """Where a value and all that is in it stand."""
-    if place in new_origin:
-        origin[place] = new_origin[place]
-    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for key, part in inner:
-        _copy_origin(part, (*place, key), origin, new_origin)
+def _dotted_values(block: Mapping[str, Any]) -> dict[str, Any]:
+    return {".".join(map(str, place)): value for place, value in _values(block)}
 
 
 # What decides a study's numbers: an edit of any of it makes another study.
@@ -284,20 +246,22 @@ def plan_study(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[st
             raise InputError(f"is missing; expected {kind.looped.start}, a number", place=start)
     study = Study(scenario, _machine_as_run(scenario, machine), recordings or {})
     if scenario.plant == "multibody":
-        _check_multibody(study.machine)
+        from workbench.simulate.multibody_loop import check_multibody
+
+        try:
+            check_multibody(study.machine, scenario.events.arm_reach_m)
+        except InputError as error:
+            raise InputError(
+                error.problem, place=error.place if error.place == "events.arm_reach_m" else "plant"
+            ) from error
+    elif scenario.events.arm_moves_s is not None:
+        raise InputError(
+            "moves the arm, which only the multi-body machine has; expected plant: multibody", place="events"
+        )
     assert study.specs.duration_s > 0.0  # made here, so that what is wrong is said now
     study.plans  # noqa: B018
     criteria_for(set_of(kind.name), study.machine, 0.0, scenario.decide)
     return study
-
-
-def _check_multibody(machine: Hoist) -> None:
-    from workbench.simulate.multibody_loop import check_multibody
-
-    try:
-        check_multibody(machine)
-    except InputError as error:
-        raise InputError(error.problem, place="plant") from error
 
 
 def _varied(scenario: Scenario) -> set[str]:
@@ -355,11 +319,10 @@ def _machine(scenario: Scenario, layers: Layered) -> Hoist | Axis:
 def _machine_as_run(scenario: Scenario, machine: Hoist | Axis) -> Hoist | Axis:
     """The machine with overrides, drive and effects of the scenario. InputError names the place in the scenario."""
     data = machine.model_dump()
-    known = set(_paths(data))
+    known = _dotted_values({k: v for k, v in data.items() if k not in ("effects", "identified", "format", "kind")})
     for name, value in scenario.machine_overrides.items():
         if name not in known or isinstance(value, list):
-            valid = [path for path in known if not path.startswith("identified")]
-            hint = nearest(name, valid)
+            hint = nearest(name, known)
             hint = hint if hint.startswith("did") else "expected a dotted name such as wire.segment_length_m"
             raise InputError(f"the machine has no value '{name}'; {hint}", place=f"machine_overrides.{name}")
         block, (*inner, last) = data, name.split(".")
@@ -385,26 +348,13 @@ def _machine_as_run(scenario: Scenario, machine: Hoist | Axis) -> Hoist | Axis:
     return as_run
 
 
-def _paths(data: Mapping[str, Any], prefix: str = "") -> list[str]:
-    paths: list[str] = []
-    for key, value in data.items():
-        if isinstance(value, Mapping):
-            if prefix or key not in ("effects", "identified"):
-                paths += _paths(value, f"{prefix}{key}.")
-        elif prefix or key not in ("format", "kind"):
-            paths.append(f"{prefix}{key}")
-    return paths
-
-
 def _recordings(scenario: Scenario, layers: Layered) -> dict[str, Recording]:
     """The recorded references, read from their campaigns."""
     recordings: dict[str, Recording] = {}
     for number, reference in enumerate(scenario.references):
-        if isinstance(reference, str):
-            continue
-
-        place: Place = ("references", number, "campaign")
-        recordings[reference.label] = read_recording(reference, layers.at(place)[0].parent, layers, place)
+        if not isinstance(reference, str):
+            place: Place = ("references", number, "campaign")
+            recordings[reference.label] = read_recording(reference, layers.at(place)[0].parent, layers, place)
     return recordings
 
 
@@ -453,6 +403,8 @@ def read_recording(block: RecordedBlock, folder: Path, layers: Layered, place: P
     if "\0" in block.campaign or not os.path.exists(path):
         raise layers.error(f"no campaign {str(path)!r}; expected a folder, seen from this file", place)
     try:
+        from workbench.logs import read_campaign
+
         campaign = read_campaign(path, select=[block.run])
     except InputError as error:
         if error.file is not None:
@@ -489,7 +441,7 @@ def read_standalone(
         if base is None:
             there = f"one that stands alone or extends one of {', '.join(known)}" if known else "one that stands alone"
             raise layers.error(f"another file, which is not here; expected a scenario, {there}", ("extends",))
-        layers = together(layers.file, [layers, read_layers(base)])
+        layers = together([layers, read_layers(base)])
     scenario = scenario_of(layers)
     for number, reference in enumerate(scenario.references):
         if not isinstance(reference, str):
@@ -518,28 +470,13 @@ def standalone_text(scenario: Scenario, machine: Hoist) -> str:
     """
     data = scenario.model_dump(mode="json", exclude={"extends"}, exclude_none=True)
     data["machine"] = "default"
-    data["machine_overrides"] = _differing(machine) | dict(scenario.machine_overrides)
-    drive = {key: value for key, value in machine.drive.model_dump().items() if value != _default_drive()[key]}
+    default, own = (_dotted_values(one.model_dump(exclude=set(_NOT_VALUES))) for one in (default_hoist(), machine))
+    differing = {name: value for name, value in own.items() if value != default[name]}
+    data["machine_overrides"] = differing | dict(scenario.machine_overrides)
+    usual = default_hoist().drive.model_dump()
+    drive = {key: value for key, value in machine.drive.model_dump().items() if value != usual[key]}
     data["drive"] = drive | (data.get("drive") or {})
-    own = {**machine.allowances, **machine.effects}  # a scenario has one block for both
-    data["effects"] = {name: dict(values) for name, values in own.items()} | scenario.effects
+    effects = {**machine.allowances, **machine.effects}  # a scenario has one block for both
+    data["effects"] = {name: dict(values) for name, values in effects.items()} | scenario.effects
     data["limits"] = {key: value for key, value in data["limits"].items() if value != {}}
     return dumps({key: value for key, value in data.items() if value not in ({}, "")})
-
-
-def _default_drive() -> dict[str, Any]:
-    return default_hoist().drive.model_dump()
-
-
-def _differing(machine: Hoist) -> dict[str, Any]:
-    """Dotted name -> value of what is not as in the default machine; drive and effects have blocks of their own."""
-    default = _leaves(default_hoist().model_dump(exclude=set(_NOT_VALUES)))
-    own = _leaves(machine.model_dump(exclude=set(_NOT_VALUES)))
-    return {name: value for name, value in own.items() if value != default[name]}
-
-
-def _leaves(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    leaves: dict[str, Any] = {}
-    for key, value in data.items():
-        leaves |= _leaves(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
-    return leaves

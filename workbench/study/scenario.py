@@ -223,40 +223,21 @@ def distributions(block: SampleBlock, machine: Hoist | Axis) -> dict[str, Distri
 
 def draws(block: SampleBlock, chosen: Mapping[str, Distribution], seed: int) -> Array:
     """(count, fields): the numbers drawn, factors where a distribution is relative. The seed decides them."""
-    points = np.clip(_unit_points(block, len(chosen), seed), 2.0**-53, 1.0 - 2.0**-53)
-    columns = [_quantile(distribution, points[:, k]) for k, distribution in enumerate(chosen.values())]
-    return np.stack(columns, axis=-1)
-
-
-def _unit_points(block: SampleBlock, dimensions: int, seed: int) -> Array:
+    from scipy import stats
     from scipy.stats import qmc
 
-    if block.method == "sobol":
-        if dimensions > qmc.Sobol.MAXDIM:
-            raise InputError(f"{dimensions} fields, a Sobol sequence has at most {qmc.Sobol.MAXDIM}", place="sample")
-        return np.asarray(qmc.Sobol(dimensions, scramble=True, rng=seed).random(block.count))
-    return np.asarray(qmc.LatinHypercube(dimensions, rng=seed).random(block.count))
-
-
-def _quantile(d: Distribution, u: Array) -> Array:
-    """The value below which the share u of all draws lies."""
-    from scipy.special import ndtri
-
-    if d.distribution == "normal":
-        assert d.mean is not None and d.std is not None
-        return np.asarray(d.mean + d.std * ndtri(u))
-    if d.distribution == "lognormal":
-        assert d.median is not None and d.sigma is not None
-        return np.asarray(d.median * np.exp(d.sigma * ndtri(u)))
-    assert d.low is not None and d.high is not None
-    if d.distribution == "uniform":
-        return d.low + (d.high - d.low) * u
-    assert d.mode is not None
-    width, rise = d.high - d.low, d.mode - d.low
-    # The density is a triangle: its area grows with the square of the distance from either end.
-    up = d.low + np.sqrt(u * width * rise)
-    down = d.high - np.sqrt((1.0 - u) * width * (d.high - d.mode))
-    return np.where(u * width < rise, up, down)
+    if block.method == "sobol" and len(chosen) > qmc.Sobol.MAXDIM:
+        raise InputError(f"{len(chosen)} fields, a Sobol sequence has at most {qmc.Sobol.MAXDIM}", place="sample")
+    sequence = qmc.Sobol if block.method == "sobol" else qmc.LatinHypercube
+    points = np.clip(sequence(len(chosen), rng=seed).random(block.count), 2.0**-53, 1.0 - 2.0**-53)
+    made = {
+        "normal": lambda d: stats.norm(d.mean, d.std),
+        "lognormal": lambda d: stats.lognorm(d.sigma, scale=d.median),
+        "uniform": lambda d: stats.uniform(d.low, d.high - d.low),
+        "triangular": lambda d: stats.triang((d.mode - d.low) / (d.high - d.low), d.low, d.high - d.low),
+    }
+    columns = [made[d.distribution](d).ppf(points[:, k]) for k, d in enumerate(chosen.values())]
+    return np.stack(columns, axis=-1)
 
 
 class _Names:

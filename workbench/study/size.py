@@ -396,7 +396,7 @@ def _specs(drive: Candidate, asked: SizeFile, study: Study) -> list[RunSpec]:
     base = next(spec for spec in study.specs if spec.reference == reference)
     specs = [
         replace(base, run_id=f"{one.payload_kg:g}kg", machine=machine, payload_kg=one.payload_kg, controller=controller,
-                effects=machine.effects, record_every=10, assigned={})
+                record_every=10, assigned={})
         for one in loads
     ]  # fmt: skip
     return [*specs, *_stops(specs[-1], asked)]

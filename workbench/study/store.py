@@ -24,13 +24,13 @@ import errno
 import os
 import platform
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from workbench import __version__
 from workbench.core.errors import InputError
@@ -60,9 +60,6 @@ from workbench.study.rows import (
 )
 from workbench.study.run import StudyResult, run_specs
 from workbench.study.scenario import Scenario
-
-if TYPE_CHECKING:
-    from filelock import BaseFileLock
 
 _LIBRARIES = ("numpy", "numba", "scipy", "ruckig", "pyarrow", "plotly")
 
@@ -249,15 +246,10 @@ def read_finished(folder: Path) -> Finished:
     machine = looped(read)
     if machine is None:
         raise InputError(f"is {of_kind(read)}; a study's is of {LOOPED}", file=folder / "machine.yaml")
-    return Finished(folder, tuple(rows), SavedRuns(folder, rows), machine, _scenario(folder), manifest)
-
-
-def _scenario(folder: Path) -> Mapping[str, Any]:
-    file = folder / "scenario.yaml"
-    document = load(file)
+    document = load(folder / "scenario.yaml")
     validate(Scenario, document)
     assert isinstance(document.data, dict)
-    return document.data
+    return Finished(folder, tuple(rows), SavedRuns(folder, rows), machine, document.data, manifest)
 
 
 LOCK = "lock"
@@ -271,8 +263,23 @@ def locked(folder: Path) -> Iterator[None]:
     The file names its holder. A process that was killed leaves the file but not the lock, and the next
     holder overwrites the name. InputError while another process holds the folder.
     """
+    from filelock import FileLock, Timeout
+
     path = folder / LOCK
-    lock = _acquired(path)
+    lock, held = FileLock(path, timeout=PATIENCE_S), False
+    while not held:
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            lock.acquire()
+            held = True
+        except FileNotFoundError:
+            continue  # the holder of the folder has just given it its final name
+        except Timeout as error:
+            holder = ""
+            with contextlib.suppress(OSError):
+                holder = path.read_text(encoding="utf-8", errors="replace")
+            said = f"is being written by {holder or 'another process'}; let it finish, or stop it and call again"
+            raise InputError(said, file=folder) from error
     try:
         path.write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")
         yield
@@ -282,26 +289,6 @@ def locked(folder: Path) -> Iterator[None]:
         with contextlib.suppress(OSError):
             path.unlink()
         lock.release()
-
-
-def _acquired(path: Path) -> BaseFileLock:
-    from filelock import FileLock, Timeout
-
-    lock = FileLock(path, timeout=PATIENCE_S)
-    while True:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            lock.acquire()
-            return lock
-        except FileNotFoundError:
-            continue  # the holder of the folder has just given it its final name
-        except Timeout as error:
-            holder = "another process"
-            with contextlib.suppress(OSError):
-                holder = path.read_text(encoding="utf-8", errors="replace") or holder
-            raise InputError(
-                f"is being written by {holder}; let it finish, or stop it and call again", file=path.parent
-            ) from error
 
 
 @dataclass(frozen=True)
@@ -345,22 +332,15 @@ class Part:
 
     def commit(self, number: int, chunk: Chunk) -> None:
         """Keep a chunk: signals first, then, at one stroke, the rows that say that they are there."""
-        places = []
         for run_id, data in chunk.signals.items():
             place = self.folder / "runs" / run_id
             place.mkdir(parents=True, exist_ok=True)
             (place / SIGNALS).write_bytes(data)
-            places += [place / SIGNALS, place]
-        if places:
-            # Side by side: the disk takes many files at a time nearly as fast as one.
-            with ThreadPoolExecutor(16) as pool:
-                list(pool.map(_settle, [*places, self.folder / "runs"]))
         file = self._file(number)
         file.parent.mkdir(exist_ok=True)
         temporary = file.with_suffix(".tmp")
         _write(temporary, chunk.index)
         temporary.rename(file)
-        _settle(file.parent)
 
     def assemble(self) -> Any:
         """Write the index from all chunks; returns it."""
@@ -376,7 +356,6 @@ class Part:
         """Say that the result is whole."""
         temporary = self.folder / f"{MANIFEST}.tmp"
         write_json(temporary, manifest)
-        _settle(self.folder)
         temporary.rename(self.folder / MANIFEST)
 
     def finish(self, target: Path) -> None:
@@ -390,7 +369,6 @@ class Part:
                 raise
             said = f"is taken by now; this result is whole in {self.folder}: ask for another folder, or move it"
             raise InputError(said, file=target) from error
-        _settle(target.parent)
 
     def _file(self, number: int) -> Path:
         return self.folder / "chunks" / f"{number:06d}.parquet"
@@ -424,23 +402,10 @@ def _write(path: Path, data: bytes) -> None:
         os.fsync(stream.fileno())
 
 
-def _settle(path: Path) -> None:
-    """What a file, or the names in a folder, say is on the disk when this returns, where the system can do that."""
-    try:
-        descriptor = os.open(path, os.O_RDONLY)
-    except PermissionError:  # a folder, on systems that open files only
-        return
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 # Eight and two groups of SIMD lanes: some tenths of a second of work, some tens of megabytes.
 CHUNK = 128
 CHUNK_WITH_SIGNALS = 32
 
-Work = Callable[[int], Chunk]
 # Runs the chunks of these numbers, gives them back in any order.
 Spread = Callable[[Study, Sequence[int]], Iterator[tuple[int, Chunk]]]
 
@@ -486,33 +451,23 @@ def run_chunk(study: Study, number: int, threads: int = 1) -> Chunk:
 
 
 def on_this_computer(study: Study, numbers: Sequence[int], cores: int | None = None) -> Iterator[tuple[int, Chunk]]:
-    """Run chunks on all cores: as many chunks at a time as there are cores; with fewer chunks, more threads each."""
+    """Run chunks on all cores: as many chunks at a time as there are cores; with fewer chunks, more threads each.
+
+    No more chunks are begun than are handed over, which bounds the memory.
+    """
     cores = cores or os.cpu_count() or 1
-    at_once = min(cores, len(numbers))
-    if at_once <= 1:
-        for number in numbers:
-            yield number, run_chunk(study, number, threads=cores)
-        return
-    yield from _windowed(partial(run_chunk, study, threads=cores // at_once), numbers, at_once)
+    at_once, waiting = max(1, min(cores, len(numbers))), iter(numbers)
+    with ThreadPoolExecutor(at_once) as pool:
 
+        def begin(number: int) -> Future[Chunk]:
+            return pool.submit(run_chunk, study, number, cores // at_once)
 
-def _windowed(work: Work, numbers: Iterable[int], at_once: int) -> Iterator[tuple[int, Chunk]]:
-    """At most `at_once` chunks begun and not handed over, which bounds the memory."""
-    waiting = iter(numbers)
-    running: dict[Future[Chunk], int] = {}
-    pool = ThreadPoolExecutor(at_once, thread_name_prefix="chunk")
-    try:
-        while True:
-            for number in waiting:
-                running[pool.submit(work, number)] = number
-                if len(running) >= at_once:
-                    break
-            if not running:
-                return
+        running = {begin(number): number for number in islice(waiting, at_once)}
+        while running:
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                yield running.pop(future), future.result()
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+                number = running.pop(future)
+                running |= {begin(another): another for another in islice(waiting, 1)}
+                yield number, future.result()
 
 
 def run_batch(
@@ -539,30 +494,27 @@ def run_batch(
 
 
 def _run_the_rest(study: Study, part: Part, spread: Spread, tell: Tell) -> None:
-    kept = part.done()
-    runs_kept = sum(part.sizes[number] for number in kept)
+    finished = part.done()
+    runs_kept = sum(part.sizes[number] for number in finished)
 
-    def said() -> Progress:
+    def say() -> None:
         done = sum(part.sizes[number] for number in finished)
-        return Progress(study.scenario.name, sum(part.sizes), done, runs_kept, sum(finished.values()))
+        tell(Progress(study.scenario.name, sum(part.sizes), done, runs_kept, sum(finished.values())))
 
-    finished = dict(kept)
-    tell(said())
-    missing = [number for number in range(len(part.sizes)) if number not in kept]
+    say()
     try:
-        for number, chunk in spread(study, missing):
+        for number, chunk in spread(study, [n for n in range(len(part.sizes)) if n not in finished]):
             part.commit(number, chunk)
             finished[number] = chunk.failed
-            tell(said())
+            say()
     except KeyboardInterrupt:
         finished = part.done()  # it may have come between the keeping of a chunk and its counting
-        tell(said())
+        say()
         raise
 
 
 def _make_whole(study: Study, part: Part, extras: Mapping[str, Extra]) -> None:
-    table = part.assemble()
-    rows = rows_of(table)
+    rows = rows_of(part.assemble())
     save_machine(study.machine, part.folder / "machine.yaml")
     part.add("scenario.yaml", dumps(_as_run(study)))
     for number, file in enumerate(files_behind(study.machine.effects, "hoist")):

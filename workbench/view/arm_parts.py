@@ -1,4 +1,4 @@
-"""The parts of the machine as outlines, in metres, around their own origins; several outlines are parted by NaN."""
+"""The parts of the machine as outlines, in metres, around their own origins: the `d` of SVG paths."""
 
 from __future__ import annotations
 
@@ -7,43 +7,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.core.run import Array
 from workbench.machines import Hoist
 
-Outline = tuple[Array, Array]
+Point = tuple[float, float]
 
 
-def joined(*outlines: Outline) -> Outline:
-    """Several outlines as one line with gaps."""
-    gap = np.array([np.nan])
-    xs = [part for x, _ in outlines for part in (x, gap)][:-1]
-    ys = [part for _, y in outlines for part in (y, gap)][:-1]
-    return np.concatenate(xs), np.concatenate(ys)
+def path(*points: Point) -> str:
+    return "M" + "L".join(f"{x:.4g} {y:.4g}" for x, y in points)
 
 
-def moved(outline: Outline, x: float, y: float) -> Outline:
-    return outline[0] + x, outline[1] + y
-
-
-def path(*points: tuple[float, float]) -> Outline:
-    at = np.array(points, dtype=float)
-    return at[:, 0], at[:, 1]
-
-
-def box(left: float, bottom: float, right: float, top: float) -> Outline:
+def box(left: float, bottom: float, right: float, top: float) -> str:
     return path((left, bottom), (right, bottom), (right, top), (left, top), (left, bottom))
 
 
-def circle(radius: float, points: int = 48, start: float = 0.0, end: float = 2.0 * math.pi) -> Outline:
-    angle = np.linspace(start, end, points)
-    return radius * np.cos(angle), radius * np.sin(angle)
+def circle(radius: float, points: int = 48, start: float = 0.0, end: float = 2.0 * math.pi, at: Point = (0, 0)) -> str:
+    angles = np.linspace(start, end, points)
+    return path(*((at[0] + radius * math.cos(a), at[1] + radius * math.sin(a)) for a in angles))
 
 
-def spokes(radius: float, angle_rad: float, count: int = 3, inner: float = 0.22) -> Outline:
-    """Spokes of a wheel turned by an angle, counter-clockwise positive."""
-    angles = [angle_rad + k * 2.0 * math.pi / count for k in range(count)]
+def spokes(radius: float, count: int = 3, inner: float = 0.22) -> str:
+    angles = [k * 2.0 * math.pi / count for k in range(count)]
     ends = [(radius * math.cos(a), radius * math.sin(a)) for a in angles]
-    return joined(*(path((inner * x, inner * y), (x, y)) for x, y in ends))
+    return "".join(path((inner * x, inner * y), (x, y)) for x, y in ends)
 
 
 @dataclass(frozen=True)
@@ -101,93 +86,72 @@ def sizes(machine: Hoist) -> Sizes:
     return Sizes(low, top, u, R, r)
 
 
-def mast(s: Sizes) -> tuple[Outline, Outline]:
+def mast(s: Sizes) -> tuple[str, str]:
     """(chords and end plates, bracing) of the column with the guide rail."""
     left, right = s.mast
-    foot, head = s.floor, s.beam[0]
-    bays = 14
-    y = np.linspace(foot, head, bays + 1)
-    zigzag = path(*((left if i % 2 == 0 else right, float(at)) for i, at in enumerate(y)))
-    chords = joined(path((left, foot), (left, head)), path((right, foot), (right, head)))
-    return chords, zigzag
+    rungs = enumerate(np.linspace(s.floor, s.beam[0], 15))
+    chords = path((left, s.floor), (left, s.beam[0])) + path((right, s.floor), (right, s.beam[0]))
+    return chords, path(*((left if i % 2 == 0 else right, float(at)) for i, at in rungs))
 
 
-def frame(s: Sizes) -> Outline:
-    """Beam, bearing bracket of the drum, motor and gearbox on the beam, foot of the mast."""
-    under, over = s.beam
-    u = s.u
-    motor = box(s.drum_x - 0.9 * u, over, s.drum_x + 0.9 * u, over + 0.95 * u)
-    gearbox = box(s.drum_x + 0.9 * u, over, s.drum_x + 1.8 * u, over + 0.7 * u)
-    beam = box(s.drum_x - s.R, under, s.mast[1] + 0.25 * u, over)
-    foot = box(s.mast[0] - 0.3 * u, s.floor - 0.3 * u, s.mast[1] + 0.3 * u, s.floor)
-    return joined(beam, motor, gearbox, foot)
+def frame(s: Sizes) -> str:
+    """Beam, motor and gearbox on it, foot of the mast."""
+    (under, over), u, x = s.beam, s.u, s.drum_x
+    return "".join([
+        box(x - s.R, under, s.mast[1] + 0.25 * u, over),
+        box(x - 0.9 * u, over, x + 0.9 * u, over + 0.95 * u),
+        box(x + 0.9 * u, over, x + 1.8 * u, over + 0.7 * u),
+        box(s.mast[0] - 0.3 * u, s.floor - 0.3 * u, s.mast[1] + 0.3 * u, s.floor),
+    ])  # fmt: skip
 
 
-def bracket(s: Sizes) -> Outline:
+def bracket(s: Sizes) -> str:
     """What holds the drum's axis and the dead anchor under the beam."""
-    under, u = s.beam[0], s.u
-    hanger = path(
-        (s.drum_x - 0.7 * u, under), (s.drum_x - 0.25 * u, s.top), (s.drum_x + 0.25 * u, s.top),
-        (s.drum_x + 0.7 * u, under),
-    )  # fmt: skip
-    anchor = box(s.r - 0.16 * u, s.top, s.r + 0.16 * u, under)
-    return joined(hanger, anchor)
+    under, u, x = s.beam[0], s.u, s.drum_x
+    hanger = path((x - 0.7 * u, under), (x - 0.25 * u, s.top), (x + 0.25 * u, s.top), (x + 0.7 * u, under))
+    return hanger + box(s.r - 0.16 * u, s.top, s.r + 0.16 * u, under)
 
 
-def floor_line(s: Sizes) -> Outline:
-    left, right = s.x_range
-    y = s.floor - 0.3 * s.u
-    hatch = [path((x, y), (x - 0.45 * s.u, y - 0.4 * s.u)) for x in np.arange(left + 0.5 * s.u, right, 0.75 * s.u)]
-    return joined(path((left, y), (right, y)), *hatch)
+def floor_line(s: Sizes) -> str:
+    (left, right), u, y = s.x_range, s.u, s.floor - 0.3 * s.u
+    hatch = (path((x, y), (x - 0.45 * u, y - 0.4 * u)) for x in np.arange(left + 0.5 * u, right, 0.75 * u))
+    return path((left, y), (right, y)) + "".join(hatch)
 
 
-def carriage(s: Sizes) -> Outline:
+def carriage(s: Sizes) -> str:
     """The dolly: a plate around the sheave, reaching to the guide rail. Origin: the sheave's axis."""
-    u, r = s.u, s.r
-    right = s.mast[0] - 0.12 * u
+    u, r, right = s.u, s.r, s.mast[0] - 0.12 * s.u
     return path(
         (-r - 0.5 * u, -0.9 * u - r), (right, -0.9 * u - r), (right, r + 1.6 * u), (right - 0.8 * u, r + 1.6 * u),
         (r + 0.35 * u, r * 0.4), (-r - 0.5 * u, r * 0.4), (-r - 0.5 * u, -0.9 * u - r),
     )  # fmt: skip
 
 
-def rollers(s: Sizes) -> Outline:
-    """Centres of the four wheels that run on the guide rail."""
-    left, u = s.mast[0], s.u
-    ys = (-0.45 * u - s.r, s.r + 1.15 * u)
-    return path(*((left + side * 0.33 * u, y) for y in ys for side in (-1.0, 1.0)))
-
-
-def arm(s: Sizes) -> Outline:
+def arm(s: Sizes) -> str:
     """Two links from the dolly to the gripper's head."""
-    u, r = s.u, s.r
-    head = s.reach + 1.5 * u
-    return joined(
-        _link((-r, -0.55 * u - r), (head, -0.75 * u), 0.24 * u), _link((-r - 0.2 * u, 0.0), (head, 0.55 * u), 0.18 * u)
+    u, r, head = s.u, s.r, s.reach + 1.5 * s.u
+    return _link((-r, -0.55 * u - r), (head, -0.75 * u), 0.24 * u) + _link(
+        (-r - 0.2 * u, 0.0), (head, 0.55 * u), 0.18 * u
     )
 
 
-def _link(a: tuple[float, float], b: tuple[float, float], half: float) -> Outline:
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    length = math.hypot(dx, dy)
-    nx, ny = -dy / length * half, dx / length * half
-    return path(
-        (a[0] + nx, a[1] + ny), (b[0] + nx, b[1] + ny), (b[0] - nx, b[1] - ny), (a[0] - nx, a[1] - ny),
-        (a[0] + nx, a[1] + ny),
-    )  # fmt: skip
+def _link(a: Point, b: Point, half: float) -> str:
+    length = math.dist(a, b)
+    x, y = (a[1] - b[1]) / length * half, (b[0] - a[0]) / length * half
+    first = (a[0] + x, a[1] + y)
+    return path(first, (b[0] + x, b[1] + y), (b[0] - x, b[1] - y), (a[0] - x, a[1] - y), first)
 
 
-def gripper(s: Sizes, half_pipe: float) -> Outline:
+def gripper(s: Sizes, half_pipe: float) -> str:
     """Head with jaws around the pipe, or open where it holds none."""
     u, x = s.u, s.reach
     hand = x + max(half_pipe, 0.18 * u) + 0.25 * u
-    body = box(hand, -1.15 * u, x + 1.75 * u, 0.95 * u)
     grip = x - half_pipe - 0.2 * u if half_pipe else x - 0.3 * u
     jaws = [box(grip, y - 0.16 * u, hand, y + 0.16 * u) for y in (-0.75 * u, 0.55 * u)]
-    return joined(body, *jaws)
+    return box(hand, -1.15 * u, x + 1.75 * u, 0.95 * u) + "".join(jaws)
 
 
-def pipe(s: Sizes, half: float) -> Outline:
+def pipe(s: Sizes, half: float) -> str:
     return box(s.reach - half, -2.7 * s.u, s.reach + half, 4.3 * s.u)
 
 

@@ -13,46 +13,21 @@ from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.location.profiles import Profile
 from workbench.diagnose.residual_tests import ResidualTest
-from workbench.diagnose.tables import Curve
 from workbench.machines import plant_of
-from workbench.view.panels import ranges_below_names
-from workbench.view.replay import run_grid, runs_figure, stretches, torque_residual
-from workbench.view.style import (
-    AFTER,
-    BEFORE,
-    BLACK,
-    BLUE,
-    FAINT,
-    GREY,
-    LINE_AFTER,
-    LINE_BEFORE,
-    MARKERS,
-    MEASURED,
-    NOISE,
-    NOISE_DASH,
-    PURPLE,
-    SPARE,
-    TEMPLATE,
-    WINDOW,
-    heading,
-)
+from workbench.view import style
+from workbench.view.replay import Line, Stretches, run_panels, stretches, torque_residual
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+    from workbench.diagnose.tables import Curve
+
+COLUMNS, BETWEEN = 3, 96  # panels side by side; px between two rows
 MOST_RUNS = 12  # that are drawn, those with most of the gap's energy
-COLUMNS = 3
-PANEL, BETWEEN, TOP, BOTTOM = 190, 96, 124, 56  # px
-GAP_X, GAP_X_TITLED = 0.055, 0.1  # of the width, between panels; where each has a title of its own
 SHARE_ROOM = 3.0  # the bars of the energy's share fill a third of a panel
-COLOURS = {"named": BLUE, "unknown": PURPLE, "no_gap": GREY, "": FAINT}
-BAR, AROUND = 30, 112  # px
-CELL, LABELS = 27, 240  # px
-BARS_HEIGHT = 380
+COLOURS = {"named": style.BLUE, "unknown": style.PURPLE, "no_gap": style.GREY, "": style.FAINT}
 ROOM = 1.18  # over the highest bar, for its number
 ALL = "all runs"
-Stretches = Sequence[tuple[float, float]]
-Box = tuple[list[float], list[float]]
 
 
 @dataclass(frozen=True)
@@ -89,59 +64,66 @@ def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
     At most `most` runs: those with the largest energy of the gap, in the order of the campaign.
     """
     refitted, corrected = d.replayed()
-    speed = plant_of(d.refitted).speeds[0]
+    changed, speed = d.corrected != d.refitted, plant_of(d.refitted).speeds[0]
     windows = () if d.where is None else d.where.windows
     energy = {} if d.where is None else d.where.energy_by_run
     kept = sorted(range(len(refitted.runs)), key=lambda j: -energy.get(refitted.runs[j].name, 0.0))[:most]
     series = []
-    for j in sorted(kept):
-        run, better = refitted.runs[j], None if d.corrected == d.refitted else corrected.runs[j]
-        name, balance = run.name, run.balance
+    for run, better in ((refitted.runs[j], corrected.runs[j]) for j in sorted(kept)):
+        balance, name, per_cent = run.balance, run.name, 100.0 / run.speed_scale
         series.append(
             RunSeries(
-                name,
-                balance.run.time_s,
-                balance.measured,
-                balance.predicted,
-                None if better is None else better.balance.predicted,
-                100.0 * balance.motion.speed / run.speed_scale,
-                100.0 * run.simulated[speed] / run.speed_scale,
-                None if better is None else 100.0 * better.simulated[speed] / better.speed_scale,
-                balance.moving,
-                tuple((w.from_s, w.to_s) for w in windows if w.run == name),
-                tuple(stretches(balance.run.time_s, ~balance.moving)),
-                f"{100.0 * energy[name]:.0f} % of the gap's energy" if name in energy else "",
+                name=name,
+                time_s=balance.run.time_s,
+                measured=balance.measured,
+                before=balance.predicted,
+                after=better.balance.predicted if changed else None,
+                speed=per_cent * balance.motion.speed,
+                speed_before=per_cent * run.simulated[speed],
+                speed_after=per_cent * better.simulated[speed] if changed else None,
+                moving=balance.moving,
+                windows=tuple((w.from_s, w.to_s) for w in windows if w.run == name),
+                rests=tuple(stretches(balance.run.time_s, ~balance.moving)),
+                said=f"{100.0 * energy[name]:.0f} % of the gap's energy" if name in energy else "",
             )
         )
     return tuple(series)
 
 
+# Runs over time
+
+
 def autocorrelations(tests: Sequence[ResidualTest]) -> Figure:
     """The autocorrelation of each run's residual over the lag, with its 95 and 99 % bounds."""
-    panels, places, height = run_grid("Autocorrelation of what is left", "autocorrelation", [t.run for t in tests])
-    panels.x_title = "lag (s)"
-    bar = {"color": BLACK, "dash": "solid", "width": 1.6}
-    for test, place in zip(tests, places, strict=True):
-        for lag, value in zip(test.lags_s, test.autocorrelation, strict=True):
-            panels.line(*place, np.array([lag, lag]), np.array([0.0, value]), "autocorrelation", bar)
-        for name, bound, dash in (("95 %", test.bound_95, "2px,2px"), ("99 %", test.bound_99, NOISE_DASH)):
-            for sign in (1.0, -1.0):
-                panels.line(*place, test.lags_s, sign * bound, f"{name} bound", {"color": GREY, "dash": dash})
-    drawn = [[t.autocorrelation, t.bound_99, -t.bound_99] for t in tests]
-    return runs_figure(panels, height, places, ranges_below_names(places, drawn))
+    stem, drawn = {"color": style.BLACK, "dash": "solid", "width": 1.6}, []
+    for test in tests:
+        lags = test.lags_s
+        nothing = np.full(len(lags), np.nan)  # between two stems
+        x, y = np.stack([lags, lags, lags], 1).ravel(), np.stack([0.0 * lags, test.autocorrelation, nothing], 1).ravel()
+        bounds = [
+            Line(f"{name} bound", lags, sign * bound, {"color": style.GREY, "dash": dash, "width": 1.4})
+            for name, bound, dash in (("95 %", test.bound_95, "2px,2px"), ("99 %", test.bound_99, style.NOISE_DASH))
+            for sign in (1.0, -1.0)
+        ]
+        drawn.append([Line("autocorrelation", x, y, stem), *bounds])
+    names = [test.run for test in tests]
+    figure = run_panels("Autocorrelation of what is left", "autocorrelation", names, drawn, x_title="lag (s)")
+    return figure.update_xaxes(rangemode="tozero")
 
 
 def inputs(runs: Sequence[RunSeries], unit: str) -> Figure:
     """Measured input and what the machine before its correction predicts; the gap's windows shaded."""
     quantity = "torque" if unit == "N m" else "force"
     names = [f"{run.name}</b>, {run.said}<b>" if run.said else run.name for run in runs]
-    panels, places, height = run_grid(f"Measured and predicted {quantity}", f"{quantity} ({unit})", names)
-    for run, place in zip(runs, places, strict=True):
-        panels.line(*place, run.time_s, run.measured, "measured", MEASURED, unit)
-        panels.line(*place, run.time_s, run.before, run.before_is("predicted"), LINE_BEFORE, unit)
-        for start, end in run.windows:
-            panels.shade(*place, start, end, WINDOW)
-    return runs_figure(panels, height, places, ranges_below_names(places, [[r.measured, r.before] for r in runs]))
+    drawn = [
+        [
+            Line("measured", run.time_s, run.measured, style.MEASURED),
+            Line(run.before_is("predicted"), run.time_s, run.before, style.LINE_BEFORE),
+        ]
+        for run in runs
+    ]
+    windows = [[(run.windows, style.WINDOW)] for run in runs]
+    return run_panels(f"Measured and predicted {quantity}", f"{quantity} ({unit})", names, drawn, unit, windows)
 
 
 def residuals(runs: Sequence[RunSeries], unit: str, noise_rms: float) -> Figure:
@@ -151,34 +133,47 @@ def residuals(runs: Sequence[RunSeries], unit: str, noise_rms: float) -> Figure:
     after = [np.where(run.moving, run.measured - run.after, np.nan) for run in runs if run.after is not None]
     largest = max((float(np.nanmax(np.abs(left), initial=0.0)) for left in before), default=0.0)
     return torque_residual(
-        [run.name for run in runs],
-        [run.time_s for run in runs],
-        after or before,
-        unit,
-        noise_rms,
-        windows=[run.windows for run in runs],
-        rests=[run.rests for run in runs],
-        before=before if after else (),
-        limit=max(4.0 * noise_rms, 1.15 * largest),
-        alone=LINE_BEFORE,
-    )
+        [run.name for run in runs], [run.time_s for run in runs], after or before, unit, noise_rms,
+        before if after else (), max(4.0 * noise_rms, 1.15 * largest), [run.windows for run in runs],
+        [run.rests for run in runs], style.LINE_BEFORE,
+    )  # fmt: skip
 
 
 def speeds(runs: Sequence[RunSeries], scale: str) -> Figure:
     """Measured speed, and the open-loop replay of the machine before and after; scale: what the per cent are of."""
     names, drawn = [], []
     for run in runs:
-        lines = [run.speed_before, *([] if run.speed_after is None else [run.speed_after])]
-        errors = [f"{float(np.sqrt(np.mean((speed - run.speed) ** 2))):.2f} %" for speed in lines]
-        names.append(f"{run.name}</b>, RMSE {' → '.join(errors)}<b>")
-        drawn.append([run.speed, *lines])
-    panels, places, height = run_grid(f"Speed replayed open loop, in % of {scale}", "speed (%)", names)
-    for run, place in zip(runs, places, strict=True):
-        panels.line(*place, run.time_s, run.speed, "measured", MEASURED, "%")
-        panels.line(*place, run.time_s, run.speed_before, run.before_is("replayed"), LINE_BEFORE, "%")
+        lines = [Line(run.before_is("replayed"), run.time_s, run.speed_before, style.LINE_BEFORE)]
         if run.speed_after is not None:
-            panels.line(*place, run.time_s, run.speed_after, "replayed after", LINE_AFTER, "%")
-    return runs_figure(panels, height, places, ranges_below_names(places, drawn))
+            lines.append(Line("replayed after", run.time_s, run.speed_after, style.LINE_AFTER))
+        errors = [f"{float(np.sqrt(np.mean((line.y - run.speed) ** 2))):.2f} %" for line in lines]
+        names.append(f"{run.name}</b>, RMSE {' → '.join(errors)}<b>")
+        drawn.append([Line("measured", run.time_s, run.speed, style.MEASURED), *lines])
+    return run_panels(f"Speed replayed open loop, in % of {scale}", "speed (%)", names, drawn, "%")
+
+
+# Panels with a horizontal axis each
+
+
+def _panels(title: str, heads: Sequence[str], columns: int, panel: int, gap: float) -> Figure:
+    """Empty panels, each below its head; the lines' vertical axis is the second, over that of the bars."""
+    from plotly.subplots import make_subplots
+
+    columns = min(columns, max(len(heads), 1))
+    rows = max(-(-len(heads) // columns), 1)
+    inner = rows * panel + (rows - 1) * BETWEEN
+    height = inner + 180
+    figure = make_subplots(
+        rows, columns, subplot_titles=heads, specs=[[{"secondary_y": True}] * columns] * rows,
+        horizontal_spacing=gap if columns > 1 else None, vertical_spacing=BETWEEN / inner if rows > 1 else None,
+    )  # fmt: skip
+    for note, axis in zip(figure.layout.annotations, figure.select_xaxes(), strict=False):
+        note.update(x=axis.domain[0], xanchor="left", yshift=3, font_size=11, align="left")
+    figure.update_layout(
+        template=style.TEMPLATE, height=height, title=style.heading(title, height), barmode="overlay", bargap=0.0,
+        legend={"y": 1.0 - 68.0 / height, "traceorder": "normal"}, margin={"t": 124, "b": 56},
+    )  # fmt: skip
+    return figure.update_xaxes(nticks=6, title_font_size=12).update_yaxes(side="left", title_font_size=12)
 
 
 def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figure:
@@ -188,91 +183,45 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
     wave takes of the energy fills the panel, over frequency on a logarithmic axis. ways: what the two directions are
     called.
     """
-    boxes, height = _boxes(len(shown))
-    data: list[dict[str, Any]] = []
-    layout = _layout(f"Mean residual ({unit}) over what may explain it", height)
-    largest = max((_largest(profile.mean_forward, profile.mean_backward) for profile in shown), default=0.0) or 1.0
-    in_legend: set[str] = set()  # what the legend has
-    labelled: set[float] = set()  # rows, by where they begin, that have the common scale's numbers
-    for number, (profile, box) in enumerate(zip(shown, boxes, strict=True), start=1):
+    heads = []
+    for profile in shown:
         name, _, best = profile.label.partition(", ")
-        unit_of = f" ({profile.unit})" if profile.unit not in ("", "1") else ""
-        _panel(layout, number, box, f"{name}{unit_of}")
-        traces = _spectrum(profile, number) if is_spectrum(profile) else _means(profile, unit, ways, number, len(shown))
-        for trace in traces:
-            trace["showlegend"] = trace["legendgroup"] not in in_legend
-            in_legend.add(trace["legendgroup"])
-        data += traces
-        if is_spectrum(profile):
-            axis = {
-                "range": [0.0, 115.0 * _most(profile.share)],
-                "ticksuffix": " %",
-                "rangemode": "tozero",
-                "nticks": 6,
-            }
-            layout[f"xaxis{number}"] |= {"type": "log", "dtick": 1}
-            title = "one wave's share of the energy"
-        else:
-            _scales(layout, profile, box, number, len(shown), largest, ways)
-            axis, title = {"showticklabels": box[1][0] not in labelled}, f"mean residual ({unit})"
-            labelled.add(box[1][0])
-        layout[f"yaxis{number}"] |= axis
-        if box[0][0] == 0.0:
-            layout[f"yaxis{number}"]["title"] = {"text": title, "font": {"size": 12}}
         low, high, explains = (round(100.0 * x) for x in (*profile.interval, profile.explains))
-        heading = f"{best}, explains" if best else "explains"
-        layout["annotations"].append(_above(f"<b>{name}</b><br>{heading} {explains} % ({low} to {high})", box))
-    return _figure(data, layout)
-
-
-def is_spectrum(profile: Profile) -> bool:
-    """Whether a profile has no mean in any bin, only its share of the energy."""
-    return not np.any(np.isfinite([profile.mean_forward, profile.mean_backward]))
-
-
-def worth_a_panel(profile: Profile) -> bool:
-    """A wave that explains nothing is nothing to look at; what a mean does not explain is."""
-    return not is_spectrum(profile) or profile.explains >= 0.005
-
-
-def _spectrum(profile: Profile, number: int) -> list[dict[str, Any]]:
-    """Steps over frequency."""
-    share = 100.0 * np.append(profile.share, profile.share[-1])
-    return [{
-        "type": "scatter", "mode": "lines", "x": profile.edges, "y": _gaps(share),
-        "fill": "tozeroy", "fillcolor": FAINT,
-        "line": {"shape": "hv", "color": GREY, "width": 1.2}, "name": "share of the gap's energy (grey)",
-        "legendgroup": "share", "xaxis": f"x{number}", "yaxis": f"y{number}", "hovertemplate": "%{y:.1f} %",
-    }]  # fmt: skip
-
-
-def _means(profile: Profile, unit: str, ways: tuple[str, str], number: int, count: int) -> list[dict[str, Any]]:
-    """Bars of the energy's share, and over them the mean of each way."""
-    middle = (profile.edges[1:] + profile.edges[:-1]) / 2.0
-    share = {
-        "type": "bar", "x": middle, "y": 100.0 * profile.share, "width": np.diff(profile.edges),
-        "name": "share of the gap's energy (grey)", "legendgroup": "share",
-        "marker": {"color": FAINT, "line": {"width": 0}}, "xaxis": f"x{number}", "yaxis": f"y{number + count}",
-        "hovertemplate": "%{y:.1f} %",
-    }  # fmt: skip
-    both = (profile.mean_forward, profile.mean_backward)
-    return [share, *(_line(middle, values, ways[way], way, unit, number, True) for way, values in enumerate(both))]
-
-
-def _scales(
-    layout: dict[str, Any], profile: Profile, box: Box, number: int, count: int, largest: float, ways: tuple[str, str]
-) -> None:
-    """Of the means, common to all panels, and of the bars, which have their own."""
-    if profile.variable == "direction":  # a sign: backward or forward
-        middle = (profile.edges[1:] + profile.edges[:-1]) / 2.0
-        layout[f"xaxis{number}"] |= {"tickvals": list(middle), "ticktext": list(ways[::-1])}
-    # Over the bars' axis, yet with ticks of its own.
-    scale = {"range": [-1.15 * largest, 1.15 * largest], "tickmode": "auto", "nticks": 7}
-    layout[f"yaxis{number}"] |= scale | {"overlaying": f"y{number + count}"}
-    layout[f"yaxis{number + count}"] = {
-        "domain": box[1], "anchor": f"x{number}", "range": [0.0, SHARE_ROOM * 100.0 * _most(profile.share)],
-        "showticklabels": False, "showgrid": False, "ticks": "", "showline": False, "zeroline": False,
-    }  # fmt: skip
+        heads.append(f"<b>{name}</b><br>{f'{best}, explains' if best else 'explains'} {explains} % ({low} to {high})")
+    figure = _panels(f"Mean residual ({unit}) over what may explain it", heads, COLUMNS, 190, 0.055)
+    means = np.concatenate([[0.0], *(values for p in shown for values in (p.mean_forward, p.mean_backward))])
+    largest = float(np.nanmax(np.abs(means))) or 1.0
+    hidden = {"showticklabels": False, "showgrid": False, "ticks": "", "showline": False, "zeroline": False}
+    for k, profile in enumerate(shown):
+        panel = {"row": k // COLUMNS + 1, "col": k % COLUMNS + 1}
+        share, middle = 100.0 * profile.share, (profile.edges[1:] + profile.edges[:-1]) / 2.0
+        most = float(np.nanmax(share)) if np.any(share > 0.0) else 100.0
+        bars = {"name": "share of the gap's energy (grey)", "legendgroup": "share", "hovertemplate": "%{y:.1f} %"}
+        look: dict[str, Any]
+        if is_spectrum(profile):
+            look, title = {"range": [0.0, 1.15 * most], "ticksuffix": " %"}, "one wave's share of the energy"
+            line = {"shape": "hv", "color": style.GREY, "width": 1.2}
+            y, fill = _gaps(np.append(share, share[-1])), {"fill": "tozeroy", "fillcolor": style.FAINT}
+            figure.add_scatter(x=profile.edges, y=y, mode="lines", line=line, **fill, **bars, **panel, secondary_y=True)
+            figure.update_xaxes(type="log", dtick=1, **panel)
+        else:
+            look, title = (
+                {"range": [-1.15 * largest, 1.15 * largest], "nticks": 7, "tickmode": "auto"},
+                f"mean residual ({unit})",
+            )
+            grey = {"color": style.FAINT, "line_width": 0}
+            figure.add_bar(x=middle, y=share, width=np.diff(profile.edges), marker=grey, **bars, **panel)
+            for way, values in enumerate((profile.mean_forward, profile.mean_backward)):
+                figure.add_scatter(**_line(middle, values, ways[way], way, unit), **panel, secondary_y=True)
+        name = profile.label.partition(", ")[0]
+        figure.update_xaxes(title_text=name if profile.unit in ("", "1") else f"{name} ({profile.unit})", **panel)
+        if profile.variable == "direction":  # a sign: backward or forward
+            figure.update_xaxes(tickvals=list(middle), ticktext=list(ways[::-1]), **panel)
+        if lines := not is_spectrum(profile):
+            figure.update_yaxes(range=[0.0, SHARE_ROOM * most], **hidden, **panel, secondary_y=False)
+        title = title if k % COLUMNS == 0 else ""
+        figure.update_yaxes(**look, title_text=title, **panel, secondary_y=lines)
+    return _once_in_the_legend(figure)
 
 
 def curves(
@@ -288,48 +237,37 @@ def curves(
 
     words: variable -> (what it is called, its unit). units: of each curve's force (N) or torque (N m).
     """
-    boxes, height = _boxes(len(shown), columns=min(2, max(len(shown), 1)), panel=300, gap_x=GAP_X_TITLED)
-    data: list[dict[str, Any]] = []
-    layout = _layout("The unknown cause: force against the motion", height)
-    for number, (curve, box, of) in enumerate(zip(shown, boxes, units, strict=True), start=1):
-        name, unit = words.get(curve.over, (curve.over, ""))
+    names = [words.get(curve.over, (curve.over, "")) for curve in shown]
+    heads = [f"<b>{name}</b><br>explains {100.0 * c.explains:.0f} %" for (name, _), c in zip(names, shown, strict=True)]
+    figure = _panels("The unknown cause: force against the motion", heads, 2, 300, 0.1)
+    for k, (curve, (name, unit), of) in enumerate(zip(shown, names, units, strict=True)):
+        panel = {"row": k // 2 + 1, "col": k % 2 + 1}
         both = ((curve.forward, curve.std_forward), (curve.backward, curve.std_backward))
         for way, (values, error) in enumerate(both):
-            data.append(_band(curve.at, values, 2.0 * error, way, number))
-            data.append(_line(curve.at, values, ways[way], way, of, number, number == 1))
-        if law is not None and number == 1:
-            for way, values in enumerate(np.split(law, 2)):
-                said = _line(curve.at, values, f"law, {ways[way]}", way, of, number, True)
-                data.append(said | {"mode": "lines", "line": said["line"] | {"dash": "dot", "width": 3}})
-        _panel(layout, number, box, f"{name} ({unit})" if unit else name)
-        layout[f"yaxis{number}"]["title"] = {
-            "text": f"{'force' if of == 'N' else 'torque'} at the {curve.acts_on} ({of})"
-        }
-        heading = f"<b>{name}</b><br>explains {100.0 * curve.explains:.0f} %"
-        layout["annotations"].append(_above(heading, box))
-    return _figure(data, layout)
+            known = np.isfinite(curve.at) & np.isfinite(values) & np.isfinite(error)
+            x, y, reach = curve.at[known], values[known], 2.0 * error[known]
+            figure.add_scatter(
+                x=np.concatenate([x, x[::-1]]), y=np.concatenate([y + reach, (y - reach)[::-1]]), mode="lines",
+                fill="toself", line={"width": 0}, fillcolor=style.faint(style.SPARE[way][0], 0.25), showlegend=False,
+                hoverinfo="skip", **panel,
+            )  # fmt: skip
+            figure.add_scatter(**_line(curve.at, values, ways[way], way, of), **panel)
+            if law is not None and k == 0:
+                said = _line(curve.at, np.split(law, 2)[way], f"law, {ways[way]}", way, of)
+                said |= {"mode": "lines", "line": said["line"] | {"dash": "dot", "width": 3}}
+                figure.add_scatter(**said, **panel)
+        figure.update_xaxes(title_text=f"{name} ({unit})" if unit else name, **panel)
+        quantity = "force" if of == "N" else "torque"
+        figure.update_yaxes(title_text=f"{quantity} at the {curve.acts_on} ({of})", **panel, secondary_y=False)
+    return _once_in_the_legend(figure)
 
 
-def _line(x: Array, y: Array, name: str, way: int, unit: str, number: int, legend: bool) -> dict[str, Any]:
-    colour, dash = SPARE[way]
+def _line(x: Array, y: Array, name: str, way: int, unit: str) -> dict[str, Any]:
+    colour, dash = style.SPARE[way]
     return {
-        "type": "scatter", "mode": "lines+markers", "x": x, "y": _gaps(y), "name": name, "legendgroup": name,
-        "showlegend": legend, "line": {"color": colour, "dash": dash, "width": 1.8},
-        "marker": {"symbol": MARKERS[way], "size": 6, "color": colour}, "xaxis": f"x{number}", "yaxis": f"y{number}",
-        "hovertemplate": f"%{{y:.3~g}} {unit}",
-    }  # fmt: skip
-
-
-def _band(x: Array, y: Array, error: Array, way: int, number: int) -> dict[str, Any]:
-    """The outline of y ± error; what is unknown is left out."""
-    known = np.isfinite(x) & np.isfinite(y) & np.isfinite(error)
-    x, y, error = x[known], y[known], error[known]
-    red, green, blue = (int(SPARE[way][0][i : i + 2], 16) for i in (1, 3, 5))
-    return {
-        "type": "scatter", "mode": "lines", "x": np.concatenate([x, x[::-1]]),
-        "y": np.concatenate([y + error, (y - error)[::-1]]), "fill": "toself", "line": {"width": 0},
-        "fillcolor": f"rgba({red},{green},{blue},0.25)", "showlegend": False, "hoverinfo": "skip",
-        "xaxis": f"x{number}", "yaxis": f"y{number}",
+        "mode": "lines+markers", "x": x, "y": _gaps(y), "name": name, "legendgroup": name,
+        "line": {"color": colour, "dash": dash, "width": 1.8}, "hovertemplate": f"%{{y:.3~g}} {unit}",
+        "marker": {"symbol": style.MARKERS[way], "size": 6, "color": colour},
     }  # fmt: skip
 
 
@@ -337,94 +275,55 @@ def _gaps(values: Array) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
-def _largest(*values: Array) -> float:
-    every = np.concatenate(values)
-    return float(np.max(np.abs(every[np.isfinite(every)]), initial=0.0))
+def _once_in_the_legend(figure: Figure) -> Figure:
+    known: set[str] = set()
+    for trace in figure.data:
+        if trace.showlegend is not False:
+            trace.showlegend = trace.legendgroup not in known
+            known.add(trace.legendgroup)
+    return figure
 
 
-def _most(share: Array) -> float:
-    return float(np.nanmax(share)) if np.any(share > 0.0) else 1.0
+def is_spectrum(profile: Profile) -> bool:
+    """Whether a profile has no mean in any bin, only its share of the energy."""
+    return not np.any(np.isfinite([profile.mean_forward, profile.mean_backward]))
 
 
-def _boxes(count: int, columns: int = COLUMNS, panel: int = PANEL, gap_x: float = GAP_X) -> tuple[list[Box], int]:
-    """The domains of so many panels, and the figure's height."""
-    columns = min(columns, max(count, 1))
-    rows = max(-(-count // columns), 1)
-    inner = rows * panel + (rows - 1) * BETWEEN
-    width = (1.0 - gap_x * (columns - 1)) / columns
-    boxes = []
-    for index in range(count):
-        row, column = divmod(index, columns)
-        left, top = column * (width + gap_x), 1.0 - row * (panel + BETWEEN) / inner
-        boxes.append(([left, min(left + width, 1.0)], [max(top - panel / inner, 0.0), min(top, 1.0)]))
-    return boxes, inner + TOP + BOTTOM
+def worth_a_panel(profile: Profile) -> bool:
+    """A wave that explains nothing is nothing to look at; what a mean does not explain is."""
+    return not is_spectrum(profile) or profile.explains >= 0.005
 
 
-def _layout(title: str, height: int) -> dict[str, Any]:
-    return {
-        "template": TEMPLATE,
-        "height": height,
-        "title": heading(title, height),
-        "legend": {"y": 1.0 - 68.0 / height, "traceorder": "normal"},
-        "margin": {"t": TOP, "b": BOTTOM},
-        "annotations": [],
-        "barmode": "overlay",
-        "bargap": 0.0,
-    }
+# Verdict and shrink
 
 
-def _panel(layout: dict[str, Any], number: int, box: Box, x_title: str) -> None:
-    layout[f"xaxis{number}"] = {
-        "domain": box[0], "anchor": f"y{number}", "title": {"text": x_title, "font": {"size": 12}}, "nticks": 6,
-    }  # fmt: skip
-    layout[f"yaxis{number}"] = {"domain": box[1], "anchor": f"x{number}"}
-
-
-def _above(text: str, box: Box) -> dict[str, Any]:
-    return {
-        "text": text, "x": box[0][0], "y": box[1][1], "xref": "paper", "yref": "paper", "xanchor": "left",
-        "yanchor": "bottom", "yshift": 3, "showarrow": False, "font": {"size": 11}, "align": "left",
-    }  # fmt: skip
-
-
-def _figure(data: list[dict[str, Any]], layout: dict[str, Any]) -> Figure:
+def _figure(title: str, height: int, data: list[dict[str, Any]], **layout: Any) -> Figure:
     import plotly.graph_objects as go
 
-    # Plotly calls the first axes x and y, without a number.
-    layout |= {axis: layout.pop(f"{axis}1") for axis in ("xaxis", "yaxis") if f"{axis}1" in layout}
-    return go.Figure({"data": data, "layout": layout})
+    shared = {"template": style.TEMPLATE, "height": height, "hovermode": "closest"}
+    return go.Figure({"data": data, "layout": {**shared, "title": style.heading(title, height), **layout}})
 
 
 def ranking(rows: Sequence[tuple[str, str, float]]) -> Figure:
     """Horizontal bars. rows: (named, unknown, no_gap or "" for a rest, what stands beside the bar, probability)."""
-    import plotly.graph_objects as go
-
-    height = AROUND + BAR * max(len(rows), 2)
     bars = {
         "type": "bar", "orientation": "h", "x": [100.0 * p for *_, p in rows], "y": [name for _, name, _ in rows],
         "text": [percent(p) for *_, p in rows], "textposition": "outside", "cliponaxis": False, "showlegend": False,
         "marker": {"color": [COLOURS[word] for word, *_ in rows]}, "hovertemplate": "%{y}: %{x:.2f} %<extra></extra>",
     }  # fmt: skip
-    layout = {
-        "template": TEMPLATE,
-        "height": height,
-        "hovermode": "closest",
-        "title": heading("Probability of each hypothesis", height),
-        "margin": {"l": 12, "t": 48, "r": 84},  # room for "> 99.9 %"
-        "bargap": 0.3,
-        "xaxis": {"title": {"text": "probability (%)"}, "range": [0, 100], "zeroline": False},
-        "yaxis": {"autorange": "reversed", "type": "category", "ticks": ""},
-    }
-    return go.Figure({"data": [bars], "layout": layout})
+    return _figure(
+        "Probability of each hypothesis", 112 + 30 * max(len(rows), 2), [bars], bargap=0.3,
+        margin={"l": 12, "t": 48, "r": 84},  # room for "> 99.9 %"
+        xaxis={"title": {"text": "probability (%)"}, "range": [0, 100], "zeroline": False},
+        yaxis={"autorange": "reversed", "type": "category", "ticks": ""},
+    )  # fmt: skip
 
 
 def percent(probability: float) -> str:
     """A probability in per cent, with one more digit near 0 and 1."""
     p = 100.0 * probability
-    if p < 0.1:
-        return "< 0.1 %"
-    if p > 99.9:
-        return "> 99.9 %"
+    if p < 0.1 or p > 99.9:
+        return "< 0.1 %" if p < 0.1 else "> 99.9 %"
     return f"{p:.1f} %" if p < 10.0 or p > 99.0 else f"{p:.0f} %"
 
 
@@ -433,14 +332,11 @@ def isolability(names: Sequence[str], angle: Array, chosen: Sequence[str] = ()) 
 
     chosen: names that are set in bold. k is at least 2.
     """
-    import plotly.graph_objects as go
-
-    k = len(names)
-    below = np.where(np.tri(k, k=-1, dtype=bool), angle, np.nan)[1:, :-1]  # the others are empty
+    below = np.where(np.tri(len(names), k=-1, dtype=bool), angle, np.nan)[1:, :-1]  # the others are empty
     labels = [f"<b>{name}</b>" if name in chosen else name for name in names]
     # Small angles stand out: vermillion where two effects leave the same mark, white at right angles.
-    heat: dict[str, Any] = {
-        "type": "heatmap", "x": labels[:-1], "y": labels[1:], "z": [[_cell(v) for v in row] for row in below],
+    heat = {
+        "type": "heatmap", "x": labels[:-1], "y": labels[1:], "z": [_gaps(np.round(row, 2)) for row in below],
         "zmin": 0.0, "zmax": 90.0, "xgap": 1, "ygap": 1, "hoverongaps": False,
         "colorscale": [[0.0, "#D55E00"], [0.17, "#E69F00"], [0.5, "#F8E6C0"], [1.0, "#FFFFFF"]],
         "text": [["" if np.isnan(v) else f"{v:.0f}" for v in row] for row in below],
@@ -448,62 +344,39 @@ def isolability(names: Sequence[str], angle: Array, chosen: Sequence[str] = ()) 
         "colorbar": {"title": {"text": "angle (°)", "side": "right"}, "thickness": 14, "tickvals": [*range(0, 91, 15)]},
         "hovertemplate": "%{y} and %{x}: %{z:.1f}°<extra></extra>",
     }  # fmt: skip
-    height = LABELS + CELL * max(k - 1, 3)
     axis = {"type": "category", "showgrid": False, "ticks": "", "tickfont": {"size": 11}}
-    layout = {
-        "template": TEMPLATE,
-        "height": height,
-        "hovermode": "closest",
-        "title": heading("Angle between the marks that two effects leave in these runs", height),
-        "margin": {"l": 12, "t": 48, "r": 20, "b": 12},
-        "xaxis": axis | {"tickangle": -50},
-        "yaxis": axis | {"autorange": "reversed"},
-    }
-    return go.Figure({"data": [heat], "layout": layout})
-
-
-def _cell(value: float) -> float | None:
-    return None if np.isnan(value) else round(float(value), 2)
+    return _figure(
+        "Angle between the marks that two effects leave in these runs", 240 + 27 * max(len(names) - 1, 3), [heat],
+        margin={"l": 12, "t": 48, "r": 20, "b": 12}, xaxis=axis | {"tickangle": -50},
+        yaxis=axis | {"autorange": "reversed"},
+    )  # fmt: skip
 
 
 def shrink_bars(
     by_run: Mapping[str, tuple[float, float]], together: tuple[float, float], noise: float, unit: str
 ) -> Figure:
     """Two bars a run and two for all of them, rms in `unit`; dashed: the noise floor in the same band."""
-    import plotly.graph_objects as go
-
     rows = {**by_run, f"<b>{ALL}</b>": together} if len(by_run) != 1 else dict(by_run)
-    names = list(rows)
-    data = [
-        _shrink_bars(names, [both[index] for both in rows.values()], name, colour, unit)
-        for index, (name, colour) in enumerate((("before", BEFORE), ("after", AFTER)))
-    ]
+    names, height = list(rows), 380
+    data: list[dict[str, Any]] = []
+    for index, (name, colour) in enumerate((("before", style.BEFORE), ("after", style.AFTER))):
+        values = [both[index] for both in rows.values()]
+        data.append({
+            "type": "bar", "x": names, "y": values, "name": name, "marker": {"color": colour},
+            "text": [powers(f"{value:#.3g}") for value in values], "textposition": "outside", "textangle": 0,
+            "cliponaxis": False, "textfont": {"size": 11},
+            "hovertemplate": f"%{{x}}, {name}: %{{y:.4~g}} {unit}<extra></extra>",
+        })  # fmt: skip
     # A line of the whole width is a shape; this one only stands for it in the legend.
-    floor = {"name": powers(f"noise floor, {noise:.2g} {unit}"), "mode": "lines", "line": NOISE, "hoverinfo": "skip"}
-    data.append({"type": "scatter", "x": names[:1], "y": [noise], **floor})
+    said = powers(f"noise floor, {noise:.2g} {unit}")
+    floor = {"name": said, "mode": "lines", "line": style.NOISE, "hoverinfo": "skip"}
+    across = {"type": "line", "x0": 0, "x1": 1, "y0": noise, "y1": noise, "xref": "x domain", "yref": "y"}
     highest = max([noise, *(value for both in rows.values() for value in both)]) or 1.0
-    layout = {
-        "template": TEMPLATE,
-        "height": BARS_HEIGHT,
-        "title": heading(f"Residual on held-out runs, rms ({unit})", BARS_HEIGHT),
-        "legend": {"y": 1.0 - 64.0 / BARS_HEIGHT, "traceorder": "normal"},
-        "margin": {"t": 80},
-        "barmode": "group",
-        "bargap": 0.3,
-        "hovermode": "closest",
-        "shapes": [
-            {"type": "line", "x0": 0, "x1": 1, "y0": noise, "y1": noise, "xref": "x domain", "yref": "y", "line": NOISE}
-        ],
-        "xaxis": {"type": "category", "categoryorder": "array", "categoryarray": names},
-        "yaxis": {"title": {"text": f"residual, rms ({unit})"}, "range": [0.0, ROOM * highest]},
-    }
-    return go.Figure({"data": data, "layout": layout})
-
-
-def _shrink_bars(names: list[str], values: list[float], name: str, colour: str, unit: str) -> dict[str, Any]:
-    return {
-        "type": "bar", "x": names, "y": values, "name": name, "marker": {"color": colour},
-        "text": [powers(f"{value:#.3g}") for value in values], "textposition": "outside", "textangle": 0,
-        "cliponaxis": False,
-        "textfont": {"size": 11}, "hovertemplate": f"%{{x}}, {name}: %{{y:.4~g}} {unit}<extra></extra>",
-    }  # fmt: skip
+    return _figure(
+        f"Residual on held-out runs, rms ({unit})", height,
+        [*data, {"type": "scatter", "x": names[:1], "y": [noise], **floor}],
+        legend={"y": 1.0 - 64.0 / height, "traceorder": "normal"}, margin={"t": 80}, barmode="group", bargap=0.3,
+        shapes=[across | {"line": style.NOISE}],
+        xaxis={"type": "category", "categoryorder": "array", "categoryarray": names},
+        yaxis={"title": {"text": f"residual, rms ({unit})"}, "range": [0.0, ROOM * highest]},
+    )  # fmt: skip

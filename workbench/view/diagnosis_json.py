@@ -10,7 +10,6 @@ from workbench import __version__
 from workbench.core.json_records import plain
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.free_parameters import Estimate
-from workbench.diagnose.isolation.planned import Planned
 from workbench.study.consequences import as_json
 from workbench.view.words import words_of
 
@@ -21,49 +20,50 @@ PARTS = 10**5  # that probabilities are counted in
 
 def to_json(d: Diagnosis) -> dict[str, Any]:
     """The content of diagnosis.json. Numbers that are not finite are null."""
-    return _answer(d) | _steps(d)
+    said: dict[str, Any] = plain(_answer(d) | _steps(d), DIGITS)
+    said["isolability"]["angle_deg"] = plain(d.isolability.angle, ANGLE_DIGITS)
+    if d.where is not None:  # times are rounded to milliseconds
+        said["where"]["windows"] = [
+            {"run": w.run, "from_s": round(w.from_s, 3), "to_s": round(w.to_s, 3)} for w in d.where.windows
+        ]
+    consequences = None if d.consequences is None else as_json(d.consequences)
+    return said | {"consequences": consequences, "why_no_consequences": d.why_no_consequences}
 
 
 def _answer(d: Diagnosis) -> dict[str, Any]:
-    v, g, where, w = d.verdict, d.gap, d.where, words_of(d.campaign.machine)
+    """The fixed keys."""
+    v, g, w = d.verdict, d.gap, words_of(d.campaign.machine)
     law = None if d.unknown is None else d.unknown.law
-    exact = probabilities([row.probability for row in v.ranking])
-    said = {
+    ranking = zip(v.ranking, probabilities([row.probability for row in v.ranking]), strict=True)
+    next_run = d.next_run and _of(d.next_run, "why payload_kg profile signals")
+    if next_run and d.next_run and (planned := d.next_run.planned):
+        moves = [{key: value for key, value in vars(step).items() if value is not None} for step in planned.steps]
+        next_run |= {"start_position": planned.start_position, "speed": planned.limits.speed_m_s, "moves": moves}
+    return {
         "format": 1,
         "campaign": d.campaign.name,
         "verdict": v.word,
         "effects": v.effects,
         "ranking": [
-            {"verdict": row.verdict, "effects": row.effects, "probability": p}
-            | ({"twins": row.twins} if row.twins else {})
-            for row, p in zip(v.ranking, exact, strict=True)
+            _of(row, "verdict effects") | {"probability": p} | ({"twins": row.twins} if row.twins else {})
+            for row, p in ranking
         ],
         "alike": v.alike,
-        "next_run": d.next_run and {**_of(d.next_run, "why payload_kg profile signals"), **_moves(d.next_run.planned)},
-        "where": where
-        and {
-            "subsystem": where.subsystem,
-            "regime": where.regime,
-            "windows": [
-                {"run": window.run, "from_s": round(window.from_s, 3), "to_s": round(window.to_s, 3)}
-                for window in where.windows
-            ],
-            "share": where.share,
-        },
+        "next_run": next_run,
+        "where": d.where and _of(d.where, "subsystem regime windows share"),
         "parameters": _estimates(d.chosen.parameters) if d.chosen else {},
         "explained": v.explained,
         "left": _of(v.left, "rms percent_of_input relevant"),
         "remainder": v.remainder and vars(v.remainder),
-        "places": [_of(place, "subsystem probability") for place in (where.places if where else ())],
+        "places": [_of(place, "subsystem probability") for place in (d.where.places if d.where else ())],
         "gap": {
             f"{w.quantity}_rms_{w.suffix}": g.residual_rms,
             f"noise_rms_{w.suffix}": g.noise_rms,
-            "band_hz": g.band_hz,
-            "speed_rmse_percent": g.speed_rmse_percent,
+            **_of(g, "band_hz speed_rmse_percent"),
         },
-        "shrink": _without(d.shrink, "by_run", "sentences"),
+        "shrink": _without(d.shrink, "by_run sentences"),
         "delivered": {
-            **_without(d.delivered, "runs", "validated"),
+            **_of(d.delivered, "residual_rms speed_rmse_percent"),
             "band_hz": g.band_hz,
             "runs": list(map(vars, d.delivered.runs)),
             "validated": list(map(vars, d.delivered.validated)),
@@ -71,34 +71,19 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
         "steps": list(map(vars, v.steps)),
         "law": law
         and {
-            "equation": law.equation,
-            "acts_on": law.acts_on,
-            "unit": law.unit,
+            **_of(law, "equation acts_on unit"),
             "values": {name: {"value": a, "std_error": error, "unit": unit} for name, a, error, unit in law.values},
             **_of(law, "before after explains rms"),
         },
         "unlisted": {} if d.unknown is None else d.unknown.effects,
-    }
-    # Times of windows have their own rounding: milliseconds.
-    return plain(said, DIGITS) | {"where": _kept_times(plain(said["where"], DIGITS), said["where"])}
-
-
-def _kept_times(rounded: Any, exact: Any) -> Any:
-    return rounded and rounded | {"windows": exact["windows"]}
-
-
-def _moves(planned: Planned | None) -> dict[str, Any]:
-    if planned is None:
-        return {}
-    moves = [{key: value for key, value in vars(step).items() if value is not None} for step in planned.steps]
-    return {"start_position": planned.start_position, "speed": planned.limits.speed_m_s, "moves": moves}
+    }  # fmt: skip
 
 
 def _steps(d: Diagnosis) -> dict[str, Any]:
     """The keys after the fixed ones."""
-    g, w, i, where = d.gap, words_of(d.campaign.machine), d.isolability, d.where
-    noise = f"noise_rms_{w.suffix}"
-    keys = {
+    g, w, i, where, n, s = d.gap, words_of(d.campaign.machine), d.isolability, d.where, d.next_run, d.shrink
+    noise, errors = f"noise_rms_{w.suffix}", {"std_forward": "std_error_forward", "std_backward": "std_error_backward"}
+    return {
         "sentence": d.verdict.sentence,
         "reasons": [_of(reason, "kind effects value percent") for reason in d.verdict.reasons],
         "warnings": d.warnings,
@@ -110,7 +95,7 @@ def _steps(d: Diagnosis) -> dict[str, Any]:
         "condition": {
             "band_hz": d.condition.band_hz,
             noise: d.condition.noise_rms,
-            "runs": [_renamed(run, noise_rms=noise) for run in d.condition.runs],
+            "runs": [_renamed(run, {"noise_rms": noise}) for run in d.condition.runs],
             "sentences": d.condition.sentences,
         },
         "gap_details": {
@@ -135,41 +120,23 @@ def _steps(d: Diagnosis) -> dict[str, Any]:
         ],
         "isolability": {
             "names": i.names,
-            "angle_deg": plain(i.angle, ANGLE_DIGITS),
-            "smallest_visible": {
-                name: {"parameter": parameter, "value": size} for name, (parameter, size) in i.visible.items()
-            },
+            "angle_deg": None,
+            "smallest_visible": {name: {"parameter": key, "value": size} for name, (key, size) in i.visible.items()},
             "sentences": i.sentences,
         },
-        "next_run_details": d.next_run
-        and {
-            "separation": d.next_run.separation,
-            "separation_now": d.next_run.now,
-            "separation_menu": d.next_run.menu,
-            "decides": d.next_run.decides,
-        },
+        "next_run_details": n
+        and {"separation": n.separation, "separation_now": n.now, "separation_menu": n.menu, "decides": n.decides},
         "shrink_details": {
-            "by_run": {name: {"before": was, "after": now} for name, (was, now) in d.shrink.by_run.items()},
-            "sentences": d.shrink.sentences,
+            "by_run": {name: {"before": was, "after": now} for name, (was, now) in s.by_run.items()},
+            "sentences": s.sentences,
         },
         "residual_tests": [
-            _without(test, "correlations")
-            | {"correlations": {name: vars(correlation) for name, correlation in test.correlations.items()}}
+            vars(test) | {"correlations": {name: vars(one) for name, one in test.correlations.items()}}
             for test in d.residual_tests
         ],
         "unknown": d.unknown
-        and {
-            "curves": [
-                _renamed(curve, std_forward="std_error_forward", std_backward="std_error_backward")
-                for curve in d.unknown.curves
-            ],
-            "sentences": d.unknown.sentences,
-        },
-    }
-    return plain(keys, DIGITS) | {
-        "consequences": None if d.consequences is None else as_json(d.consequences),
-        "why_no_consequences": d.why_no_consequences,
-    }
+        and {"curves": [_renamed(c, errors) for c in d.unknown.curves], "sentences": d.unknown.sentences},
+    }  # fmt: skip
 
 
 def probabilities(exact: Sequence[float]) -> list[float]:
@@ -190,20 +157,16 @@ def probabilities(exact: Sequence[float]) -> list[float]:
 
 def _estimates(parameters: Mapping[str, Sequence[Estimate]]) -> dict[str, dict[str, Any]]:
     """effect -> parameter -> value and standard error; lists where they are each run's own."""
-    return {
-        effect: {one.name: {"value": one.value, "std_error": one.std_error} for one in estimates}
-        for effect, estimates in parameters.items()
-    }
+    return {name: {one.name: _of(one, "value std_error") for one in found} for name, found in parameters.items()}
 
 
 def _of(record: object, names: str) -> dict[str, Any]:
     return {name: getattr(record, name) for name in names.split()}
 
 
-def _without(record: object, *names: str) -> dict[str, Any]:
-    return {name: value for name, value in vars(record).items() if name not in names}
+def _without(record: object, names: str) -> dict[str, Any]:
+    return {name: value for name, value in vars(record).items() if name not in names.split()}
 
 
-def _renamed(record: object, **names: str) -> dict[str, Any]:
-    """A record's fields, some under another name."""
+def _renamed(record: object, names: Mapping[str, str]) -> dict[str, Any]:
     return {names.get(name, name): value for name, value in vars(record).items()}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from workbench.core.json_records import rounded
+from workbench.core.json_records import plain, rounded
 from workbench.core.run import Array
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
@@ -26,7 +26,7 @@ from workbench.view import replay as replay_view
 from workbench.view.numbers import change_percent, figures, with_error
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
-from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, TEMPLATE, line
+from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, TEMPLATE, VERMILLION, line
 from workbench.view.words import direction_names, words_of
 
 if TYPE_CHECKING:
@@ -70,8 +70,8 @@ def keys_table(campaign: Campaign) -> Table:
 def measures_table(identification: Identification) -> Table:
     """The replay before and after."""
     machine, before, after = identification.machine, identification.before, identification.after
-    rows = [replay_view.measures(name, r, r.noise_rms) for name, r in (("nominal", before), ("identified", after))]
-    return Table(replay_view.columns(machine, "machine"), rows, replay_view.note(machine, after))
+    rows = [("nominal", before), ("identified", after)]
+    return replay_view.table_of_replays(machine, "machine", rows, after.band_hz)
 
 
 def sentences(identification: Identification, remedy: str = REMEDY) -> list[str]:
@@ -101,30 +101,21 @@ def sentences(identification: Identification, remedy: str = REMEDY) -> list[str]
 
 def to_json(identification: Identification) -> dict[str, Any]:
     """identify.json: parameters with errors, correlations, the iteration's history, statements, replays."""
-    machine, fit, levels = identification.campaign.machine, identification.fit, identification.levels
-    w = words_of(machine)
-    forward, backward = direction_names(machine)
+    i, fit, levels = identification, identification.fit, identification.levels
+    w, (forward, backward) = words_of(i.campaign.machine), direction_names(i.campaign.machine)
+    fitted = zip(fit.free, fit.value, fit.std_error, strict=True)
     return {
         "format": 1,
-        "campaign": identification.campaign.name,
-        "runs": [run.name for run in identification.campaign.runs],
+        "campaign": i.campaign.name,
+        "runs": [run.name for run in i.campaign.runs],
         "parameters": {
-            free.key: {
-                "nominal": free.nominal,
-                "value": rounded(value, 8),
-                "std_error": rounded(error, 4),
-                "held_by_tolerance": free.prior_std is not None,
-            }
-            for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True)
+            free.key: {"nominal": free.nominal, "value": rounded(value, 8), "std_error": rounded(error, 4),
+                       "held_by_tolerance": free.prior_std is not None}
+            for free, value, error in fitted
         },
-        "correlation": {
-            "keys": [free.key for free in fit.free],
-            "matrix": [[rounded(float(c), 4) for c in row] for row in fit.correlation],
-        },
+        "correlation": {"keys": [free.key for free in fit.free], "matrix": plain(fit.correlation, 4)},
         "paper_iteration": {
-            forward: [rounded(level) for level in levels.forward],
-            backward: [rounded(level) for level in levels.backward],
-            "settled": levels.settled,
+            forward: plain(levels.forward), backward: plain(levels.backward), "settled": levels.settled
         },
         "statements": list(fit.statements),
         "fit": {
@@ -134,10 +125,10 @@ def to_json(identification: Identification) -> dict[str, Any]:
             "samples": fit.samples,
             "evaluations": fit.evaluations,
         },
-        "before": replay_view.to_json(identification.campaign, identification.before)["overall"],
-        "after": replay_view.to_json(_identified(identification), identification.after)["overall"],
-        "notes": list(identification.campaign.all_notes),
-    }
+        "before": replay_view.to_json(i.campaign, i.before)["overall"],
+        "after": replay_view.to_json(_identified(i), i.after)["overall"],
+        "notes": list(i.campaign.all_notes),
+    }  # fmt: skip
 
 
 def _identified(identification: Identification) -> Campaign:
@@ -175,106 +166,65 @@ def force_balance(machine: Hoist | Axis, result: ReplayResult) -> tuple[Array, A
 
 def combined_weight(machine: Hoist | Axis, result: ReplayResult) -> float | None:
     """The weight of carriage and payload, mean over the runs, by which the paper's Fig. 7 divides; None for an axis."""
-    kind = kind_of(machine)
-    if kind.weight is None:
-        return None
-    return kind.weight(machine, float(np.mean([run.balance.run.payload_kg for run in result.runs])))
+    weight = kind_of(machine).weight
+    return weight and weight(machine, float(np.mean([run.balance.run.payload_kg for run in result.runs])))
 
 
 def friction(identification: Identification) -> Figure:
-    """Fig. 7: the law before and after, and the log's own points."""
-    nominal, machine = identification.campaign.machine, identification.machine
-    points = force_balance(machine, identification.after)
-    fastest = 1.1 * float(np.max(np.abs(points[0]), initial=1e-3))
-    # Many points near standstill, where the law turns over.
-    half = fastest * np.linspace(0.0, 1.0, 200) ** 3
-    speed = np.concatenate([-half[:0:-1], half])
-    kind = kind_of(machine)
-    return friction_law(
-        speed,
-        [("identified", law(machine, speed)), ("nominal", law(nominal, speed))],
-        combined_weight(machine, identification.after),
-        points,
-        kind.moved.speed_unit,
-        kind.friction.unit,
-    )
+    """Fig. 7: the law before and after over speed, and the log's own points, small and grey.
 
-
-def friction_law(
-    speed: Array,
-    laws: Sequence[tuple[str, Array]],
-    weight: float | None,
-    measured: tuple[Array, Array] | None = None,
-    speed_unit: str = "m/s",
-    unit: str = "N",
-) -> Figure:
-    """Fig. 7: friction force over the weight of the combined mass, against speed.
-
-    speed: (m,); laws: name -> force (m,), such as nominal and identified; weight: what the force is
-    divided by, in the same unit, None leaves it in `unit`; measured: (speed, force) points of a force
-    balance, drawn small and grey.
+    On a hoist over the weight of carriage and mean payload.
     """
-    quantity = "torque" if unit == "N m" else "force"
-    y_title = f"friction {quantity} ({unit})" if weight is None else "friction force / weight (–)"
-    divisor = 1.0 if weight is None else weight
-    panels = Panels("Friction law", [y_title], x_title=f"speed ({speed_unit})")
-    if measured is not None:
-        points = {"mode": "markers", "marker": {"size": 4, "color": GREY, "opacity": 0.35}}
-        # Every so many points, in order of speed: a cloud has no peaks that min-max thinning would keep.
-        step = max(len(measured[0]) // 1400, 1)
-        order = np.argsort(measured[0])[::step]
-        panels.line(
-            0, 0, measured[0][order], measured[1][order] / divisor, "force balance of the log", {}, "", **points
-        )
-    looks = [line("simulated", width=2.4), {"color": BLACK, "dash": "6px,3px", "width": 2.0}]
-    for number, (name, force) in enumerate(laws):
-        panels.line(0, 0, speed, force / divisor, name, looks[number] if number < 2 else line(name, number))
+    nominal, machine = identification.campaign.machine, identification.machine
+    kind, weight = kind_of(machine), combined_weight(machine, identification.after)
+    at, force = force_balance(machine, identification.after)
+    # Many points near standstill, where the law turns over.
+    half = 1.1 * float(np.max(np.abs(at), initial=1e-3)) * np.linspace(0.0, 1.0, 200) ** 3
+    speed, over = np.concatenate([-half[:0:-1], half]), 1.0 if weight is None else weight
+    quantity = "torque" if kind.friction.unit == "N m" else "force"
+    head = "friction force / weight (–)" if weight else f"friction {quantity} ({kind.friction.unit})"
+    panels = Panels("Friction law", [head], x_title=f"speed ({kind.moved.speed_unit})")
+    # Every so many points, in order of speed: a cloud has no peaks that min-max thinning would keep.
+    order = np.argsort(at)[:: max(len(at) // 1400, 1)]
+    points = {"size": 4, "color": GREY, "opacity": 0.35}
+    panels.line(0, 0, at[order], force[order] / over, "force balance of the log", {}, mode="markers", marker=points)
+    dashed = {"color": BLACK, "dash": "6px,3px", "width": 2.0}
+    panels.line(0, 0, speed, law(machine, speed) / over, "identified", line("simulated", width=2.4))
+    panels.line(0, 0, speed, law(nominal, speed) / over, "nominal", dashed)
     return panels.figure(520)
 
 
-def level_history(levels: Mapping[str, Sequence[float]], unit: str = "N") -> Figure:
+def history(identification: Identification) -> Figure:
     """The friction levels over the paper's iterations, a line a level; iteration 0 is the start."""
+    levels, unit = identification.levels, kind_of(identification.machine).friction.unit
     panels = Panels("Friction levels over the iterations", [f"level ({unit})"], x_title="iteration")
-    for number, (name, values) in enumerate(levels.items()):
-        colour, dash = SPARE[number % len(SPARE)]
-        marker = {"symbol": MARKERS[number % len(MARKERS)], "size": 9}
-        x, y = np.arange(len(values), dtype=float), np.asarray(values, dtype=float)
+    both = zip(direction_names(identification.machine), (levels.forward, levels.backward), strict=True)
+    for number, (name, values) in enumerate(both):
+        colour, dash = SPARE[number]
+        marker = {"symbol": MARKERS[number], "size": 9}
         look = {"color": colour, "dash": dash, "width": 2.0}
-        panels.line(0, 0, x, y, name, look, unit, mode="lines+markers", marker=marker)
+        rounds = np.arange(len(values), dtype=float)
+        panels.line(0, 0, rounds, np.asarray(values), name, look, unit, mode="lines+markers", marker=marker)
     figure = panels.figure(480)
-    longest = max((len(v) for v in levels.values()), default=1)
-    figure.update_xaxes(tickmode="linear", dtick=max(1, longest // 12))
-    return figure
+    return figure.update_xaxes(tickmode="linear", dtick=max(1, len(levels.forward) // 12))
 
 
 def correlation_matrix(names: Sequence[str], correlation: Array) -> Figure:
     """The fit's correlation matrix (m, m): what is near ±1 the data cannot tell apart."""
     import plotly.graph_objects as go
 
-    values = np.asarray(correlation, dtype=float)
     heat = {
-        "type": "heatmap",
-        "z": values,
-        "x": list(names),
-        "y": list(names),
-        "zmin": -1.0,
-        "zmax": 1.0,
+        "type": "heatmap", "z": correlation, "x": list(names), "y": list(names), "zmin": -1.0, "zmax": 1.0,
         # Blue, white, orange-red: Okabe and Ito's blue and vermillion as ends.
-        "colorscale": [[0.0, "#0072B2"], [0.5, "#FFFFFF"], [1.0, "#D55E00"]],
-        "text": [[f"{value:.2f}" for value in row] for row in values],
-        "texttemplate": "%{text}",
-        "textfont": {"color": BLACK},
-        "colorbar": {"title": {"text": "correlation (–)"}},
+        "colorscale": [[0.0, BLUE], [0.5, "#FFFFFF"], [1.0, VERMILLION]], "texttemplate": "%{z:.2f}",
+        "textfont": {"color": BLACK}, "colorbar": {"title": {"text": "correlation (–)"}},
         "hovertemplate": "%{y} and %{x}: %{z:.3f}<extra></extra>",
-    }
+    }  # fmt: skip
     size = 220 + 48 * len(names)
     layout = {
-        "template": TEMPLATE,
-        "height": size,
-        "width": size + 160,
+        "template": TEMPLATE, "height": size, "width": size + 160, "yaxis": {"autorange": "reversed"},
         "title": {"text": "Correlation of the fitted parameters"},
-        "yaxis": {"autorange": "reversed"},
-    }
+    }  # fmt: skip
     return go.Figure({"data": [heat], "layout": layout})
 
 
@@ -373,13 +323,6 @@ def save_identify_page(identification: Identification, path: Path) -> None:
 
 def correlations(identification: Identification) -> Figure:
     return correlation_matrix([free.key for free in identification.fit.free], identification.fit.correlation)
-
-
-def history(identification: Identification) -> Figure:
-    machine = identification.machine
-    forward, backward = direction_names(machine)
-    levels = {forward: identification.levels.forward, backward: identification.levels.backward}
-    return level_history(levels, kind_of(machine).friction.unit)
 
 
 # For notebooks.

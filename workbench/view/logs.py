@@ -15,14 +15,12 @@ from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.logs import Campaign
 from workbench.logs.importing import Proposed
-from workbench.machines import plant_of
 from workbench.study.labels import metric_label
 from workbench.view.numbers import figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
 from workbench.view.replay import input_profiles
 from workbench.view.style import BLUE, line
-from workbench.view.words import words_of
 
 
 def run_figure(run: Run, signals: Sequence[str] | None = None) -> Any:
@@ -87,7 +85,7 @@ def _run_columns(campaign: Campaign) -> Mapping[str, Sequence[Any]]:
 
 def _inputs(campaign: Campaign) -> Any:
     machine = campaign.machine
-    return input_profiles(campaign.runs, plant_of(machine).input, words_of(machine).unit)
+    return input_profiles(machine, campaign.runs)
 
 
 CAMPAIGN = View({"runs": _runs}, {"input": _inputs}, _run_columns, index="run")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,19 +16,10 @@ from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of, plant_of
 from workbench.simulate.replay import Replay, ReplayResult
+from workbench.view import style
 from workbench.view.numbers import MOST, figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels, ranges_below_names
-from workbench.view.style import (
-    BLACK,
-    LINE_AFTER,
-    LINE_BEFORE,
-    NOISE_DASH,
-    PURPLE,
-    REST,
-    WINDOW,
-    line,
-)
 from workbench.view.words import words_of
 
 if TYPE_CHECKING:
@@ -44,28 +35,37 @@ RESIDUAL_NOTE = (
     "the scale is that of the motion."
 )
 Stretches = Sequence[tuple[float, float]]
-Places = list[tuple[int, int]]
 
 
 # Table, sentences, JSON.
 
 
-def table(machine: Hoist | Axis, result: ReplayResult) -> Table:
-    """A line a run, and one for all."""
-    rows = [measures(run.name, run, run.balance.noise_rms) for run in result.runs]
-    if len(rows) > 1:
-        rows.append(measures("all runs", result, result.noise_rms))
-    return Table(columns(machine, "run"), rows, note(machine, result))
+class Measure(NamedTuple):
+    """One figure of a run, or of all runs: its column, its key in replay.json, its field here, its value."""
+
+    column: Column
+    key: str
+    field: str
+    value: float
+
+    @property
+    def text(self) -> str:
+        return _percent(self.value) if self.column.unit == "%" else figures(self.value)
 
 
-def columns(machine: Hoist | Axis, first: str) -> list[Column]:
-    """The columns of `measures`, and before them one of names."""
-    w = words_of(machine)
-    return [
-        words(first), Column("speed error\nopen loop", "%"), Column("speed error\nrestarted", "%"),
-        Column(f"{w.quantity}\nresidual", w.unit), Column("the same,\nmoving", w.unit),
-        Column("sensor\nnoise", w.unit),
-    ]  # fmt: skip
+def measures(machine: Hoist | Axis, replay: Replay | ReplayResult) -> list[Measure]:
+    """Of a run, or of all."""
+    w, r = words_of(machine), replay
+    noise = r.noise_rms if isinstance(r, ReplayResult) else r.balance.noise_rms
+    residual, rms, restarted = f"{w.quantity}_residual_rms", f"_{w.suffix}", "speed_rmse_percent_restarted_2s"
+    declared = (
+        ("speed error\nopen loop", "%", "speed_rmse_percent", "speed_rmse_percent", r.speed_rmse_percent),
+        ("speed error\nrestarted", "%", restarted, restarted, r.speed_rmse_percent_restarted_2s),
+        (f"{w.quantity}\nresidual", w.unit, residual + rms, "residual_rms", r.residual_rms),
+        ("the same,\nmoving", w.unit, f"{residual}_moving{rms}", "residual_rms_moving", r.residual_rms_moving),
+        ("sensor\nnoise", w.unit, f"noise_rms{rms}", "noise_rms", noise),
+    )
+    return [Measure(Column(head, unit), key, field, value) for head, unit, key, field, value in declared]
 
 
 def _percent(value: float) -> str:
@@ -73,63 +73,52 @@ def _percent(value: float) -> str:
     return f"{value:.2f}" if abs(value) < MOST else figures(value)
 
 
-def measures(name: str, replay: Replay | ReplayResult, noise_rms: float) -> list[str]:
-    """The row of a run, or of all: speed errors, residuals, noise."""
-    return [
-        name,
-        _percent(replay.speed_rmse_percent),
-        _percent(replay.speed_rmse_percent_restarted_2s),
-        figures(replay.residual_rms),
-        figures(replay.residual_rms_moving),
-        figures(noise_rms),
-    ]
+def table(machine: Hoist | Axis, result: ReplayResult) -> Table:
+    """A line a run, and one for all."""
+    rows: list[tuple[str, Replay | ReplayResult]] = [(run.name, run) for run in result.runs]
+    return table_of_replays(machine, "run", [*rows, ("all runs", result)] if len(rows) > 1 else rows, result.band_hz)
 
 
-def note(machine: Hoist | Axis, result: ReplayResult) -> str:
-    """How the columns are made."""
+def table_of_replays(
+    machine: Hoist | Axis, first: str, rows: Sequence[tuple[str, Replay | ReplayResult]], band_hz: float
+) -> Table:
+    """rows: name and figures of each; first: what they are."""
     w = words_of(machine)
-    return (
+    note = (
         f"All rms. Speed errors in per cent of {w.scale}; restarted: set back to the measured motion every 2 s. "
-        f"Residual: measured minus predicted {w.quantity}, both below {result.band_hz:.3g} Hz; moving: without rests; "
+        f"Residual: measured minus predicted {w.quantity}, both below {band_hz:.3g} Hz; moving: without rests; "
         f"noise: that of the logged {w.quantity} in this band."
     )
+    columns = [words(first), *(measure.column for measure in measures(machine, rows[0][1]))]
+    return Table(columns, [[name, *(m.text for m in measures(machine, replay))] for name, replay in rows], note)
 
 
 def sentences(machine: Hoist | Axis, result: ReplayResult, remedy: str = REMEDY) -> list[str]:
     """What these figures say of the model, the drifting one first. remedy: what to do where it explains too little."""
-    return [_open_loop(machine, result), _residual(machine, result, remedy)]
-
-
-def _open_loop(machine: Hoist | Axis, result: ReplayResult) -> str:
-    percent = f"{figures(result.speed_rmse_percent)} %"
-    first = f"Open loop the model is {percent} off; the paper has {PAPER_PERCENT} % for its own machine."
-    kind = kind_of(machine)
+    kind, w, open_loop = kind_of(machine), words_of(machine), f"{figures(result.speed_rmse_percent)} %"
+    first = f"Open loop the model is {open_loop} off; the paper has {PAPER_PERCENT} % for its own machine."
     if kind.nominal_speed is None:
-        return f"{first} That figure adds up every bias from the run's first sample on: judge by the residual."
-    run = result.runs[0].simulated
-    drift = 100.0 * 10.0 / kind.rigid(machine, run.payload_kg).inertia / kind.nominal_speed(machine)
-    return (
-        f"{first} That figure adds up every bias: 1 {kind.drive.unit} of {kind.drive.quantity} that the model "
-        f"does not know moves the speed by {drift:.1f} % within 10 s. Judge by the other columns."
-    )
-
-
-def _residual(machine: Hoist | Axis, result: ReplayResult, remedy: str) -> str:
-    w = words_of(machine)
+        first += " That figure adds up every bias from the run's first sample on: judge by the residual."
+    else:
+        inertia = kind.rigid(machine, result.runs[0].simulated.payload_kg).inertia
+        drift = 100.0 * 10.0 / inertia / kind.nominal_speed(machine)
+        first += (
+            f" That figure adds up every bias: 1 {w.unit} of {w.quantity} that the model does not know moves the speed "
+            f"by {drift:.1f} % within 10 s. Judge by the other columns."
+        )
     moving, noise = result.residual_rms_moving, result.noise_rms
     if not moving > 0.0:
-        return "The machine never moves in these runs: they say nothing of friction or inertia."
+        return [first, "The machine never moves in these runs: they say nothing of friction or inertia."]
     if not noise_is_floor(machine, result):
-        return (
+        return [
+            first,
             f"The {w.quantity} residual is {_percent(result.residual_percent)} % of the {w.quantity} itself. "
-            "Its floor lies above the noise given: that of the position, differentiated twice, comes on top."
-        )
-    if moving <= EXPLAINED * noise:
-        return f"While moving, the residual is {moving / noise:.1f} times the noise: the model explains these runs."
-    return (
-        f"While moving, the residual is {moving / noise:.1f} times the noise: values are off, or the model lacks "
-        f"something. {remedy}"
-    )
+            "Its floor lies above the noise given: that of the position, differentiated twice, comes on top.",
+        ]
+    explained = "the model explains these runs."
+    lacks = f"values are off, or the model lacks something. {remedy}"
+    times = f"While moving, the residual is {moving / noise:.1f} times the noise: " if noise else ""
+    return [first, f"{times}{explained if moving <= EXPLAINED * noise else lacks}"]
 
 
 def noise_is_floor(machine: Hoist | Axis, result: ReplayResult) -> bool:
@@ -140,199 +129,155 @@ def noise_is_floor(machine: Hoist | Axis, result: ReplayResult) -> bool:
 def to_json(campaign: Campaign, result: ReplayResult) -> dict[str, Any]:
     """replay.json: the keys of the format, and beside them the residual while moving, the noise and the notes."""
     machine = campaign.machine
-    result_json: dict[str, Any] = {
+
+    def numbers(replay: Replay | ReplayResult) -> dict[str, Any]:
+        return {measure.key: rounded(measure.value) for measure in measures(machine, replay)}
+
+    share = {f"{words_of(machine).quantity}_residual_percent": rounded(result.residual_percent)}
+    return {
         "format": 1,
         "campaign": campaign.name,
         "machine": machine.name,
-        "runs": [{"name": run.name} | _measures_json(machine, run, run.balance.noise_rms) for run in result.runs],
-        "overall": _measures_json(machine, result, result.noise_rms),
-    }
-    result_json["overall"] |= {
-        f"{words_of(machine).quantity}_residual_percent": rounded(result.residual_percent),
-        "band_hz": rounded(result.band_hz),
-    }
-    return result_json | {"notes": list(campaign.all_notes)}
-
-
-def _measures_json(machine: Hoist | Axis, replay: Replay | ReplayResult, noise_rms: float) -> dict[str, float | None]:
-    w = words_of(machine)
-    return {
-        "speed_rmse_percent": rounded(replay.speed_rmse_percent),
-        "speed_rmse_percent_restarted_2s": rounded(replay.speed_rmse_percent_restarted_2s),
-        f"{w.quantity}_residual_rms_{w.suffix}": rounded(replay.residual_rms),
-        f"{w.quantity}_residual_rms_moving_{w.suffix}": rounded(replay.residual_rms_moving),
-        f"noise_rms_{w.suffix}": rounded(noise_rms),
+        "runs": [{"name": run.name} | numbers(run) for run in result.runs],
+        "overall": numbers(result) | share | {"band_hz": rounded(result.band_hz)},
+        "notes": list(campaign.all_notes),
     }
 
 
 # Figures.
 
 
-def run_grid(title: str, y_title: str, names: Sequence[str]) -> tuple[Panels, Places, int]:
-    """A panel a run: panels, (row, column) of each run, height."""
-    columns = min(SIDE_BY_SIDE, len(names))
-    rows = -(-len(names) // columns)
-    panels = Panels(title, [y_title] * rows, [""] * columns)
-    places = [divmod(index, columns) for index in range(len(names))]
-    for index, name in enumerate(names):
+class Line(NamedTuple):
+    """A line in a run's panel. x, y: (n,)."""
+
+    name: str
+    x: Array
+    y: Array
+    look: Mapping[str, Any]
+
+
+def run_panels(
+    title: str, y_title: str, names: Sequence[str], lines: Sequence[Sequence[Line]], unit: str = "",
+    shaded: Sequence[Sequence[tuple[Stretches, str]]] = (), levels: Sequence[float] = (), limit: float | None = None,
+    x_title: str = "time (s)",
+) -> Figure:  # fmt: skip
+    """A panel a run, two side by side, each with its name in the corner and room for it above the highest value.
+
+    lines: of each run. shaded: of each run stretches of time and their colour. levels: dashed, in each panel. limit: of
+    the vertical axis, both ways.
+    """
+    columns, count = min(SIDE_BY_SIDE, len(names)), len(names)
+    rows = -(-count // columns)
+    panels = Panels(title, [y_title] * rows, [""] * columns, x_title)
+    places = [divmod(index, columns) for index in range(count)]
+    for index, (name, place, drawn) in enumerate(zip(names, places, lines, strict=True)):
         number = "" if index == 0 else str(index + 1)
         panels.annotations.append(
             {"text": f"<b>{name}</b>", "x": 0.01, "y": 0.99, "xref": f"x{number} domain", "yref": f"y{number} domain",
              "xanchor": "left", "yanchor": "top", "showarrow": False, "font": {"size": 12},
              "bgcolor": "rgba(255,255,255,0.75)", "borderpad": 1}
         )  # fmt: skip
-    return panels, places, 150 + max(210 * rows, 330)
-
-
-def runs_figure(panels: Panels, height: int, places: Places, ranges: dict[int, tuple[float, float]] | None) -> Figure:
-    """The figure of a grid of runs. Where the last row is not full, the panel above its empty place ends its column."""
-    figure = panels.figure(height, ranges)
-    columns, count = len(panels.column_titles), len(places)
-    for index in range(max(count - columns, 0), count):
-        figure.layout["xaxis" if index == 0 else f"xaxis{index + 1}"].update(
-            showticklabels=True, title={"text": panels.x_title}
-        )
-    return figure
-
-
-def torque_profiles(runs: Sequence[Run], nominal_torque_nm: float) -> Figure:
-    """Fig. 6: both motors' measured torque over one motor's nominal torque, a panel a run."""
-    panels, places, height = run_grid("Measured motor torque", "torque / nominal", [run.name for run in runs])
-    drawn = []
-    for (row, column), run in zip(places, runs, strict=True):
-        if "torque_motor1_nm" in run and "torque_motor2_nm" in run:
-            torques = {f"motor {number}": run[f"torque_motor{number}_nm"] / nominal_torque_nm for number in (1, 2)}
-        else:
-            torques = {"mean of both motors": run["torque_motor_nm"] / (2.0 * nominal_torque_nm)}
-        for name, torque in torques.items():
-            panels.line(
-                row, column, run.time_s, torque, name, line(name if len(torques) > 1 else "measured", width=1.4)
-            )
-        drawn.append(list(torques.values()))
-    return runs_figure(panels, height, places, ranges_below_names(places, drawn))
-
-
-def input_profiles(runs: Sequence[Run], signal: str, unit: str) -> Figure:
-    """Fig. 6 for an axis: the measured force (torque) in its own unit, a panel a run."""
-    quantity = signal.rpartition("_")[0].replace("_", " ")
-    panels, places, height = run_grid(f"Measured {quantity}", f"{quantity} ({unit})", [run.name for run in runs])
-    for (row, column), run in zip(places, runs, strict=True):
-        panels.line(row, column, run.time_s, run[signal], "measured", line("measured", width=1.2), unit)
-    return runs_figure(panels, height, places, ranges_below_names(places, [[run[signal]] for run in runs]))
-
-
-def speed_comparison(
-    pairs: Sequence[tuple[Run, Run]],
-    nominal_speed: float,
-    rmse_percent: Sequence[float] | None = None,
-    signal: str = "speed_motor_rad_s",
-    restarted: Sequence[Array] = (),
-    scale_name: str = "nominal",
-) -> Figure:
-    """Fig. 8: measured and simulated speed in per cent of `nominal_speed`, a panel a run.
-
-    pairs: (measured, simulated), each with `signal`, in the unit of nominal_speed; their times may differ.
-    rmse_percent: said beside the run's name. restarted: (n,) of each run, at the simulated run's times.
-    """
-    names = [measured.name for measured, _ in pairs]
-    if rmse_percent is not None:
-        names = [f"{name}</b>, RMSE {value:.2f} %<b>" for name, value in zip(names, rmse_percent, strict=True)]
-    panels, places, height = run_grid("Measured and simulated speed", f"speed (% of {scale_name})", names)
-    drawn = []
-    for index, ((row, column), pair) in enumerate(zip(places, pairs, strict=True)):
-        drawn.append([run[signal] * (100.0 / nominal_speed) for run in pair])
-        for name, run in zip(("measured", "simulated"), pair, strict=True):
-            speed = run[signal] * (100.0 / nominal_speed)
-            # The measured line is wide and lies below, so that it is seen where both agree.
-            width = 3.4 if name == "measured" else 1.6
-            panels.line(row, column, run.time_s, speed, name, line(name, width=width), "%")
-        if restarted:
-            speed = restarted[index] * (100.0 / nominal_speed)
-            look = {"color": PURPLE, "dash": "5px,3px", "width": 1.3, "simplify": False}
-            panels.line(row, column, pair[1].time_s, speed, "restarted every 2 s", look, "%")
-    return runs_figure(panels, height, places, ranges_below_names(places, drawn))
-
-
-def torque_residual(
-    names: Sequence[str],
-    times_s: Sequence[Array],
-    residuals: Sequence[Array],
-    unit: str = "N m",
-    noise_rms: float | None = None,
-    windows: Sequence[Stretches] = (),
-    rests: Sequence[Stretches] = (),
-    before: Sequence[Array] = (),
-    limit: float | None = None,
-    alone: Mapping[str, Any] | None = None,
-) -> Figure:
-    """Measured minus predicted torque (or force) over time, a panel a run, both low-passed alike.
-
-    noise_rms: drawn as ± twice its value. windows, rests: for each run stretches to shade, yellow and grey.
-    before: the same of an earlier model, drawn below. limit: of the vertical axis, both ways. alone: the line of a
-    residual with none before it.
-    """
-    quantity = "torque" if unit == "N m" else "force"
-    legend = [] if noise_rms is None else [f"dashed: ± 2 × noise of {noise_rms:.2g} {unit}"]
-    if any(rests):
-        legend.append("grey: at rest or at an end, left out")
-    title = f"{quantity.capitalize()} residual" + (f" ({'; '.join(legend)})" if legend else "")
-    panels, places, height = run_grid(title, f"{quantity} residual ({unit})", names)
-    look = LINE_AFTER if before else dict(alone or LINE_AFTER | {"color": BLACK})
-    for index, place in enumerate(places):
-        if before:
-            panels.line(*place, times_s[index], before[index], "before", LINE_BEFORE, unit)
-        name = "after" if before else "measured − predicted"
-        panels.line(*place, times_s[index], residuals[index], name, look, unit)
-        for level in () if noise_rms is None else (2.0 * noise_rms, -2.0 * noise_rms):
-            panels.level(*place, level, dash=NOISE_DASH)
-        for stretches, colour in ((windows, WINDOW), (rests, REST)):
-            for start, end in stretches[index] if index < len(stretches) else ():
+        for line in drawn:
+            panels.line(*place, line.x, line.y, line.name, dict(line.look), unit)
+        for level in levels:
+            panels.level(*place, level, dash=style.NOISE_DASH)
+        for stretches, colour in shaded[index] if shaded else ():
+            for start, end in stretches:
                 panels.shade(*place, start, end, colour)
-    ranges = None if limit is None else dict.fromkeys({row for row, _ in places}, (-limit, limit))
-    return runs_figure(panels, height, places, ranges)
+    ranges = ranges_below_names(places, [[line.y for line in drawn] or [np.zeros(1)] for drawn in lines])
+    if limit is not None:
+        ranges = dict.fromkeys(ranges, (-limit, limit))
+    figure = panels.figure(150 + max(210 * rows, 330), ranges)
+    # Where the last row is not full, the panel above its empty place ends its column.
+    for index in range(max(count - columns, 0), count):
+        axis = figure.layout["xaxis" if index == 0 else f"xaxis{index + 1}"]
+        axis.update(showticklabels=True, title={"text": x_title})
+    return figure
 
 
 def inputs(machine: Hoist | Axis, result: ReplayResult) -> Figure:
     """Fig. 6: the measured torque of both motors, or an axis' measured input."""
-    runs = [run.balance.run for run in result.runs]
-    kind = kind_of(machine)
-    if kind.motor_torque is not None:
-        return torque_profiles(runs, kind.motor_torque(machine))
-    return input_profiles(runs, kind.plant.input, kind.drive.unit)
+    return input_profiles(machine, [run.balance.run for run in result.runs])
+
+
+def input_profiles(machine: Hoist | Axis, runs: Sequence[Run]) -> Figure:
+    """Fig. 6: both motors' measured torque over one motor's nominal torque, or the measured input in its own unit."""
+    kind, w, drawn = kind_of(machine), words_of(machine), []
+    if kind.motor_torque is None:
+        look = style.line("measured", width=1.2)
+        drawn = [[Line("measured", run.time_s, run[kind.plant.input], look)] for run in runs]
+        return run_panels(f"Measured {w.quantity}", f"{w.quantity} ({w.unit})", [r.name for r in runs], drawn, w.unit)
+    nominal = kind.motor_torque(machine)
+    for run in runs:
+        if "torque_motor1_nm" in run and "torque_motor2_nm" in run:
+            torques = {f"motor {number}": run[f"torque_motor{number}_nm"] / nominal for number in (1, 2)}
+        else:
+            torques = {"mean of both motors": run["torque_motor_nm"] / (2.0 * nominal)}
+        looks = [style.line(name if len(torques) > 1 else "measured", width=1.4) for name in torques]
+        drawn.append([Line(name, run.time_s, y, look) for (name, y), look in zip(torques.items(), looks, strict=True)])
+    return run_panels("Measured motor torque", "torque / nominal", [run.name for run in runs], drawn)
 
 
 def speeds(machine: Hoist | Axis, result: ReplayResult) -> Figure:
-    """Fig. 8: measured, simulated and restarted speed in per cent of the machine's speed scale."""
-    signal = plant_of(machine).speeds[0]
-    pairs = [
-        (Run(run.name, run.balance.run.time_s, {signal: run.balance.motion.speed}), run.simulated)
-        for run in result.runs
+    """Fig. 8: measured, simulated and restarted speed in per cent of the machine's speed scale, a panel a run."""
+    signal, scale = plant_of(machine).speeds[0], kind_of(machine).speed_scale[1]
+    restarted = {"color": style.PURPLE, "dash": "5px,3px", "width": 1.3, "simplify": False}
+    drawn = []
+    for run in result.runs:
+        per_cent, simulated, log = 100.0 / run.speed_scale, run.simulated, run.balance
+        drawn.append([
+            # The measured line is wide and lies below, so that it is seen where both agree.
+            Line("measured", log.run.time_s, per_cent * log.motion.speed, style.line("measured", width=3.4)),
+            Line("simulated", simulated.time_s, per_cent * simulated[signal], style.line("simulated", width=1.6)),
+            Line("restarted every 2 s", simulated.time_s, per_cent * run.restarted, restarted),
+        ])  # fmt: skip
+    names = [f"{run.name}</b>, RMSE {run.speed_rmse_percent:.2f} %<b>" for run in result.runs]
+    return run_panels("Measured and simulated speed", f"speed (% of {scale})", names, drawn, "%")
+
+
+def torque_residual(
+    names: Sequence[str], times_s: Sequence[Array], after: Sequence[Array], unit: str, noise_rms: float,
+    before: Sequence[Array] = (), limit: float | None = None, windows: Sequence[Stretches] = (),
+    rests: Sequence[Stretches] = (), alone: Mapping[str, Any] | None = None,
+) -> Figure:  # fmt: skip
+    """Measured minus predicted torque (or force) over time, a panel a run, both low-passed alike.
+
+    noise_rms: drawn as ± twice its value. before: the same of an earlier model, drawn below. limit: of the vertical
+    axis, both ways. windows, rests: for each run stretches to shade, yellow and grey. alone: the line of a residual
+    with none before it.
+    """
+    quantity = "torque" if unit == "N m" else "force"
+    left_out = "; grey: at rest or at an end, left out" if any(rests) else ""
+    title = f"{quantity.capitalize()} residual (dashed: ± 2 × noise of {noise_rms:.2g} {unit}{left_out})"
+    name = "after" if before else "measured − predicted"
+    look = style.LINE_AFTER if before else alone or style.LINE_AFTER | {"color": style.BLACK}
+    lines = [[Line(name, t, y, look)] for t, y in zip(times_s, after, strict=True)]
+    if before:
+        was = [Line("before", t, y, style.LINE_BEFORE) for t, y in zip(times_s, before, strict=True)]
+        lines = [[first, *rest] for first, rest in zip(was, lines, strict=True)]
+    nothing: Sequence[Stretches] = [()] * len(names)
+    shaded = [
+        [(yellow, style.WINDOW), (grey, style.REST)]
+        for yellow, grey in zip(windows or nothing, rests or nothing, strict=True)
     ]
-    return speed_comparison(
-        pairs,
-        result.runs[0].speed_scale,
-        [run.speed_rmse_percent for run in result.runs],
-        signal,
-        [run.restarted for run in result.runs],
-        kind_of(machine).speed_scale[1],
-    )
+    levels = (2.0 * noise_rms, -2.0 * noise_rms)
+    return run_panels(title, f"{quantity} residual ({unit})", names, lines, unit, shaded, levels, limit)
 
 
 def residuals(machine: Hoist | Axis, result: ReplayResult, before: ReplayResult | None = None) -> Figure:
     """The balance's residual over time, on the scale of what is left while moving; `before` an identification below."""
-    earlier = [] if before is None else [run.balance.residual for run in before.runs]
-    compared = [run.balance for run in result.runs] if before is None else [run.balance for run in before.runs]
+    balances = [run.balance for run in result.runs]
+    compared = balances if before is None else [run.balance for run in before.runs]
     largest = max((float(np.max(np.abs(b.residual[b.moving]), initial=0.0)) for b in compared), default=0.0)
-    floor = 4.0 * result.noise_rms
     return torque_residual(
         [run.name for run in result.runs],
-        [run.balance.run.time_s for run in result.runs],
-        [run.balance.residual for run in result.runs],
+        [b.run.time_s for b in balances],
+        [b.residual for b in balances],
         words_of(machine).unit,
         result.noise_rms,
-        rests=[stretches(run.balance.run.time_s, ~run.balance.moving) for run in result.runs],
-        before=earlier,
-        limit=1.15 * max(largest, floor) or None,
+        () if before is None else [b.residual for b in compared],
+        1.15 * max(largest, 4.0 * result.noise_rms) or None,
+        rests=[stretches(b.run.time_s, ~b.moving) for b in balances],
     )
 
 
@@ -358,16 +303,16 @@ def write_replay(run: Callable[[], ReplayResult], campaign: Campaign, folder: Pa
 def save_replay_page(campaign: Campaign, result: ReplayResult, path: Path) -> None:
     """Write the page of a replay; it needs no network."""
     machine = campaign.machine
+    simulated = (
+        "Simulated: the measured input replayed from the first sample on (the paper's Figure 8). Restarted: set back "
+        "to the measured motion every 2 s."
+    )
     section = Section(
         sentences=[*sentences(machine, result), *notes_line(campaign)],
         tables=[table(machine, result)],
         figures=[
             (inputs(machine, result), INPUTS_NOTE),
-            (
-                speeds(machine, result),
-                "Simulated: the measured input replayed from the first sample on (the paper's Figure 8). Restarted: "
-                "set back to the measured motion every 2 s.",
-            ),
+            (speeds(machine, result), simulated),
             (residuals(machine, result), RESIDUAL_NOTE),
         ],
     )
@@ -385,12 +330,9 @@ def notes_line(campaign: Campaign) -> list[str]:
 
 def _columns(r: ReplayResult) -> Mapping[str, Sequence[Any]]:
     """One row a run; residual and noise in the unit of the machine's input, N m or N."""
-    names = ("speed_rmse_percent", "speed_rmse_percent_restarted_2s", "residual_rms", "residual_rms_moving")
-    return {
-        "run": [run.name for run in r.runs],
-        **{name: [getattr(run, name) for run in r.runs] for name in names},
-        "noise_rms": [run.balance.noise_rms for run in r.runs],
-    }
+    rows = [measures(r.machine, run) for run in r.runs]
+    numbers = {measure.field: [row[k].value for row in rows] for k, measure in enumerate(rows[0])}
+    return {"run": [run.name for run in r.runs], **numbers}
 
 
 VIEW = View(

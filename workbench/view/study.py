@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -24,13 +23,13 @@ from workbench.study.conclude import (
     Answer,
     Use,
     answer,
-    fronts,
     rank_correlations,
     read_answer,
     sentences,
     utilisation,
 )
-from workbench.study.decide import Decision, choices, decisions
+from workbench.study.decide import TIME, Decision, decisions
+from workbench.study.front import fronts
 from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
 from workbench.study.load import plan_study
 from workbench.study.rows import Row, index_table, metrics_of, with_payload
@@ -51,6 +50,7 @@ from workbench.view.study_figures import (
     tornado,
     torque_speed_plane,
 )
+from workbench.view.style import label
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -58,9 +58,9 @@ if TYPE_CHECKING:
 MARK = "workbench report"
 BEST = "★"
 MOST_SWEPT = 3  # columns of swept values, or one for each axis
-WIDEST_HEAD, WIDEST_RUN = 12, 42  # characters of a head's line and of a run in words
+WIDEST_HEAD, WIDEST_RUN, WIDEST_NAME = 12, 42, 26  # characters of a head's line, of a run in words, of a name
 MOST_LINES = 60  # runs that are listed one by one
-MOST_CURVES, MOST_GROUPS = 6, 3
+MOST_CURVES, MOST_GROUPS, MOST_NAMED = 6, 3, 12
 SWING = "wire_tension_swing_n"
 Result = Finished | StudyResult
 Noted = tuple["Figure", str]
@@ -81,8 +81,7 @@ def run_table(rows: Sequence[Row]) -> Table:
     A failed run has no metrics but those known before it runs.
     """
     swept = _swept(rows)
-    metrics = shown_in(View.SWEPT_RUNS if swept else View.RUNS, metrics_of(rows))
-    return _lines(rows, swept, metrics)
+    return _lines(rows, swept, shown_in(View.SWEPT_RUNS if swept else View.RUNS, metrics_of(rows)))
 
 
 def _lines(rows: Sequence[Row], swept: Sequence[str], metrics: Sequence[Metric], what: str = "") -> Table:
@@ -94,8 +93,8 @@ def _lines(rows: Sequence[Row], swept: Sequence[str], metrics: Sequence[Metric],
         lines.append([*_case_cells(row), *(shown(row.assigned.get(name, "")) for name in swept), *cells])
     fields = []
     for name in swept:
-        label, text = field_label(name), any(isinstance(row.assigned.get(name), str) for row in rows)
-        fields.append(Column("\n".join(_narrow(label.words)), label.unit, "left" if text else "right"))
+        field, text = field_label(name), any(isinstance(row.assigned.get(name), str) for row in rows)
+        fields.append(Column(_narrow(field.words), field.unit, "left" if text else "right"))
     return Table([*_case(rows), *fields, *metric_heads(metrics)], lines, f"{what}{metric_note(metrics)}")
 
 
@@ -110,22 +109,20 @@ def _swept(rows: Sequence[Row]) -> list[str]:
 
 def quantile_table(rows: Sequence[Row]) -> Table:
     """Five lines for each payload and reference; of failed runs their number only."""
-    columns = shown_in(View.QUANTILES, metrics_of(rows))
-    groups: dict[tuple[float, str], list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row.payload_kg, row.reference), []).append(row)
-    names = dict(zip(("least", "5 %", "median", "95 %", "most"), (0.0, *QUANTILES, 1.0), strict=True))
-    lines = []
-    for members in groups.values():
+    columns, lines = shown_in(View.QUANTILES, metrics_of(rows)), []
+    shares = dict(zip(("least", "5 %", "median", "95 %", "most"), (0.0, *QUANTILES, 1.0), strict=True))
+    for case in dict.fromkeys(tuple(_case_cells(row)) for row in rows):
+        members = [row for row in rows if tuple(_case_cells(row)) == case]
         good = [row for row in members if row.ok]
         number = f"{len(good)}" if len(good) == len(members) else f"{len(good)} + {len(members) - len(good)} failed"
-        case = [*_case_cells(members[0]), number]
+        head = [*case, number]
         if not good:
-            lines.append([*case, "", *("–" for _ in columns)])
-        for name, share in names.items() if good else ():
-            values = (np.quantile([row.get(metric.name) for row in good], share) for metric in columns)
-            cells = [metric.text(float(value)) for metric, value in zip(columns, values, strict=True)]
-            lines.append([*(case if share == 0.0 else [""] * len(case)), name, *cells])
+            lines.append([*head, "", *("–" for _ in columns)])
+            continue
+        known = [np.quantile([row.get(metric.name) for row in good], list(shares.values())) for metric in columns]
+        for k, name in enumerate(shares):
+            cells = [metric.text(float(values[k])) for metric, values in zip(columns, known, strict=True)]
+            lines.append([*(head if k == 0 else [""] * len(head)), name, *cells])
     each = "payload and reference" if metrics_of(rows).payload else "reference"
     note = (
         f"Of each {each} the smallest value, the 5 %, 50 % and 95 % quantiles and the largest value of each column for "
@@ -136,9 +133,7 @@ def quantile_table(rows: Sequence[Row]) -> Table:
 
 def extremes_table(rows: Sequence[Row], axes: Sequence[SweptAxis]) -> Table:
     """The runs at the ends of what matters; where all runs are alike no line."""
-    good = [row for row in rows if row.ok]
-    columns = shown_in(View.EXTREMES, metrics_of(rows))
-    lines = []
+    good, columns, lines = [row for row in rows if row.ok], shown_in(View.EXTREMES, metrics_of(rows)), []
     for metric in columns:
         known = [row for row in good if np.isfinite(row.get(metric.name))]
         values = np.array([row[metric.name] for row in known])
@@ -154,7 +149,7 @@ def extremes_table(rows: Sequence[Row], axes: Sequence[SweptAxis]) -> Table:
 
 def metric_heads(metrics: Sequence[Metric]) -> list[Column]:
     """A column a metric."""
-    return [Column(metric.head or "\n".join(_narrow(metric.label)), metric.shown_unit) for metric in metrics]
+    return [Column(metric.head or _narrow(metric.label), metric.shown_unit) for metric in metrics]
 
 
 def metric_note(metrics: Sequence[Metric]) -> str:
@@ -168,27 +163,29 @@ def metric_note(metrics: Sequence[Metric]) -> str:
     return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
-def _narrow(label: str) -> list[str]:
+def _narrow(text: str) -> str:
     """Words over as many lines as they need to be narrow."""
-    return textwrap.wrap(label, WIDEST_HEAD, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(textwrap.wrap(text, WIDEST_HEAD, break_long_words=False, break_on_hyphens=False))
 
 
-def decision_table(rows: Sequence[Row]) -> Table | None:
-    """A row a reference, the best of each column marked; None where there is nothing to choose."""
-    compared, judged = choices(rows), metrics_of(rows)
+def decision_table(decision: Decision) -> Table | None:
+    """Of each reference its best limits in the time of the one taken; None where there is nothing to choose."""
+    compared, judged = decision.at_equal_time, decision.judged
     if len(compared) < 2:
         return None
-    metrics = [m for m in shown_in(View.DECISION, judged) if not any(math.isnan(c.values[m.name]) for c in compared)]
-    lines = [[c.reference] for c in compared]
-    for metric in metrics:
-        values = [c.values[metric.name] for c in compared]
-        best = min(values, key=abs) if metric.better == "zero" else -metric.worst([-value for value in values])
-        for line, value in zip(lines, values, strict=True):
-            text = metric.text(value)
-            line.append(f"{BEST} {text}" if text == metric.text(best) else text)
-    worst = "The worst of the payloads; " if judged.payload else ""
-    note = f"{worst}{BEST}: the best of the column. {metric_note(metrics)}"
-    return Table([words("reference"), *metric_heads(metrics)], lines, note)
+    chosen = [c for c in decision.criteria if c.name in (judged.peak, TIME, judged.rms_error, SWING)]
+    metrics, lines = [c.metric for c in chosen], []
+    for one in compared:
+        mark = f"{BEST} " if one is decision.taken else ""
+        cells = [metric.text(one.values[metric.name]) for metric in metrics]
+        names = [textwrap.fill(text, WIDEST_NAME) for text in (mark + label(one.reference), one.setting or "as given")]
+        lines.append([*names, *cells, "out" if one.broken else f"{one.total:.2f}"])
+    where = f"At {decision.payload_kg:g} kg each" if judged.payload else "Each"
+    note = (
+        f"{where} reference with its best limits in the time of the one taken ({BEST}), its quickest where none is so "
+        f"quick. Sum: weighted sum of shares; the least is taken. {metric_note(metrics)}"
+    )
+    return Table([words("reference"), words("with"), *metric_heads(metrics), Column("sum")], lines, note)
 
 
 def criteria_table(decision: Decision) -> Table:
@@ -226,43 +223,40 @@ def run_tables(rows: Sequence[Row]) -> list[Table]:
 
 def what_was_run(result: Result) -> Table:
     """Scenario, machine, versions: enough to run it again."""
-    said, manifest, machine = result.scenario, result.manifest, result.machine
-    failed = sum(not row.ok for row in result.rows)
-    payloads = [f"{p:g}" for p in sorted({row.payload_kg for row in result.rows})]
-    some = ", ".join(payloads) if len(payloads) <= 12 else f"{payloads[0]} to {payloads[-1]}, {len(payloads)} values,"
-    commit = manifest.get("commit")
+    said, manifest, machine, rows = result.scenario, result.manifest, result.machine, result.rows
+
+    def few(names: Sequence[str]) -> str:
+        return ", ".join(names) if len(names) <= MOST_NAMED else f"{names[0]} to {names[-1]}, {len(names)} values"
+
+    failed = sum(not row.ok for row in rows)
+    payloads = few([f"{p:g}" for p in sorted({row.payload_kg for row in rows})])
     lines = {
         "machine": f"{machine.name} ({manifest.get('machine_hash', '')})".removesuffix(" ()"),
         "drive": kind_of(machine).looped.drive_words(machine),
-        "payloads": f"{some} kg" if metrics_of(result.rows).payload else "",
-        "references": ", ".join(dict.fromkeys(row.reference for row in result.rows)),
+        "payloads": f"{payloads} kg" if metrics_of(rows).payload else "",
+        "references": ", ".join(dict.fromkeys(row.reference for row in rows)),
         "moves": ", ".join(_move(move) for move in said.get("moves") or ()),
-        "limits": _block(said.get("limits") or {}),
-        "controller": _block(said.get("controller") or {}),
-        "events": _block(said.get("events") or {}),
+        **{name: _block(said.get(name) or {}) for name in ("limits", "controller", "events")},
     }
-    for axis in swept_axes(result.rows):
-        points = [axis.short(point) for point in axis.points]
-        text = ", ".join(points) if len(points) <= 12 else f"{points[0]} to {points[-1]}, {len(points)} values"
-        lines[f"swept: {axis.words}"] = text
-    for column in drawn_columns(result.rows):
-        values = [float(value) for row in result.rows if not isinstance(value := row.assigned[column], str)]
-        label = field_label(column)
-        lines[f"drawn: {label.words}"] = f"{shown(min(values))} to {shown(max(values))} {label.unit}"
-    lines["runs"] = f"{len(result.rows)}" + (f", of which {failed} failed" if failed else "")
+    for axis in swept_axes(rows):
+        lines[f"swept: {axis.words}"] = few([axis.short(point) for point in axis.points])
+    for column in drawn_columns(rows):
+        values = [float(value) for row in rows if not isinstance(value := row.assigned[column], str)]
+        field = field_label(column)
+        lines[f"drawn: {field.words}"] = f"{shown(min(values))} to {shown(max(values))} {field.unit}"
+    lines["runs"] = f"{len(rows)}" + (f", of which {failed} failed" if failed else "")
     if manifest:
         lines["scenario"] = f"{manifest.get('scenario_hash', '')}, seed {manifest.get('seed')}"
         versions = ", ".join(f"{name} {number}" for name, number in (manifest.get("versions") or {}).items())
-        commit_words = f"; commit {str(commit)[:12]}" if commit else ""
-        lines["program"] = f"{versions}; {manifest.get('platform', '')}{commit_words}"
+        commit = f"; commit {str(manifest['commit'])[:12]}" if manifest.get("commit") else ""
+        lines["program"] = f"{versions}; {manifest.get('platform', '')}{commit}"
     return Table([words("what"), words("was run")], [[name, text] for name, text in lines.items() if text])
 
 
 def _move(move: Mapping[str, Any]) -> str:
+    ((key, value),) = ((k, v) for k, v in move.items() if k != "for_s")
     if "for_s" in move:
-        ((key, value),) = ((k, v) for k, v in move.items() if k != "for_s")
         return f"{value:g} {'rad' if 'rad' in key else 'm'}/s for {move['for_s']:g} s"
-    ((key, value),) = move.items()
     word, _, unit = key.partition("_")
     return f"{'rest' if word == 'dwell' else word} {value:g} {unit}"
 
@@ -271,10 +265,8 @@ def _block(block: Mapping[str, Any]) -> str:
     """The values of a block that say something; zeros of nested blocks are left out."""
     parts = []
     for key, value in block.items():
-        if isinstance(value, Mapping) and key in ("hoisting", "lowering"):
-            parts += [f"{key} {field_label(k).of(v)}" for k, v in value.items() if v is not None]
-        elif isinstance(value, Mapping):
-            inner = ", ".join(f"{field_label(k).words} {v:g}" for k, v in value.items() if v)
+        if isinstance(value, Mapping):
+            inner = ", ".join(field_label(k).of(v) for k, v in value.items() if v)
             parts += [f"{key.replace('_', ' ')}: {inner}"] if inner else []
         elif isinstance(value, bool):
             parts.append(f"{key.replace('_', ' ')} {'yes' if value else 'no'}")
@@ -312,9 +304,8 @@ def _heat(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:
         return []
     hot = max(known, key=lambda row: row["thermal_load_percent"])
     load, hoist = hot["thermal_load_percent"], metrics_of(known).payload
-    where = run_in_words(hot, swept_axes(good))
-    owner = "motors'" if hoist else "drive's"
-    text = f"The {owner} thermal load is at most {load:.0f} % of nominal ({where})"
+    text = f"The {'motors' if hoist else 'drive'}' thermal load is at most {load:.0f} % of nominal ({{}})"
+    text = text.replace("drive'", "drive's").format(run_in_words(hot, swept_axes(good)))
     if load > 100.0 and hoist and _closes(scenario):
         pause = hot["i2t_s"] * (1.0 - 100.0 / load)
         text += f": repeated without end the cycle needs {pause:.1f} s more of rest at no torque"
@@ -331,12 +322,12 @@ def _heat(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:
 def _closes(scenario: Mapping[str, Any]) -> bool:
     """Whether the moves end where they began; a jog's end depends on its limits, and events stop a move on its way."""
     start = scenario.get("start_position_m", scenario.get("start_position_rad"))
-    if start is None or any(value is not None for value in (scenario.get("events") or {}).values()):
+    moves = scenario.get("moves") or ()
+    jogs = any("for_s" in move for move in moves)
+    if start is None or jogs or any(value is not None for value in (scenario.get("events") or {}).values()):
         return False
     here = float(start)
-    for move in scenario.get("moves") or ():
-        if "for_s" in move:
-            return False
+    for move in moves:
         target = move.get("to_m", move.get("to_rad"))
         here = here + float(move.get("by_m", move.get("by_rad", 0.0))) if target is None else float(target)
     return abs(here - float(start)) < 1e-9
@@ -359,8 +350,7 @@ def _wire(good: Sequence[Row]) -> list[str]:
     if not good or not metrics_of(good).payload:
         return []
     most = max(good, key=lambda row: row["max_wire_tension_n"])
-    least = min(good, key=lambda row: row["min_wire_tension_n"])
-    axes = swept_axes(good)
+    least, axes = min(good, key=lambda row: row["min_wire_tension_n"]), swept_axes(good)
     text = (
         f"A fall of wire carries between {least['min_wire_tension_n'] / 1000.0:.1f} kN ({run_in_words(least, axes)}) "
         f"and {most['max_wire_tension_n'] / 1000.0:.1f} kN ({run_in_words(most, axes)})"
@@ -370,11 +360,11 @@ def _wire(good: Sequence[Row]) -> list[str]:
 
 
 def decision(result: Result) -> list[Table]:
-    """What decides: a row a reference, the criteria at the heaviest payload, the use of what the machine bears."""
-    uses, first = utilisation(result.rows, result.machine), decision_table(result.rows)
-    made = [one for one in _decisions(result) if one.taken is not None and len(one.candidates) > 1]
-    criteria = [criteria_table(made[-1])] if made else []
-    return [*([first] if first is not None else []), *criteria, *([utilisation_table(uses)] if uses else [])]
+    """What decides: at each payload a row a reference, the criteria at the heaviest, the use of what is borne."""
+    made, uses = _decisions(result), utilisation(result.rows, result.machine)
+    tables = [table for one in made[-MOST_GROUPS:] if (table := decision_table(one)) is not None]
+    criteria = [criteria_table(made[-1])] if made[-1].rival is not None else []
+    return [*tables, *criteria, *([utilisation_table(uses)] if uses else [])]
 
 
 def _decisions(result: Result) -> list[Decision]:
@@ -393,17 +383,18 @@ def figures_of(result: Result) -> list[Noted]:
     if not good:
         return []
     axes, drawn, beside = swept_axes(result.rows), drawn_columns(result.rows), [r for r in _beside(result) if r.ok]
-    figures: list[Noted] = []
+    judged, figures = metrics_of(good), list[Noted]()
     if any(".limits." in column for axis in axes for column in axis.columns):
         note = (
             "Each point is a run; the line joins those that no other run beats in both. The knee is the run farthest "
             "below the line between the front's ends: beyond it on either side a little of one cost is bought dearly."
         )
-        seconds = [name for name in (metrics_of(good).peak, SWING) if all(name in row.metrics for row in good)]
-        figures += [(pareto(good, fronts(good, name)[-MOST_GROUPS:], axes, name), note) for name in seconds]
+        every = [*good, *(row for row in beside if row.assigned.keys() == good[0].assigned.keys())]
+        names = [name for name in (judged.peak, SWING) if all(name in row.metrics for row in every)]
+        figures += [(pareto(every, fronts(every, name)[-MOST_GROUPS:], axes, name), note) for name in names]
     elif beside:
         taken = {d.payload_kg: d.taken.values for d in _decisions(result) if d.taken is not None}
-        names = [name for name in (metrics_of(good).peak, metrics_of(good).rms_error, SWING) if name in good[0].metrics]
+        names = [name for name in (judged.peak, judged.rms_error, SWING) if name in good[0].metrics]
         note = (
             "Each line is a family of references, slowed down by its limits; of each time its best limits. Filled: "
             "runs of the study; open: run beside it; star: taken."
@@ -418,11 +409,10 @@ def figures_of(result: Result) -> list[Noted]:
 
 
 def _scatter(good: Sequence[Row], drawn: Sequence[str]) -> list[Noted]:
-    groups: dict[str, list[Row]] = {}
+    judged, groups = metrics_of(good), dict[str, list[Row]]()
     for row in good:
-        case = f"{row.payload_kg:g} kg, {row.reference}" if with_payload(row) else row.reference
+        case = f"{row.payload_kg:g} kg, {row.reference}" if judged.payload else row.reference
         groups.setdefault(case, []).append(row)
-    judged = metrics_of(good)
     ranked = [(name, rank_correlations(rows, drawn, judged.peak)) for name, rows in groups.items()]
     ranked = [group for group in ranked if group[1]][-MOST_GROUPS:]
     names = [m.name for m in shown_in(View.SPREAD, judged) if all(row.metrics.get(m.name) is not None for row in good)]
@@ -439,9 +429,8 @@ def _over(result: Result, good: Sequence[Row], axis: SweptAxis) -> Noted:
     figure = metrics_over_axis(good, axis, kind_of(machine).looped.nominal(machine), peak_limit(machine))
     several = len(good) > len({(row.payload_kg, row.reference, axis.at(row)) for row in good})
     note = "The line is the worst of the runs at a value, the band all of them." if several else ""
-    if len(axis.columns) > 1:
-        note = f"{axis.words.capitalize()} are walked together. {note}".strip()
-    return figure, note
+    together = f"{axis.words.capitalize()} are walked together. " if len(axis.columns) > 1 else ""
+    return figure, f"{together}{note}".strip()
 
 
 def peaks_figure(result: Result) -> Figure:
@@ -463,33 +452,31 @@ def _curves(result: Result) -> list[Noted]:
     runs, what = chosen_runs(result)
     if not runs:
         return []
-    figures = [(start_figure(result), what)]
+    start = (start_figure(result), what)
     if kind_of(result.machine).looped.position_loop:
-        return [*figures, (runs_figure(result), what)]
+        return [start, (runs_figure(result), what)]
     shaded = "Where a fall of wire is slack the panel of its tension is shaded."
     within = "Within the continuous line for as long as one likes, up to the peak line for a while."
-    return [
-        *figures,
-        (runs_figure(result), f"{what} {shaded}".strip()),
-        (plane(runs, result.machine), f"{what} {within}".strip()),
-    ]
+    whole = (runs_figure(result), f"{what} {shaded}".strip())
+    return [start, whole, (plane(runs, result.machine), f"{what} {within}".strip())]
 
 
 def runs_figure(result: Result) -> Figure:
     """The runs over time."""
-    return _over_time(result, "Closed loop over time", None)
+    return _over_time(result, "Closed loop over time", whole=True)
 
 
 def start_figure(result: Result) -> Figure:
     """The start of the first move."""
-    return _over_time(result, "Start of the first move", start_of_move(result))
+    return _over_time(result, "Start of the first move", whole=False)
 
 
-def _over_time(result: Result, title: str, window_s: tuple[float, float] | None) -> Figure:
+def _over_time(result: Result, title: str, whole: bool) -> Figure:
     runs = chosen_runs(result)[0]
     if not runs:
         raise InputError("there is nothing to draw: it takes a run that ends and keeps its signals")
-    return over_time(runs, result.machine, title, window_s, QUANTITIES[: 3 if window_s else 4])
+    window_s = None if whole else start_of_move(result)
+    return over_time(runs, result.machine, title, window_s, QUANTITIES[: 4 if whole else 3])
 
 
 def over_time(

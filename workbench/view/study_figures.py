@@ -12,7 +12,8 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.machines import Kind
 from workbench.metrics import Metric, View, shown_in
-from workbench.study.conclude import NO_CHANGE, Correlation, Front, cost
+from workbench.study.conclude import NO_CHANGE, Correlation
+from workbench.study.front import Front
 from workbench.study.labels import SweptAxis, drawn_in, metric_label, run_in_words, set_in, shown
 from workbench.study.rows import Row, metrics_of
 from workbench.view.panels import Panels
@@ -281,8 +282,9 @@ def metrics_over_axis(
         look = line(kind, number)
         for column, payload in enumerate(loads):
             here = [row for row in good if row.reference == kind and row.payload_kg == payload]
+            by_point = axis.grouped(here)
             for level, metric in enumerate(metrics):
-                groups = [[metric.scale * row[metric.name] for row in here if axis.at(row) == p] for p in axis.points]
+                groups = [[metric.scale * row[metric.name] for row in by_point.get(p, ())] for p in axis.points]
                 low, high = (np.array([f(g) if g else np.nan for g in groups]) for f in (min, max))
                 worst, other = (low, high) if metric.better == "higher" else (high, low)
                 if max(map(len, groups), default=0) > 1:
@@ -406,7 +408,7 @@ def _knee(panels: Panels, column: int, knee: Row, costs: tuple[str, str]) -> Non
 
 
 def _costs(rows: Sequence[Row], name: str) -> Array:
-    return drawn_in(name)[1] * np.array([cost(row, name) for row in rows])
+    return drawn_in(name)[1] * np.array([row[name] for row in rows])
 
 
 Taken = Mapping[float, Mapping[str, float]]

@@ -30,8 +30,9 @@ from workbench.machines.files import machine_text
 from workbench.metrics import View, columns, shown_in
 from workbench.references import BASELINE
 from workbench.study.beside import damping_sentence, over_payload, over_ramps
-from workbench.study.conclude import SIGN, alarm, fronts, sentences, utilisation
+from workbench.study.conclude import SIGN, alarm, sentences, utilisation
 from workbench.study.decide import Decision, decisions, take_sentences
+from workbench.study.front import fronts
 from workbench.study.labels import swept_axes
 from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row, metrics_of
@@ -234,9 +235,10 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     if (alarmed := alarm(utilisation(rows, machine))) is not None:
         st.error(plain(powers(alarmed)), icon=":material/warning:")
     _failures(rows)
-    shown = view.decision_table(rows)
+    made = _weighed(result)[0]
+    shown = view.decision_table(made[-1]) if made else None
     if shown is not None:
-        table(replace(shown, rows=[[label(name), *cells] for name, *cells in shown.rows], note=""))
+        table(replace(shown, note=""))
     _lights(result, shown.note if shown is not None else "")
 
 

@@ -197,8 +197,8 @@ class Search:
         """The fit of the base parameters alone, without an effect."""
         if self._base is None:
             self._tell(Progress(Stage.SEARCH, Task.BASE))
-            begin = self._start() if self.begin is None else self.begin
-            self._base = fit_hypothesis(self.problem, (), self.held, begin, LAST_ROUND)
+            fits = [fit_hypothesis(self.problem, (), self.held, z, LAST_ROUND) for z in self._starts()]
+            self._base = min(fits, key=lambda fit: fit.objective)
         return self._base
 
     def late_s(self) -> float:
@@ -209,14 +209,18 @@ class Search:
         late = float(fit.z[self._place_of(self.base[LOG_TIMING])][0])
         return late * self.base[LOG_TIMING].scale if late > TOO_LATE else 0.0
 
-    def _start(self) -> Array:
-        """z where the base fit begins: nominal, with a little of each nuisance that keeps a state. Such a one may show
-        nothing at exactly zero, and a fit would stay there."""
-        z = np.zeros(self.count)
-        for key, parameter in self.nuisances.items():
-            if self.problem.effect(key.partition(".")[0]).memory:
-                z[self._place_of(parameter)] = BEGUN * np.array(parameter.prior_std)
-        return z
+    def _starts(self) -> list[Array]:
+        """z where the base fit begins: nominal or as another search has found it, with a little of each nuisance that
+        keeps a state, and with none. Such a one has minima of its own, and at exactly zero it may show nothing."""
+        without, little = np.zeros(self.count), np.zeros(self.count)
+        if self.begin is not None:
+            without, little = self.begin.copy(), self.begin.copy()
+        states = [one for key, one in self.nuisances.items() if self.problem.effect(key.partition(".")[0]).memory]
+        for parameter in states:
+            without[self._place_of(parameter)] = 0.0
+            if self.begin is None:
+                little[self._place_of(parameter)] = BEGUN * np.array(parameter.prior_std)
+        return [little, without] if states else [little]
 
     def causes(self, most: int, refitted: int, least: float) -> SearchResult:
         """The fits of single effects, `refitted` of them; then one further effect after the other beside the leading

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
+from scipy.stats import norm
 
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
@@ -24,9 +25,9 @@ from workbench.diagnose.hypotheses.evidence import (
     same_but_freer,
     weigh,
 )
-from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of
-from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, significance
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
@@ -35,7 +36,7 @@ from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of
 
 SAME = 0.5  # evidence between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
-WORSE = 1.02  # of the held-out residual without one of its effects
+SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
 OTHER, BOUND = "the other effect", "a bound"  # what speaks against a fit that is none of its law
 
 
@@ -125,27 +126,40 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
 
 
 def judged_to_help(search: SearchResult) -> Judged:
-    """The verdict. A cause is not named if its correction makes held-out runs worse, nor beside others if it makes
-    them clearly worse."""
+    """The verdict. A cause is not named if its correction makes held-out runs worse, nor beside others if what it gains
+    there is not significant."""
     barred: list[Names] = []
     while True:
         judged = judge(search, barred)
-        if not judged.names or not harmful(search, judged.names):
+        if not judged.names or (deserved(search, judged.names)):
             return judged
         barred.append(judged.names)
 
 
-def harmful(search: SearchResult, names: Names) -> bool:
-    """Whether held-out runs are predicted worse with a hypothesis than without its effects, or clearly worse than
-    without one of them: what only relieves the tolerances takes nothing off the residual."""
-    problem, folds = search.problem, folds_by_run(search.problem)
+def deserved(search: SearchResult, names: Names) -> bool:
+    """Whether held-out runs are predicted no worse with a hypothesis than without its effects, and significantly better
+    than without any one of several, at SIGNIFICANT for all that they were chosen from."""
+    problem, folds, fit = search.problem, folds_by_run(search.problem), search.fits[names]
+    after, before = (held_out(problem, one, folds).rms(problem.inputs) for one in (fit, search.within_tolerances))
+    if after > before or len(names) == 1:
+        return after <= before
+    chosen_from = len({name for known in search.fits for name in known})
+    least = float(norm.isf(SIGNIFICANT / chosen_from))
+    return all(significance(problem, without(search, fit, name), fit) > least for name in names)
 
-    def left(fit: Fitted) -> float:
-        return held_out(problem, fit, folds).rms(problem.inputs)
 
-    after, parts = left(search.fits[names]), [part for part in combinations(names, len(names) - 1) if part]
-    clearly = [left(search.fits[part]) for part in parts if part in search.fits]
-    return after > left(search.within_tolerances) or any(after > WORSE * without for without in clearly)
+def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
+    """A fit with one effect less: that of the search, or refitted from the values beside the effect."""
+    rest = tuple(other for other in fit.effects if other != name)
+    known = search.fits.get(tuple(sorted(rest)))
+    if known is not None:
+        return known
+    count, symbols = len(search.base.z), [{s.split("__")[0] for s in k.values([0.0] * k.size)} for k in fit.free]
+    held = len(search.base.free)
+    kept = [k < held or name not in symbols[k] for k in range(len(fit.free))]
+    z = fit.z[np.repeat(kept, [k.size for k in fit.free])]
+    free = [k for k, keep in zip(fit.free, kept, strict=True) if keep]
+    return fit_hypothesis(search.problem, rest, free, z, base=count)
 
 
 def established(

@@ -1,13 +1,9 @@
-"""The log formats that are read, each declared in its module of this folder, and what docs/formats.md says of them.
-
-`python -m workbench.logs.formats.known docs/formats.md` writes their section between its two marks.
-"""
+"""The log formats that are read, each declared in its module of this folder, and the docs' section on them."""
 
 from __future__ import annotations
 
 import importlib
 import pkgutil
-import sys
 import textwrap
 from pathlib import Path
 
@@ -27,7 +23,6 @@ _NOT_YET = {
     ".dat": "MDF3", ".xlsx": "Excel", ".xls": "Excel", ".gz": "gzip",
     ".zip": "zip", ".h5": "HDF5", ".hdf5": "HDF5", ".feather": "Feather",
 }  # fmt: skip
-BEGIN, END = "<!-- log formats: made by workbench.logs.formats.known -->\n", "<!-- end of log formats -->\n"
 
 
 def suffixes() -> tuple[str, ...]:
@@ -70,14 +65,3 @@ def section() -> str:
 def _cells(limits: Limits) -> str:
     memory = limits.memory_bytes / MB
     return f"{limits.rows / MB:g} million | {limits.bytes / MB:g} MB | {limits.seconds:g} s | {memory:g} MB"
-
-
-def written(page: str) -> str:
-    """The page with the section of today."""
-    before, _, rest = page.partition(BEGIN)
-    return f"{before}{BEGIN}{section()}{END}{rest.partition(END)[2]}"
-
-
-if __name__ == "__main__":
-    file = Path(sys.argv[1])
-    file.write_text(written(file.read_text(encoding="utf-8")), encoding="utf-8")

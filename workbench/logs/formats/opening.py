@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,23 +19,13 @@ from workbench.logs.formats.known import format_of
 
 @dataclass(frozen=True)
 class LogFile:
-    """An open log: its column names; its columns are read when they are asked for.
-
-    row_name(i) names data row i (from 0) as the user finds it: "line 12" or "row 11".
-    """
+    """An open log: its column names. read: its columns, (n,) float64 with NaN for an empty cell, when they are asked
+    for. row_name(i): data row i (from 0) as the user finds it, "line 12" or "row 11"."""
 
     file: Path
     names: tuple[str, ...]
-    columns: Callable[[Sequence[str]], dict[str, Array]]
+    read: Callable[[Sequence[str]], Mapping[str, Array]]
     row_name: Callable[[int], str]
-
-    def read(self, wanted: Sequence[str]) -> Mapping[str, Array]:
-        """Each column (n,) float64 with NaN for an empty cell. InputError when they differ in length."""
-        columns = self.columns(wanted)
-        if len({len(column) for column in columns.values()}) > 1:
-            listed = ", ".join(f"{name} {len(column)}" for name, column in columns.items())
-            raise InputError(f"its columns differ in length: {listed}", file=self.file)
-        return columns
 
 
 @contextmanager
@@ -49,27 +38,29 @@ def open_log(file: Path, *, uploaded: bool = False) -> Iterator[LogFile]:
     """
     log_format = format_of(readable_file(file, "log"))
     limits = log_format.uploaded if uploaded else log_format.own
-    apart = log_format.isolated or uploaded
-    opening: AbstractContextManager[Opened] = (worker.opened if apart else _opened_here)(file, log_format, limits)
+    opening = (worker.opened if log_format.isolated or uploaded else _opened_here)(file, log_format, limits)
     with _naming(file):
         opened = opening.__enter__()
 
-    def columns(wanted: Sequence[str]) -> dict[str, Array]:
+    def read(wanted: Sequence[str]) -> Mapping[str, Array]:
         parts: list[list[Array]] = [[] for _ in wanted]
+        joined = {}
         with _naming(file):
             for column, piece in limits.counted(opened.pieces(wanted, limits), len(wanted)):
                 parts[column].append(piece)
-        joined = {}
-        for name, part in zip(wanted, parts, strict=True):  # pieces are freed as they are joined
-            joined[name] = np.concatenate(part) if part else np.empty(0)
-            part.clear()
+            for name, part in zip(wanted, parts, strict=True):  # pieces are freed as they are joined
+                joined[name] = np.concatenate(part) if part else np.empty(0)
+                part.clear()
+            if len({len(column) for column in joined.values()}) > 1:
+                listed = ", ".join(f"{name} {len(column)}" for name, column in joined.items())
+                raise InputError(f"its columns differ in length: {listed}")
         return joined
 
     try:
-        if len(set(opened.names)) < len(opened.names):
-            doubled = next(name for name in opened.names if list(opened.names).count(name) > 1)
-            raise InputError(f"column '{doubled}' is doubled", file=file)
-        yield LogFile(file, tuple(opened.names), columns, partial(log_format.row_name, file))
+        names = tuple(opened.names)
+        if doubled := [name for name in names if names.count(name) > 1]:
+            raise InputError(f"column '{doubled[0]}' is doubled", file=file)
+        yield LogFile(file, names, read, lambda row: log_format.row_name(file, row))
     finally:
         opening.__exit__(None, None, None)
 
@@ -85,7 +76,7 @@ def expect(files: Iterable[Path], *, uploaded: bool = False) -> None:
         if uploaded or log_format.isolated:
             imports |= dict.fromkeys(log_format.imports)
     if imports:
-        worker.start_early(tuple(imports))
+        worker.start_early(imports)
 
 
 @contextmanager

@@ -1,12 +1,11 @@
-"""The process that parses logs which may be damaged, what it may touch, and how this process talks with it.
+"""Logs parsed apart: a process that may die, and that can open nothing but the one log.
 
-Where the system can fork, the worker never touches a file: it loads the parsers once, and each log is parsed by a child
-of its own, with limits on processor time and memory, which can open nothing but that log. A child that dies takes the
-worker with it, by exit status 128 + signal. Elsewhere (Windows) the worker parses one log and ends, and only time is
-limited.
+Where the system can fork, the worker itself never touches a file: it loads the parsers once, and each log is parsed by
+a child of its own, with limits on processor time and memory. A child that dies takes the worker with it, by exit status
+128 + signal. Elsewhere (Windows) the worker parses one log and ends, and only time is limited.
 
-Both sides send frames: a kind, a number and bytes. The bytes are JSON, or samples as they lie in memory; nothing that a
-worker sends is unpickled or executed.
+Either side sends lines of JSON; samples follow theirs as they lie in memory. Nothing that a worker sends is unpickled
+or executed.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -39,23 +38,19 @@ from workbench.logs.formats.declared import Limits, LogFormat, Opened, plain_err
 IDLE_S = 30.0  # without a question for so long, a worker ends
 MOST_IDLE = 2
 WALL = 20.0  # times the limit of processor time: then it is ended whatever it waits for
-MOST_TEXT = 64_000_000  # bytes of a frame of JSON
+MOST_TEXT = 64_000_000  # bytes of a line
 # What text in a file may be in, and errors are written with: a parser can no longer look for it then.
 CODECS = (
     "ascii", "charmap", "cp1252", "cp437", "iso8859_1", "iso8859_15", "latin_1", "raw_unicode_escape",
     "unicode_escape", "utf_16", "utf_16_be", "utf_16_le", "utf_32", "utf_8", "utf_8_sig",
 )  # fmt: skip
-HEAD = struct.Struct("<cIQ")
-IMPORT, OPEN, READ, CLOSE = b"i", b"o", b"r", b"c"  # asked
-NAMES, PIECE, DONE, ERROR = b"n", b"p", b"d", b"e"  # answered
 # The path is that of this process, so that both load the same files; nothing of the working folder comes first.
 _CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); import workbench.logs.formats.worker as w; w.main()"
 _CALM = {
     "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1",
     "ARROW_DEFAULT_MEMORY_POOL": "system", "HDF5_PLUGIN_PRELOAD": "::",  # a file names no library to be loaded
 }  # fmt: skip
-_POSIX = os.name == "posix"
-_CAN_FORK = hasattr(os, "fork") and sys.platform != "win32"
+_CAN_FORK = os.name == "posix"
 
 # Linux has Landlock (kernel 5.13 and newer, unless it is switched off). Source: Linux,
 # Documentation/userspace-api/landlock.rst; the numbers of the system calls are those of every processor.
@@ -69,41 +64,6 @@ _idle: list[Worker] = []
 _lock = threading.Lock()
 
 
-# What both sides say
-
-
-def _send(stream: IO[bytes], kind: bytes, payload: Any = b"", number: int = 0) -> None:
-    """One frame, whole; the payload is bytes or a contiguous array."""
-    view = memoryview(payload).cast("B") if len(payload) else memoryview(b"")
-    for part in (memoryview(HEAD.pack(kind, number, len(view))), view):
-        while part:
-            part = part[stream.write(part) :]  # a stream that is not buffered may take less
-    stream.flush()
-
-
-def _head(stream: IO[bytes]) -> tuple[bytes, int, int]:
-    """(kind, number, length of what follows). EOFError when the other side is gone."""
-    return HEAD.unpack(_filled(stream, bytearray(HEAD.size)))
-
-
-def _text(stream: IO[bytes], length: int) -> Any:
-    """A frame's JSON."""
-    if length > MOST_TEXT:
-        raise EOFError
-    return json.loads(_filled(stream, bytearray(length)))
-
-
-def _filled(stream: IO[bytes], into: Any) -> Any:
-    """`into`, filled with as many bytes as it holds. EOFError when fewer come."""
-    view = memoryview(into).cast("B") if len(into) else memoryview(b"")
-    while view:
-        count = stream.readinto(view)  # type: ignore[attr-defined]
-        if not count:
-            raise EOFError
-        view = view[count:]
-    return into
-
-
 # What runs in the worker
 
 
@@ -111,55 +71,52 @@ def main() -> None:
     """Answers what comes on standard input until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # a shell in the background has its children ignore it
     requests = os.fdopen(0, "rb", buffering=0, closefd=False)
-    answers = os.fdopen(os.dup(1), "wb", buffering=0)
+    answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
-    with contextlib.suppress(EOFError, BrokenPipeError):
-        while not _CAN_FORK or select.select([0], [], [], IDLE_S)[0]:
-            kind, _, length = _head(requests)
-            asked = _text(requests, length)
-            if kind in (IMPORT, OPEN):
-                for name in (*(f"encodings.{codec}" for codec in CODECS), *asked["imports"]):
-                    with contextlib.suppress(ImportError):  # the opener says what is not installed
-                        importlib.import_module(name)
-            if kind == OPEN:
-                _apart(asked, requests, answers) if _CAN_FORK else _serve(asked, requests, answers)
-
-
-def _apart(asked: dict[str, Any], requests: IO[bytes], answers: IO[bytes]) -> None:
-    importlib.import_module(asked["open"][0])
-    child = os.fork()
-    if child == 0:
-        status = 1
-        try:
-            limit(Limits(**asked["limits"]))
-            with contextlib.suppress(OSError):  # the file is gone: the opener says so
-                confine(Path(asked["file"]))
+    while (not _CAN_FORK or select.select([0], [], [], IDLE_S)[0]) and (line := requests.readline()):
+        asked = json.loads(line)
+        for name in (*(f"encodings.{codec}" for codec in CODECS), *asked["imports"]):
+            with contextlib.suppress(ImportError):  # the opener says what is not installed
+                importlib.import_module(name)
+        if "file" in asked and not _CAN_FORK:
             _serve(asked, requests, answers)
-            status = 0
-        finally:
-            os._exit(status)
-    _, how = os.waitpid(child, 0)
-    if (status := os.waitstatus_to_exitcode(how)) != 0:
-        os._exit(128 - status if status < 0 else status)
+        elif "file" in asked:
+            importlib.import_module(asked["open"][0])
+            if (child := os.fork()) == 0:
+                try:
+                    limit(Limits(**asked["limits"]))
+                    with contextlib.suppress(OSError):  # the file is gone: the opener says so
+                        confine(Path(asked["file"]))
+                    _serve(asked, requests, answers)
+                    os._exit(0)
+                finally:
+                    os._exit(1)
+            status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+            if status:
+                os._exit(128 - status if status < 0 else status)
 
 
 def _serve(asked: dict[str, Any], requests: IO[bytes], answers: IO[bytes]) -> None:
-    """One log: its names; then, when they are asked for, its columns."""
+    """One log: its names, then the columns that are asked for."""
     limits = Limits(**asked["limits"])
+
+    def say(payload: Any = b"", **what: Any) -> None:
+        answers.write(json.dumps(what).encode() + b"\n")
+        answers.write(payload)
+        answers.flush()
+
     try:
         with plain_errors(asked["name"], limits):
             module, function = asked["open"]
             opened = getattr(importlib.import_module(module), function)(Path(asked["file"]))
-        _send(answers, NAMES, json.dumps(list(opened.names)).encode())
-        kind, _, length = _head(requests)
-        wanted = _text(requests, length)
-        if kind == READ:
-            with plain_errors(asked["name"], limits):
-                for column, piece in limits.counted(opened.pieces(wanted, limits), len(wanted)):
-                    _send(answers, PIECE, piece, column)
-        _send(answers, DONE)
+        say(names=list(opened.names))
+        wanted = json.loads(requests.readline() or "[]")
+        with plain_errors(asked["name"], limits):
+            for column, piece in limits.counted(opened.pieces(wanted, limits), len(wanted)) if wanted else ():
+                say(np.ascontiguousarray(piece).tobytes(), column=column, samples=len(piece))
+        say()
     except InputError as error:
-        _send(answers, ERROR, json.dumps([error.problem, error.line, error.place]).encode())
+        say(error=[error.problem, error.line, error.place])
 
 
 def landlock_version() -> int:
@@ -196,16 +153,16 @@ def limit(limits: Limits) -> None:
     """Processor time, memory beyond what is held already, no core file, no file written. POSIX only."""
     import resource
 
-    def bound(which: int, most: int, beyond: int = 0) -> None:
-        with contextlib.suppress(ValueError, OSError):
-            resource.setrlimit(which, (most, most + beyond))
-
-    bound(resource.RLIMIT_CPU, max(1, round(limits.seconds)), beyond=2)  # at the second one comes SIGKILL
-    bound(resource.RLIMIT_CORE, 0)
-    bound(resource.RLIMIT_FSIZE, 0)
+    seconds = max(1, round(limits.seconds))
+    bounds = {resource.RLIMIT_CPU: (seconds, seconds + 2)}  # at the second one comes SIGKILL
+    bounds |= {resource.RLIMIT_CORE: (0, 0), resource.RLIMIT_FSIZE: (0, 0)}
     with contextlib.suppress(OSError):  # only Linux has this file; macOS does not keep to this limit anyway
         pages = int(Path("/proc/self/statm").read_text().split()[0])
-        bound(resource.RLIMIT_AS, pages * resource.getpagesize() + limits.memory_bytes)
+        most = pages * resource.getpagesize() + limits.memory_bytes
+        bounds[resource.RLIMIT_AS] = (most, most)
+    for which, bound in bounds.items():
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(which, bound)
 
 
 # What this process sees of it
@@ -221,10 +178,10 @@ def opened(file: Path, log_format: LogFormat, limits: Limits) -> Iterator[Opened
         worker.close()
 
 
-def start_early(imports: tuple[str, ...]) -> None:
+def start_early(imports: Iterable[str]) -> None:
     """A worker that loads these modules while the caller goes on."""
     worker = _taken()
-    worker.ask(IMPORT, {"imports": imports})
+    worker.ask({"imports": list(imports)})
     worker.close()
 
 
@@ -240,111 +197,99 @@ def _taken() -> Worker:
 
 
 class Worker:
-    """One worker process; it has one log open at a time.
-
-    `state`: "idle", "open" (the log's names are told, the worker waits), "busy" (an answer is on its way).
-    """
+    """One worker process. idle: no log is open; late: it was ended for the time that it took."""
 
     def __init__(self) -> None:
         # A session of its own: Ctrl-C is for the process that asks, which ends its worker itself.
-        apart: dict[str, Any] = {"start_new_session": True} if _POSIX else {"creationflags": 0x200}
+        apart: dict[str, Any] = {"start_new_session": True} if _CAN_FORK else {"creationflags": 0x200}
         self.process = subprocess.Popen(
             [sys.executable, "-I", "-c", _CODE, json.dumps([path or os.getcwd() for path in sys.path])],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, bufsize=0,
-            env={**os.environ, **_CALM}, **apart,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env={**os.environ, **_CALM},
+            **apart,
         )  # fmt: skip
-        self.requests: Any = self.process.stdin
-        self.answers: Any = self.process.stdout
-        self.state, self.late, self.used_s = "idle", False, time.monotonic()
+        self.requests, self.answers = self.process.stdin, self.process.stdout
+        self.idle, self.late, self.used_s = True, False, time.monotonic()
 
-    def ask(self, kind: bytes, what: object) -> None:
-        try:
-            _send(self.requests, kind, json.dumps(what).encode())
-        except OSError:  # it is gone; the answer that does not come says so
-            self.state = "busy"
+    def ask(self, what: object) -> None:
+        with contextlib.suppress(OSError):  # it is gone: the answer that does not come says so
+            self.requests.write(json.dumps(what).encode() + b"\n")  # type: ignore[union-attr]
+            self.requests.flush()  # type: ignore[union-attr]
+
+    def _answer(self) -> dict[str, Any]:
+        line = self.answers.readline(MOST_TEXT)  # type: ignore[union-attr]
+        answer = json.loads(line) if line.endswith(b"\n") else None
+        if not isinstance(answer, dict):
+            raise EOFError
+        if "error" in answer:
+            self.idle = True
+            problem, number, place = answer["error"]
+            raise InputError(problem, line=number, place=place)
+        return answer
 
     def names(self, file: Path, log_format: LogFormat, limits: Limits) -> list[str]:
         """What columns the log has, before its samples are read."""
-        self.state = "busy"
-        self.ask(OPEN, {
+        self.idle = False
+        self.ask({
             "file": os.path.abspath(file), "name": log_format.name, "imports": log_format.imports,
             "open": (log_format.open.__module__, log_format.open.__qualname__), "limits": asdict(limits),
         })  # fmt: skip
         with self._watched(limits):
-            _, _, length = self._answer(NAMES)
-            listed = _text(self.answers, length)
-        self.state = "open"
-        return [str(name) for name in listed]
+            return [str(name) for name in self._answer()["names"]]
 
     def pieces(self, wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
         """The samples as they come."""
-        self.state = "busy"
-        self.ask(READ, list(wanted))
+        self.idle = not wanted
+        self.ask(list(wanted))
         with self._watched(limits):
-            while (answer := self._answer(PIECE, DONE))[0] == PIECE:
-                _, column, length = answer
-                if column >= len(wanted) or length % 8 or length > limits.bytes:
+            while "column" in (answer := self._answer()):
+                column, samples = int(answer["column"]), int(answer["samples"])
+                if not 0 <= column < len(wanted) or not 0 <= 8 * samples <= limits.bytes:
                     raise EOFError
-                yield column, _filled(self.answers, np.empty(length // 8))
-        self.state = "idle"
+                piece = np.empty(samples)
+                if samples and self.answers.readinto(piece.data) < piece.nbytes:  # type: ignore[union-attr]
+                    raise EOFError
+                yield column, piece
+        self.idle = True
 
     def close(self) -> None:
-        """Close the log. A worker that forks for each log is kept for the next one; one that is still reading, or does
-        not answer, is ended."""
-        if self.state == "open":
-            self.ask(CLOSE, None)
-            with contextlib.suppress(EOFError, InputError, ValueError, KeyError):
-                self._answer(DONE)
-                self.state = "idle"
+        """A worker that forks for each log is kept for the next one, unless its log is open still."""
         self.used_s = time.monotonic()
         with _lock:
-            if kept := self.state == "idle" and _CAN_FORK and len(_idle) < MOST_IDLE:
+            if kept := self.idle and _CAN_FORK and len(_idle) < MOST_IDLE:
                 _idle.append(self)
         if not kept:
             self.end()
 
     def end(self) -> None:
         """Kill it, and what it has started."""
-        self.state = "busy"
         self._kill()
         for stream in (self.requests, self.answers):
             with contextlib.suppress(OSError):
-                stream.close()
+                stream.close()  # type: ignore[union-attr]
         self.process.wait()
+        self.idle = False
 
     def _kill(self) -> None:
         with contextlib.suppress(OSError):
-            if _POSIX:
-                os.killpg(self.process.pid, signal.SIGKILL)
-            else:
-                self.process.kill()
-
-    def _answer(self, *kinds: bytes) -> tuple[bytes, int, int]:
-        kind, number, length = _head(self.answers)
-        if kind == ERROR:
-            problem, line, place = _text(self.answers, length)
-            self.state = "idle"
-            raise InputError(problem, line=line, place=place)
-        if kind not in kinds:
-            raise EOFError
-        return kind, number, length
+            os.killpg(self.process.pid, signal.SIGKILL) if _CAN_FORK else self.process.kill()
 
     @contextmanager
     def _watched(self, limits: Limits) -> Iterator[None]:
         """Ends the worker when it takes too long; an InputError when it dies."""
-        watch = threading.Timer(WALL * limits.seconds, self._end_late)
+
+        def end_late() -> None:
+            self.late = True
+            self._kill()
+
+        watch = threading.Timer(WALL * limits.seconds, end_late)
         watch.daemon = True
         watch.start()
         try:
             yield
-        except (EOFError, ValueError, KeyError) as error:  # nothing more comes, or nothing that makes sense
+        except (EOFError, ValueError, KeyError, TypeError) as error:  # nothing more comes, or nothing that makes sense
             raise InputError(self._cause_of_death(limits)) from error
         finally:
             watch.cancel()
-
-    def _end_late(self) -> None:
-        self.late = True
-        self._kill()
 
     def _cause_of_death(self, limits: Limits) -> str:
         """The cause of the worker's end, as a sentence."""
@@ -353,9 +298,9 @@ class Worker:
         status = self.process.poll()
         self.end()
         number = -status if status is not None and status < 0 else (status or 0) - 128
-        if self.late or (_POSIX and number == signal.SIGXCPU):
+        if self.late or (_CAN_FORK and number == signal.SIGXCPU):
             return f"takes more than {limits.seconds:g} s to read; is it damaged?"
-        if _POSIX and number == signal.SIGKILL:
+        if _CAN_FORK and number == signal.SIGKILL:
             return "takes more memory than there is: its reader was killed"
         name = signal.Signals(number).name if number in {int(known) for known in signal.Signals} else f"status {status}"
         return f"is damaged: it crashes the reader of its format ({name})"
