@@ -2,9 +2,9 @@
 
     python docs/site/notebook.py docs/log_to_decision.ipynb
 
-writes the notebook anew with its outputs, and the first study's picture beside it. Jupyter is not needed; a figure becomes a picture where a Chromium and
-playwright are there, else a line of text. Cells share one namespace and run in a folder of their own that has
-the project's `scenarios`.
+writes the notebook anew with its outputs, and the first study's picture for the README. Jupyter is not needed; a figure
+becomes a picture where a Chromium and playwright are there, else a line of text. Cells share one namespace and run in a
+folder of their own that has the project's `scenarios`.
 """
 
 from __future__ import annotations
