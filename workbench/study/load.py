@@ -21,7 +21,6 @@ from workbench.core.shown import Brief
 from workbench.core.yaml_strict import Document, Place, dotted, dumps, load, problem_lines
 from workbench.effects import check
 from workbench.effects.registry import digests_of
-from workbench.logs import read_campaign
 from workbench.machines import (
     LOOPED,
     SHIPPED,
@@ -404,6 +403,8 @@ def read_recording(block: RecordedBlock, folder: Path, layers: Layered, place: P
     if "\0" in block.campaign or not os.path.exists(path):
         raise layers.error(f"no campaign {str(path)!r}; expected a folder, seen from this file", place)
     try:
+        from workbench.logs import read_campaign
+
         campaign = read_campaign(path, select=[block.run])
     except InputError as error:
         if error.file is not None:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from workbench.analysis.usual import usual_settings
 from workbench.core.errors import InputError
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
@@ -21,8 +20,6 @@ from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS, ResidualTest
-from workbench.diagnose.saved import FILE, write_diagnosis_file
-from workbench.diagnose.unknown import OVER, over_what
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
 from workbench.effects import effects_for
 from workbench.machines import kind_of, plant_of, save_machine
@@ -56,8 +53,8 @@ STAGES = {
     Stage.SEARCH: "searching the effects",
     Stage.JUDGE: "the verdict",
     Stage.LOCATE: "where the gap lies",
-    Stage.SEPARATE: "what these runs can tell apart",
-    Stage.SHRINK: "how far the gap shrinks",
+    Stage.SEPARATE: "which effects these runs discriminate",
+    Stage.SHRINK: "the residual on held-out runs",
     Stage.CONSEQUENCES: "what changes in the control study",
     Stage.WRITE: "writing the report",
 }
@@ -188,6 +185,8 @@ def next_run_sentence(d: Diagnosis) -> str:
 def unknown_sentences(d: Diagnosis) -> list[str]:
     said = [] if d.unknown is None else list(d.unknown.sentences)
     if said and (correction := d.corrected.measured_correction) is not None:
+        from workbench.diagnose.unknown import over_what
+
         said.append(
             f"machine.yaml holds it, over {over_what(correction.over)}, as `measured_correction`, which replay and "
             "study take into account. It is a measurement, no explanation."
@@ -202,11 +201,11 @@ def left_sentence(d: Diagnosis) -> str:
         return ""
     white = sum(test.white for test in runs)
     related = {name: [t.run for t in runs if name in t.related] for t in runs for name in t.related}
-    said = f"In {white} of {len(runs)} runs what is left cannot be told from white noise"
+    said = f"In {white} of {len(runs)} runs the residual is white noise"
     if not related:
-        return f"{said}, and in none it goes together with speed, position or input (99 % bound)."
+        return f"{said}, and in none it correlates with speed, position or input (99 % bound)."
     what = "; ".join(f"with the {name} in {listed(names)}" for name, names in related.items())
-    return f"{said}; it goes together, beyond the 99 % bound, {what}."
+    return f"{said}; it correlates, beyond the 99 % bound, {what}."
 
 
 def plain_summary(d: Diagnosis) -> list[str]:
@@ -331,7 +330,7 @@ def runs_table(d: Diagnosis) -> Table:
 
 
 def left_table(d: Diagnosis) -> Table:
-    """Each run's residual under the delivered machine: whether it is white, and with what it goes together."""
+    """Each run's residual under the delivered machine: whether it is white, and with what it correlates."""
 
     def goes_with(name: str) -> Callable[[ResidualTest], str]:
         def text(test: ResidualTest) -> str:
@@ -543,7 +542,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
         "gap": Section("2. The gap", (), g.sentences, [gap_table(d), runs_table(d)]),
         "where": _where(d, runs),
         "candidates": Section("4. Candidates", (), (), [candidates_table(d, MOST_CANDIDATES)]),
-        "isolability": Section("5. What these runs can tell apart", (), i.sentences, [visible_table(d)], matrix),
+        "isolability": Section("5. Isolability of the effects", (), i.sentences, [visible_table(d)], matrix),
         "verdict": Section(
             "6. Verdict", [v.sentence, alike_sentence(d), against], reasons_of(d), (),
             [(draw.ranking(ranking_table(v.ranking, MOST_RANKED)), "")],
@@ -552,6 +551,8 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
     if d.unknown is not None:
         drawn = []
         if curves := d.unknown.curves:
+            from workbench.diagnose.unknown import OVER
+
             units = [kind_of(d.campaign.machine).ports[curve.acts_on].unit for curve in curves]
             figure = draw.curves(curves, direction_names(d.campaign.machine), OVER, units, d.unknown.law_levels)
             note = "A level for each direction, with a band of two standard errors; positive opposes the motion."
@@ -573,7 +574,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
             (drawn[0][0], f"{left} Yellow: the gap's windows. After: the corrected machine, fitted to all runs."),
             (drawn[1][0], f"{driven} before and after its correction, from the first sample on."),
         ]
-    heading = "7. How far it shrinks"
+    heading = "7. Residual on held-out runs"
     parts["shrink"] = Section(heading, [shrink_sentence(d), *s.sentences], (), [shrink_table(d)], drawn)
     if d.residual_tests:
         bars = (
@@ -633,9 +634,9 @@ def brief_sections(d: Diagnosis) -> list[Section]:
             "What is known of the unknown cause",
             points=[] if d.unknown is None else [*reasons_of(d), *unknown_sentences(d)],
         ),
-        Section("How far it shrinks", [shrink_sentence(d)])
+        Section("Residual on held-out runs", [shrink_sentence(d)])
         if v.word == "no_gap"
-        else Section("How far it shrinks, on held-out runs", tables=[brief_shrink_table(d)]),
+        else Section("Residual on held-out runs", tables=[brief_shrink_table(d)]),
         # The first sentence of the consequences says what was run; the report has it.
         Section("What changes in the control study", points=[d.why_no_consequences] if c is None else c.sentences[1:]),
         Section("Is anything left?", [left_sentence(d)]),
@@ -666,6 +667,8 @@ def write_diagnosis(
             write_next_run(diagnosis, diagnosis.next_run.planned, hidden)
         save_diagnosis_page(diagnosis, hidden / "diagnose.html")
         if keep:
+            from workbench.diagnose.saved import FILE, write_diagnosis_file
+
             write_diagnosis_file(diagnosis, hidden / FILE)
     return diagnosis
 
@@ -673,6 +676,8 @@ def write_diagnosis(
 def write_next_run(d: Diagnosis, planned: Planned, folder: Path) -> None:
     """next_run.csv, the motion as a drive can play it, and next_run.yaml, the same as a scenario of the delivered
     machine."""
+    from workbench.analysis.usual import usual_settings
+
     kind, run, limits = kind_of(d.campaign.machine), planned.run, planned.limits
     unit, speed = kind.moved.unit, run[kind.plant.speeds[0]] * kind.transmission_of(d.campaign.machine)
     gone = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(run.time_s))

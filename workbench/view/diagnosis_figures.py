@@ -13,13 +13,14 @@ from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.location.profiles import Profile
 from workbench.diagnose.residual_tests import ResidualTest
-from workbench.diagnose.tables import Curve
 from workbench.machines import plant_of
 from workbench.view import style
 from workbench.view.replay import Line, Stretches, run_panels, stretches, torque_residual
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+    from workbench.diagnose.tables import Curve
 
 COLUMNS, BETWEEN = 3, 96  # panels side by side; px between two rows
 MOST_RUNS = 12  # that are drawn, those with most of the gap's energy
