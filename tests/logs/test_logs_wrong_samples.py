@@ -11,8 +11,7 @@ from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, hoist_co
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.logs import raw_run, read_campaign
-from workbench.logs.dropouts import Channel
-from workbench.logs.samples import find_spikes
+from workbench.logs.samples import Channel, find_spikes
 from workbench.machines import default_hoist
 
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"

@@ -81,7 +81,7 @@ def command(
 
     from workbench.view.watch import fleet_table, write_page
     from workbench.watch.cause import diagnosed
-    from workbench.watch.change import HEALTHY
+    from workbench.watch.estimate import HEALTHY
     from workbench.watch.fleet import Plan, read_fleet, run_fleet
     from workbench.watch.judge import Rules
     from workbench.watch.store import DamagedError
