@@ -33,13 +33,14 @@ class Sentences:
         return _environment(escape=False).get_template(self._name, globals=self._names).module
 
     def __getattr__(self, macro: str) -> Callable[..., str]:
-        said = getattr(self._module, macro)
+        return lambda *values: " ".join(self.each(macro, *values))
 
-        def line(*values: Any) -> str:
-            # A full stop or a bracket may stand in a line of its own there; a non-breaking space stays one.
-            return re.sub(r" (?=[.,;:)])", "", re.sub(r"[ \n]+", " ", said(*values)).strip())
-
-        return line
+    def each(self, macro: str, *values: Any) -> list[str]:
+        """The sentences of a macro, which empty lines part there."""
+        parts = re.split(r"\n[ \n]*\n", getattr(self._module, macro)(*values))
+        # A full stop or a bracket may stand in a line of its own there; a non-breaking space stays one.
+        lines = (re.sub(r" (?=[.,;:)])", "", re.sub(r"[ \n]+", " ", part).strip(" \n")) for part in parts)
+        return [line for line in lines if line]
 
 
 @cache
