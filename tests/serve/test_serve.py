@@ -240,16 +240,6 @@ def test_a_torque_that_is_no_number_is_not_used_and_does_not_feed_the_watchdog(
     assert session.counts["refused_not_finite"] == 150
 
 
-def test_a_client_twice_as_fast_is_told_once(session: Session, clock: Hand, said: list[str]):
-    for _ in range(2500):
-        session.command(1.0)
-        session.command(session.plant.hold)
-        session.step()
-        clock.now += 0.001
-    assert [line for line in said if "2002 commands a second, the plant takes 1000" in line] == said
-    assert session.plant.signals["position_carriage_m"] == pytest.approx(9.0, abs=1e-6)  # the last one counts
-
-
 def test_a_carriage_that_leaves_the_rail_stands_until_reset(clock: Hand, said: list[str]):
     plant = LivePlant(HOIST, 0.001, 4500.0, HOIST.highest_position_m - 0.5)
     session = Session(plant, 0.001, 0.1, clock=clock, say=said.append)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError
 from workbench.core.names import unit_of
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def inputs(session: Session) -> tuple[Point, ...]:
             _number("payload_kg", "what the carriage holds", "m_p", 0.0, hoist.most_payload_kg),
             _number("slack_m", "wire that came off the drum", "slack_m", 0.0, hoist.most_slack_m),
             Point("brake_late_s", "number", "how late the brake lets go", lambda s: s.brake_late_s,
-                  lambda s, x: s.delay_brake(x), 0.0, MOST_BRAKE_LATE_S),
+                  lambda s, x: setattr(s, "brake_late_s", x), 0.0, MOST_BRAKE_LATE_S),
             Point(BRAKE, "switch", "the brake is asked to hold", lambda s: float(s.brake_asked),
                   lambda s, x: s.ask_brake(bool(x))),
             Point("motor_lost", "switch", "one motor gives no torque", lambda s: float(s.plant.motor_lost),
@@ -128,11 +128,3 @@ def outputs(session: Session) -> tuple[Point, ...]:
         for bit, (name, meaning) in enumerate(FLAGS) if plant.has_brake or name in OF_AXES
     ]  # fmt: skip
     return (*(Point(name, "number", meaning, read) for name, meaning, read in rows), *flags)
-
-
-def point_of(points: tuple[Point, ...], name: str) -> Point:
-    """InputError, with the nearest name, for one that there is not."""
-    for point in points:
-        if point.name == name:
-            return point
-    raise InputError(f"unknown point '{name}'; {nearest(name, [point.name for point in points])}")

@@ -16,7 +16,6 @@ from workbench.serve import points as tables
 from workbench.serve.plant import LiveMachine
 
 SAID_EVERY_S = 5.0  # a complaint of one kind is repeated after that time at the earliest
-TOO_FAST = 1.2  # commands a step, over a second, that are worth a word
 LATE_US = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10000.0)  # upper edges; beyond: the last
 MOST_BEHIND_S = 0.2  # what is caught up; of a longer pause the rest is left out of the plant's time
 
@@ -67,16 +66,11 @@ class Pace:
         """For JSON: counts, the share on time, the histogram of how late steps began."""
         names = [f"<{edge:g} us" for edge in LATE_US] + [f">={LATE_US[-1]:g} us"]
         return {
-            "rate_hz": 1.0 / self.step_s,
-            "steps": self.steps,
-            "on_time": (on_time := self.steps - self.overruns),
-            "on_time_percent": 100.0 * on_time / self.steps if self.steps else 100.0,
-            "overruns": self.overruns,
-            "pauses": self.pauses,
-            "skipped_s": self.skipped_s,
-            "latest_start_ms": 1e3 * self.worst_s,
+            "rate_hz": 1.0 / self.step_s, "steps": self.steps, "on_time": (on_time := self.steps - self.overruns),
+            "on_time_percent": 100.0 * on_time / self.steps if self.steps else 100.0, "overruns": self.overruns,
+            "pauses": self.pauses, "skipped_s": self.skipped_s, "latest_start_ms": 1e3 * self.worst_s,
             "jitter": dict(zip(names, self.late, strict=True)),
-        }
+        }  # fmt: skip
 
 
 def run_at_pace(
@@ -105,15 +99,9 @@ class Session:
     """
 
     def __init__(
-        self,
-        plant: LiveMachine,
-        step_s: float,
-        watchdog_s: float,
-        *,
-        watchdog_brake: bool = True,
-        clock: Callable[[], float],
-        say: Say = lambda line: None,
-    ) -> None:
+        self, plant: LiveMachine, step_s: float, watchdog_s: float, *, watchdog_brake: bool = True,
+        clock: Callable[[], float], say: Say = lambda line: None,
+    ) -> None:  # fmt: skip
         self.plant, self.step_s, self.watchdog_s, self.clock = plant, step_s, watchdog_s, clock
         self._watchdog_brake, self._say_line = watchdog_brake, say
         self.lock = threading.RLock()
@@ -130,13 +118,7 @@ class Session:
         self.brake_late_s: float = 0.0
         self._opens_at: float | None = None  # time of the plant
         self.waits, self.silent, self._halted = True, False, ""
-        self._begin_to_count()
-
-    def _begin_to_count(self) -> None:
-        """What is counted over a second, and the time that was left out, begin with the first command."""
-        self.heard_s = self._since = self.clock()
-        self._commands, self._steps = 0, 0
-        self._skipped_before_s = self.pace.skipped_s
+        self.heard_s, self._skipped_before_s = self.clock(), self.pace.skipped_s
 
     # What a client asks for.
 
@@ -162,10 +144,8 @@ class Session:
                 return False
             self.asked = value
             if self.waits:
-                self.waits = False
-                self._begin_to_count()
+                self.waits, self._skipped_before_s = False, self.pace.skipped_s
             self.counts["commands"] += 1
-            self._commands += 1
             self.heard_s = self.clock()
             if self.silent:
                 self.silent = False
@@ -180,10 +160,6 @@ class Session:
             self.brake_asked = closed
             self._opens_at = None if closed else self.plant.time_s + self.brake_late_s
 
-    def delay_brake(self, late_s: float) -> None:
-        with self.lock:
-            self.brake_late_s = late_s
-
     def reset(self) -> None:
         """Back to the start; the counts go on."""
         with self.lock:
@@ -196,7 +172,7 @@ class Session:
         with self.lock:
             checked = []
             for name, value in values.items():
-                point = tables.point_of((*self.inputs, *self.outputs), str(name))
+                point = self.point(str(name))
                 if point.write is None:
                     raise InputError(f"'{name}' is read only", place=str(name))
                 checked.append((point.write, point.check(value)))
@@ -205,6 +181,13 @@ class Session:
             for write, number in checked:
                 write(self, number)
                 self.counts["orders"] += 1
+
+    def point(self, name: str) -> tables.Point:
+        """InputError, with the nearest name, for one that there is not."""
+        points = {point.name: point for point in (*self.inputs, *self.outputs)}
+        if name not in points:
+            raise InputError(f"unknown point '{name}'; {nearest(name, points)}")
+        return points[name]
 
     def order(self, order: object, who: str | None = None) -> dict[str, Any]:
         """A JSON order: {"set": {name: value}}, {"get": [names]}, {"status": true}, {"points": true}; the answer."""
@@ -216,10 +199,10 @@ class Session:
                 raise InputError(f"unknown order '{key}'; {nearest(str(key), known)}")
         answer: dict[str, Any] = {}
         with self.lock:
-            values, wanted, everything = order.get("set", {}), order.get("get", []), (*self.outputs, *self.inputs)
+            values, wanted = order.get("set", {}), order.get("get", [])
             if not isinstance(values, Mapping):
                 raise InputError("expected names with values", place="set")
-            asked = [tables.point_of(everything, str(x)) for x in (wanted if isinstance(wanted, list) else [wanted])]
+            asked = [self.point(str(x)) for x in (wanted if isinstance(wanted, list) else [wanted])]
             self.set(values, who)
             if values:
                 answer["set"] = sorted(map(str, values))
@@ -271,9 +254,9 @@ class Session:
                 plant.put("brake_closed", 0.0)
             self._move()
             self.counts["steps"] += 1
-            self._steps += 1
-            if now - self._since >= 1.0:
-                self._rate(now)
+            if self.skipped_s > 0.0:
+                left_out = f"{self.skipped_s:.3f} s of the plant's time were left out so far"
+                self._say_rarely("skipped", f"this computer was too late: {left_out}")
 
     def _move(self) -> None:
         """The plant's own step; whatever becomes of it, the session goes on."""
@@ -291,18 +274,6 @@ class Session:
             self.say(f"the carriage left the rail at height {plant.signal('position_carriage_m'):.2f} m{stands}")
         if plant.overloaded and not overloaded:
             self.say(f"a fall of wire carried more than its breaking load, at {plant.time_s:.3f} s of the plant")
-
-    def _rate(self, now: float) -> None:
-        """Once a second: whether the client sends more than is used, or this computer is too late."""
-        if self._commands > TOO_FAST * self._steps:
-            self.counts["superseded"] += self._commands - self._steps
-            rate, takes = self._commands / (now - self._since), f"the plant takes {1.0 / self.step_s:.0f}"
-            last = "the last one before a step counts"
-            self._say_rarely("fast", f"the client sends {rate:.0f} commands a second, {takes}: {last}")
-        if self.skipped_s > 0.0:
-            left_out = f"{self.skipped_s:.3f} s of the plant's time were left out so far"
-            self._say_rarely("skipped", f"this computer was too late: {left_out}")
-        self._since, self._commands, self._steps = now, 0, 0
 
     # What is to be seen.
 
@@ -325,9 +296,7 @@ class Session:
         """Everything at once, for JSON."""
         with self.lock:
             return {
-                "machine": self.plant.machine.name,
-                "controller": self.controller,
+                "machine": self.plant.machine.name, "controller": self.controller,
                 "values": {point.name: point.read(self) for point in self.outputs},
-                "counts": dict(self.counts),
-                "pace": self.pace.record(),
-            }
+                "counts": dict(self.counts), "pace": self.pace.record(),
+            }  # fmt: skip

@@ -54,8 +54,8 @@ STAGES = {
     Stage.SEARCH: "searching the effects",
     Stage.JUDGE: "the verdict",
     Stage.LOCATE: "where the gap lies",
-    Stage.SEPARATE: "what these runs can tell apart",
-    Stage.SHRINK: "how far the gap shrinks",
+    Stage.SEPARATE: "which effects these runs discriminate",
+    Stage.SHRINK: "the residual on held-out runs",
     Stage.CONSEQUENCES: "what changes in the control study",
     Stage.WRITE: "writing the report",
 }
@@ -250,7 +250,7 @@ def runs_table(d: Diagnosis) -> Table:
 
 
 def left_table(d: Diagnosis) -> Table:
-    """Each run's residual under the delivered machine: whether it is white, and with what it goes together."""
+    """Each run's residual under the delivered machine: whether it is white, and with what it correlates."""
 
     def goes_with(name: str) -> Callable[[ResidualTest], str]:
         def text(test: ResidualTest) -> str:
@@ -445,7 +445,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
         ),
         "candidates": Section("4. Candidates", (), (), [candidates_table(d, MOST_CANDIDATES)]),
         "isolability": Section(
-            "5. What these runs can tell apart", (), i.sentences, [visible_table(d)],
+            "5. Isolability of the effects", (), i.sentences, [visible_table(d)],
             [(draw.isolability(i.names, i.angle, v.effects), said.angles())] if len(i.names) > 1 else [],
         ),
         "verdict": Section(
@@ -461,7 +461,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
         drawn = [(figure, said.curves())] if units else []
         parts["unknown"] = Section("What is known of the unknown cause", unknown_sentences(d), (), (), drawn)
     sentences = [shrink_sentence(d), *s.sentences]
-    parts["shrink"] = Section("7. How far it shrinks", sentences, (), [shrink_table(d)], shrinks)
+    parts["shrink"] = Section("7. Residual on held-out runs", sentences, (), [shrink_table(d)], shrinks)
     if d.residual_tests:
         drawn = [(draw.autocorrelations(d.residual_tests), said.autocorrelation())]
         parts["left"] = Section("Is anything left?", [left_sentence(d)], (), [left_table(d)], drawn)
@@ -493,9 +493,9 @@ def brief_sections(d: Diagnosis) -> list[Section]:
             "What is known of the unknown cause",
             points=[] if d.unknown is None else [*reasons_of(d), *unknown_sentences(d)],
         ),
-        Section("How far it shrinks", [shrink_sentence(d)])
+        Section("Residual on held-out runs", [shrink_sentence(d)])
         if v.word == "no_gap"
-        else Section("How far it shrinks, on held-out runs", tables=[brief_shrink_table(d)]),
+        else Section("Residual on held-out runs", tables=[brief_shrink_table(d)]),
         # The first sentence of the consequences says what was run; the report has it.
         Section("What changes in the control study", points=[d.why_no_consequences] if c is None else c.sentences[1:]),
         Section("Is anything left?", [left_sentence(d)]),

@@ -21,9 +21,7 @@ from workbench.watch.estimate import estimate, watched_keys
 from workbench.watch.judge import SAME_PAYLOAD_KG, Alarm, Cause, Cycle, Judge, Judged, Rules, Trend
 from workbench.watch.opcua import Line
 from workbench.watch.store import (
-    FILE,
     Copies,
-    DamagedError,
     OldFormatError,
     Store,
     UnwritableError,
@@ -92,9 +90,7 @@ class Watch:
             for cycle in self.store.cycles():
                 self.judge.add(cycle)
             if list(self.store.said()) != [alarm.cycle for alarm in self.judge.alarms]:
-                what = "its alarms are not those of its cycles"
-                remedy = "'rebuild' makes it anew from cycles.parquet and the logs"
-                raise DamagedError(f"is damaged ({what}); {remedy}", file=state / FILE)
+                self.store.damaged("its alarms are not those of its cycles")
         except BaseException:
             self.store.close()
             raise

@@ -68,8 +68,8 @@ KIND = "gap"
 LISTED, ALL, OWN = "the listed effects", "all effects, the unlisted too", "my own choice"
 SHOWN, TAB = "gap shown", "gap tab"
 STAGES = (
-    "Read the logs", "Search the effects", "Weigh the verdict", "Find the place", "What can be told apart",
-    "How far it shrinks", "What the study says", "Write the report",
+    "Read the logs", "Search the effects", "Weigh the verdict", "Find the place", "Which effects the runs discriminate",
+    "Residual on held-out runs", "What the study says", "Write the report",
 )  # fmt: skip
 PARTS = 800  # that a diagnosis is counted in
 NEARLY = 0.05  # of the gap: what explains so little less may explain it more plainly

@@ -9,7 +9,7 @@ first column that is called a time is the time, else there is none.
 Trends of Rockwell's Studio 5000 have a line `Header:,Date,Time,TAG,…` and lines `Data,DATE,HH:MM:SS;mmm,VALUE,…`. Made
 from two public programs that write and read them (ICS Studio; a trend viewer's parser with its tests), not from an
 export of Rockwell's own. Dates differ by country and are not read: a clock that goes back by hours is the next day.
-Scope: the public exports of CagtayFabry/pytcs, and infosys.beckhoff.com, TE13xx, "Export in csv".
+Scope: the public exports of CagtayFabry/pytcs, and Beckhoff's manual TE13xx, "Export in csv".
 """
 
 from __future__ import annotations
