@@ -76,9 +76,9 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
         read_campaign(folder)
 
     assert "- **made-up** (`.made`): arrays that numpy has saved." in known.section()
-    for name in ("workbench.dashboard.chosen", "workbench.cli.options", "workbench.cli.replay"):
+    for name in ("workbench.dashboard.chosen", "workbench.cli.options", "workbench.cli.measured"):
         monkeypatch.delitem(sys.modules, name, raising=False)
-    from workbench.cli.replay import command
+    from workbench.cli.measured import replay as command
     from workbench.dashboard.chosen import TYPES
 
     assert "made" in TYPES

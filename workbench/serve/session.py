@@ -1,5 +1,5 @@
 """A plant in the hands of one client: what may be read and written (name, unit, range, meaning; every protocol's
-addresses are made from that table), who controls, the latest torque, watchdog, faults, counts, and how late steps began.
+addresses are made from that table), who controls, the latest torque, watchdog, faults, counts, and how late steps are.
 """
 
 from __future__ import annotations

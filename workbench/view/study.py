@@ -176,9 +176,10 @@ def decision_table(decision: Decision) -> Table | None:
     chosen = [c for c in decision.criteria if c.name in (judged.peak, TIME, judged.rms_error, SWING)]
     metrics, lines = [c.metric for c in chosen], []
     for one in compared:
-        mark = f"{BEST} " if one is decision.taken else ""
+        mark, name = f"{BEST} " if one is decision.taken else "", label(one.reference)
+        name = name.removesuffix(", same limits") if one.setting else name
         cells = [metric.text(one.values[metric.name]) for metric in metrics]
-        names = [textwrap.fill(text, WIDEST_NAME) for text in (mark + label(one.reference), one.setting or "as given")]
+        names = [textwrap.fill(text, WIDEST_NAME) for text in (mark + name, one.setting or "as given")]
         lines.append([*names, *cells, "out" if one.broken else f"{one.total:.2f}"])
     where = f"At {decision.payload_kg:g} kg each" if judged.payload else "Each"
     note = (

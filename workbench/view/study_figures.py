@@ -434,7 +434,7 @@ def curves_over_time(
         look, symbol = line(kind, number), MARKERS[number % len(MARKERS)]
         for column, payload in enumerate(payloads):
             here = [row for row in every if row.ok and row.reference == kind and row.payload_kg == payload]
-            for at, name in enumerate(names):
+            for at, name in enumerate(names if here else ()):
                 best = best_at_each_time(here, name)
                 symbols = [symbol if row in good else f"{symbol}-open" for row in best]
                 panels.line(

@@ -1,4 +1,4 @@
-"""Opens a log as columns of numbers, within the limits of its format: in this process, or apart, in one that may die and
+"""Opens a log as columns of numbers, within the limits of its format: here, or apart, in a process that may die and
 that can open nothing but the one log.
 
 Where the system can fork, the worker itself never touches a file: it loads the parsers once, and each log is parsed by
