@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 FAR = 3.0  # tolerances: a value beyond them stands in for something else
 ROW, AROUND = 34, 130  # px: of one value, and of title and axis
 REMEDY = "`workbench diagnose` names what"
+said = replay_view.said
 
 
 # Tables, sentences, JSON.
@@ -49,11 +50,7 @@ def table(fit: Fit) -> Table:
          "no" if free.prior_std is None else "yes"]
         for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True)
     ]  # fmt: skip
-    note = (
-        "held: the nominal value, within its tolerance, counts as one more measurement; else the runs alone decide. "
-        "A name's end is its unit."
-    )
-    return Table(columns, rows, note)
+    return Table(columns, rows, said.held())
 
 
 def keys_table(campaign: Campaign) -> Table:
@@ -76,27 +73,15 @@ def measures_table(identification: Identification) -> Table:
 
 def sentences(identification: Identification, remedy: str = REMEDY) -> list[str]:
     """The reduction of the residual, the paper's iteration, undetermined values, and the remedy."""
-    machine, levels, fit = identification.campaign.machine, identification.levels, identification.fit
-    before, after = identification.before, identification.after
-    w, unit, rounds = words_of(machine), kind_of(machine).friction.unit, len(levels.forward) - 1
-    forward, backward = direction_names(machine)
-    said = [
-        f"The {w.quantity} residual went from {before.residual_percent:.2f} to {after.residual_percent:.2f} % of the "
-        f"{w.quantity} itself.",
-        "The paper's iteration, which leaves all other values nominal, puts friction at "
-        f"{figures(levels.forward[-1], 4)} {unit} {forward} and {figures(levels.backward[-1], 4)} {unit} {backward}; "
-        f"it {'settled' if levels.settled else 'had not settled'} after {rounds} rounds.",
-        *fit.statements,
-    ]
-    off = max(fit.tolerances_off())
-    left, noise = after.residual_rms_moving, after.noise_rms
-    signs = [f"a value is {off:.0f} tolerances off"] if off > FAR else []
-    if left > replay_view.EXPLAINED * noise > 0.0 and replay_view.noise_is_floor(identification.machine, after):
-        signs.append(f"the residual while moving is {left / noise:.1f} times the noise")
-    if signs:
-        text = " and ".join(signs)
-        said.append(f"{text[0].upper()}{text[1:]}: the model may lack something; {remedy}.")
-    return said
+    i, machine, after = identification, identification.campaign.machine, identification.after
+    sentences = said.each(
+        "identified", i, words_of(machine), kind_of(machine).friction.unit, *direction_names(machine)
+    ) + list(i.fit.statements)
+    off, left, noise = max(i.fit.tolerances_off()), after.residual_rms_moving, after.noise_rms
+    above = left > replay_view.EXPLAINED * noise > 0.0 and replay_view.noise_is_floor(i.machine, after)
+    times = left / noise if above else 0.0
+    lacks = [said.lacks(off if off > FAR else 0.0, times, remedy)] if off > FAR or times else []
+    return [*sentences, *lacks]
 
 
 def to_json(identification: Identification) -> dict[str, Any]:
