@@ -6,7 +6,6 @@ import json
 import re
 import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -56,9 +55,7 @@ class Called:
         self.how: dict[str, Any] = {}
         self.answer: Any = made_diagnosis("named")
         self.steps: list[Progress] = []
-        module = ModuleType("workbench.diagnose.diagnose")
-        module.diagnose = self  # type: ignore[attr-defined]
-        monkeypatch.setitem(sys.modules, module.__name__, module)
+        monkeypatch.setattr("workbench.cli.diagnose.cause.diagnose", self)
 
     def __call__(self, campaign: Any, *, tell: Tell, **how: Any) -> Any:
         self.how = {"campaign": campaign, **how}

@@ -16,8 +16,7 @@ from workbench.core.run import Run
 from workbench.logs.campaign import Campaign
 from workbench.machines import Axis, Hoist, get_value
 from workbench.watch.arrivals import Arrivals, Arrived, entry_of
-from workbench.watch.change import WINDOW, Baseline
-from workbench.watch.estimate import estimate, watched_keys
+from workbench.watch.estimate import WINDOW, Baseline, estimate, watched_keys
 from workbench.watch.judge import SAME_PAYLOAD_KG, Alarm, Cause, Cycle, Judge, Judged, Rules, Trend
 from workbench.watch.opcua import Line
 from workbench.watch.store import (
