@@ -25,7 +25,7 @@ from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view.numbers import NOTHING
 from workbench.view.page import Section, save_page
-from workbench.view.style import BLUE, FAINT, GREY, ORANGE, TEMPLATE, VERMILLION, heading
+from workbench.view.style import BLUE, FAINT, GREY, ORANGE, VERMILLION, figure
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -335,13 +335,9 @@ def next_runs_table(cases: Sequence[WithNextRun]) -> Table:
 # Figures
 
 
-def _figure(title: str, height: int, data: list[dict[str, Any]], **layout: Any) -> Figure:
-    """The legend stands below the title."""
-    import plotly.graph_objects as go
-
-    legend = {"y": 1.0 - 68.0 / height, "traceorder": "normal"}
-    shared = {"template": TEMPLATE, "legend": legend, "hovermode": "closest", "height": height}
-    return go.Figure({"data": data, "layout": {"title": heading(title, height), **shared, **layout}})
+def _below_the_title(height: int) -> dict[str, Any]:
+    """The legend's place."""
+    return {"y": 1.0 - 68.0 / height, "traceorder": "normal"}
 
 
 def _points(shares: Sequence[Share], **look: Any) -> dict[str, Any]:
@@ -369,9 +365,9 @@ def right_by_size(rows: Sequence[Row], height: int = 400) -> Figure:
         x = [at + APART * (k - 1) for at in shares]
         data.append(_points([*shares.values()], name=measure.line, x=x, **look))
     ticks = {"tickvals": list(range(len(groups))), "ticktext": list(groups), "zeroline": False}
-    return _figure(
+    return figure(
         "Answers that are right, by the size of the gap", height, data,
-        xaxis={"title": {"text": "gap over noise"}, **ticks},
+        legend=_below_the_title(height), xaxis={"title": {"text": "gap over noise"}, **ticks},
         yaxis={"title": {"text": "share (%)"}, "range": [0, 104]},
     )  # fmt: skip
 
@@ -384,9 +380,9 @@ def reliability(bins: Sequence[measures.Bin], height: int = 420) -> Figure:
     }  # fmt: skip
     look = {"line": {"color": BLUE}, "marker": {"size": 9}}
     measured = _points([b.right for b in bins], name="measured", x=[100.0 * b.said for b in bins], **look)
-    return _figure(
+    return figure(
         "Reliability of the probabilities", height, [diagonal, measured],
-        xaxis={"title": {"text": "probability of the answer (%)"}, "range": [0, 104]},
+        legend=_below_the_title(height), xaxis={"title": {"text": "probability of the answer (%)"}, "range": [0, 104]},
         yaxis={"title": {"text": "right (%)"}, "range": [0, 104]},
     )  # fmt: skip
 
@@ -426,8 +422,9 @@ def power(effects: Sequence[EffectPower], unit: str) -> Figure:
     draw("with one more run", more, "bottom", color=ORANGE, symbol="diamond-open")
     beyond = [(e, e.largest_change_tried, e.largest_tried) for e in shown if e.change is None]
     draw("not within the sizes tried", beyond, "top", "> ", color=VERMILLION, symbol="triangle-right")
-    return _figure(
+    return figure(
         "The smallest effect that these runs would have named in 9 of 10", 150 + ROW * len(shown), data,
+        legend=_below_the_title(150 + ROW * len(shown)),
         margin={"l": 210, "r": 28, "t": 84, "b": 60},
         xaxis={"title": {"text": f"change of the input, rms while moving ({unit})"}, "type": "log"},
         yaxis={"categoryorder": "array", "categoryarray": [e.effect for e in shown], "gridcolor": FAINT},

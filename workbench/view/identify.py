@@ -26,7 +26,7 @@ from workbench.view import replay as replay_view
 from workbench.view.numbers import change_percent, figures, with_error
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
-from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, TEMPLATE, VERMILLION, line
+from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, VERMILLION, figure, line
 from workbench.view.words import direction_names, words_of
 
 if TYPE_CHECKING:
@@ -196,8 +196,6 @@ def history(identification: Identification) -> Figure:
 
 def correlation_matrix(names: Sequence[str], correlation: Array) -> Figure:
     """The fit's correlation matrix (m, m): what is near ±1 the data cannot tell apart."""
-    import plotly.graph_objects as go
-
     heat = {
         "type": "heatmap", "z": correlation, "x": list(names), "y": list(names), "zmin": -1.0, "zmax": 1.0,
         # Blue, white, orange-red: Okabe and Ito's blue and vermillion as ends.
@@ -205,12 +203,8 @@ def correlation_matrix(names: Sequence[str], correlation: Array) -> Figure:
         "textfont": {"color": BLACK}, "colorbar": {"title": {"text": "correlation (–)"}},
         "hovertemplate": "%{y} and %{x}: %{z:.3f}<extra></extra>",
     }  # fmt: skip
-    size = 220 + 48 * len(names)
-    layout = {
-        "template": TEMPLATE, "height": size, "width": size + 160, "yaxis": {"autorange": "reversed"},
-        "title": {"text": "Correlation of the fitted parameters"},
-    }  # fmt: skip
-    return go.Figure({"data": [heat], "layout": layout})
+    size, title = 220 + 48 * len(names), "Correlation of the fitted parameters"
+    return figure(title, size, [heat], width=size + 160, yaxis={"autorange": "reversed"})
 
 
 @dataclass(frozen=True)
@@ -228,12 +222,9 @@ class Shift:
 
 def estimates(fitted: Sequence[Shift], unit: str, tolerance: float | None = None) -> Figure:
     """A line a value; a grey band of ± `tolerance` around the nominal values where there is one."""
-    import plotly.graph_objects as go
-
     names = [estimate.name for estimate in fitted]
     furthest = max((abs(estimate.shift) + estimate.std_error for estimate in fitted), default=1.0)
     reach = 1.15 * max(furthest, tolerance or 0.0) or 1.0
-    height = AROUND + ROW * max(len(fitted), 2)
     dots: dict[str, Any] = {
         "type": "scatter", "mode": "markers", "x": [estimate.shift for estimate in fitted], "y": names,
         "error_x": {"array": [estimate.std_error for estimate in fitted], "color": BLACK, "thickness": 2, "width": 6},
@@ -249,21 +240,13 @@ def estimates(fitted: Sequence[Shift], unit: str, tolerance: float | None = None
         "type": "rect", "x0": -(tolerance or 0.0), "x1": tolerance or 0.0, "y0": 0, "y1": 1, "yref": "paper",
         "layer": "below", "line": {"width": 0}, "fillcolor": GREY, "opacity": 0.18,
     }  # fmt: skip
-    tolerance_note = "" if tolerance is None else "; grey: tolerance"
-    layout = {
-        "template": TEMPLATE,
-        "height": height,
-        "hovermode": "closest",
-        "title": {"text": f"Identified values, ± one standard error{tolerance_note}", "y": 1.0 - 22.0 / height,
-                  "yanchor": "middle", "font": {"size": 15}},
-        "margin": {"l": 12, "t": 52, "r": 164},
-        "shapes": [] if tolerance is None else [band],
-        "annotations": words,
-        "xaxis": {"title": {"text": f"distance from nominal ({unit})"}, "range": [-reach, reach], "zeroline": True,
-                  "zerolinewidth": 2},
-        "yaxis": {"autorange": "reversed", "type": "category"},
-    }  # fmt: skip
-    return go.Figure({"data": [dots], "layout": layout})
+    grey = "" if tolerance is None else "; grey: tolerance"
+    across = {"title": {"text": f"distance from nominal ({unit})"}, "range": [-reach, reach], "zeroline": True}
+    return figure(
+        f"Identified values, ± one standard error{grey}", AROUND + ROW * max(len(fitted), 2), [dots],
+        title_font_size=15, margin={"l": 12, "t": 52, "r": 164}, shapes=[] if tolerance is None else [band],
+        annotations=words, xaxis=across | {"zerolinewidth": 2}, yaxis={"autorange": "reversed", "type": "category"},
+    )  # fmt: skip
 
 
 # The page.
