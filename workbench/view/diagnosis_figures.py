@@ -202,13 +202,11 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
             look, title = {"range": [0.0, 1.15 * most], "ticksuffix": " %"}, "one wave's share of the energy"
             line = {"shape": "hv", "color": style.GREY, "width": 1.2}
             y, fill = _gaps(np.append(share, share[-1])), {"fill": "tozeroy", "fillcolor": style.FAINT}
-            figure.add_scatter(x=profile.edges, y=y, mode="lines", line=line, **fill, **bars, **panel, secondary_y=True)
+            figure.add_scatter(x=profile.edges, y=y, mode="lines", line=line, **fill, **bars, **panel)
             figure.update_xaxes(type="log", dtick=1, **panel)
         else:
-            look, title = (
-                {"range": [-1.15 * largest, 1.15 * largest], "nticks": 7, "tickmode": "auto"},
-                f"mean residual ({unit})",
-            )
+            look = {"range": [-1.15 * largest, 1.15 * largest], "nticks": 7, "tickmode": "auto"}
+            title = f"mean residual ({unit})"
             grey = {"color": style.FAINT, "line_width": 0}
             figure.add_bar(x=middle, y=share, width=np.diff(profile.edges), marker=grey, **bars, **panel)
             for way, values in enumerate((profile.mean_forward, profile.mean_backward)):
