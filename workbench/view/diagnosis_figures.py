@@ -252,7 +252,7 @@ def curves(
             figure.add_scatter(**_line(curve.at, values, ways[way], way, of), **panel)
             if law is not None and k == 0:
                 said = _line(curve.at, np.split(law, 2)[way], f"law, {ways[way]}", way, of)
-                said |= {"mode": "lines", "line": said["line"] | {"dash": "dot", "width": 3}}
+                said |= {"mode": "lines", "line": {"color": style.BLACK, "dash": style.SPARE[way][1], "width": 2.4}}
                 figure.add_scatter(**said, **panel)
         figure.update_xaxes(title_text=f"{name} ({unit})" if unit else name, **panel)
         quantity = "force" if of == "N" else "torque"
