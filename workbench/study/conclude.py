@@ -136,8 +136,7 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     if slack := [row for row in good if row.get("slack_time_s") > 0.0]:
         worst = max(slack, key=lambda row: row["slack_time_s"])
         said.append(
-            f"The wire goes slack{which(slack)}; longest {worst['slack_time_s']:.2g} s ({run_in_words(worst, axes)}). "
-            "It tightens again with a jerk."
+            f"The wire goes slack{which(slack)}; longest {worst['slack_time_s']:.2g} s ({run_in_words(worst, axes)})."
         )
     if astray := [row for row in good if is_astray(row)]:
         worst = max(astray, key=lambda row: abs(row[judged.end]))

@@ -388,7 +388,7 @@ def figures_of(result: Result) -> list[Noted]:
     if any(".limits." in column for axis in axes for column in axis.columns):
         note = (
             "Each point is a run; the line joins those that no other run beats in both. The knee is the run farthest "
-            "below the line between the front's ends: beyond it on either side a little of one cost is bought dearly."
+            "below the line between the front's ends."
         )
         every = [*good, *(row for row in beside if row.assigned.keys() == good[0].assigned.keys())]
         names = [name for name in (judged.peak, SWING) if all(name in row.metrics for row in every)]
