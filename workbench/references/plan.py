@@ -66,6 +66,10 @@ class Plan(Protocol):
     def at(self, time_s: Array) -> tuple[Array, Array, Array]:
         """Height (m), speed (m/s) and acceleration (m/s²) at rising times (s)."""
 
+    def speed_at(self, time_s: Array) -> Array:
+        """The speed of `at` alone."""
+
+    def times(self, sample_time_s: float, duration_s: float | None = None) -> Array: ...
     def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile: ...
     def __hash__(self) -> int: ...
 
@@ -73,14 +77,22 @@ class Plan(Protocol):
 class Sampling:
     """Of every plan: its profile at a controller's samples."""
 
-    def sample(self: Plan, sample_time_s: float, duration_s: float | None = None) -> Profile:
-        """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
+    def times(self: Plan, sample_time_s: float, duration_s: float | None = None) -> Array:
+        """0, T, 2T, … up to the end of the plan, or to a longer `duration_s`."""
         if not (math.isfinite(sample_time_s) and sample_time_s > 0.0):
             raise InputError(f"{sample_time_s:g} s, expected a positive time", place="sample_time_s")
         # The small number keeps 49.76 s / 0.001 s from growing a sample by rounding.
         samples = math.ceil(max(self.duration_s, duration_s or 0.0) / sample_time_s - 1e-9) + 1
-        time_s = np.arange(samples, dtype=np.float64) * np.float64(sample_time_s)
+        return np.arange(samples, dtype=np.float64) * np.float64(sample_time_s)
+
+    def sample(self: Plan, sample_time_s: float, duration_s: float | None = None) -> Profile:
+        """The profile at these times; held at rest after its end."""
+        time_s = self.times(sample_time_s, duration_s)
         return Profile(self.kind, time_s, *self.at(time_s), self.move_windows, self.move_limits)
+
+    def speed_at(self: Plan, time_s: Array) -> Array:
+        """The speed of `at` alone."""
+        return self.at(time_s)[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +135,13 @@ class MotionPlan(Sampling):
         for start_s, shape in self.moves:
             shape.add_to(time_s - start_s, position, speed, acceleration)
         return position, speed, acceleration
+
+    def speed_at(self, time_s: Array) -> Array:
+        """The speed of `at` alone, quicker."""
+        speed = np.zeros_like(time_s)
+        for start_s, shape in self.moves:
+            shape.add_speed_to(time_s - start_s, speed)
+        return speed
 
 
 def plan_motion(
