@@ -458,7 +458,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
 
         units = [kind_of(d.campaign.machine).ports[curve.acts_on].unit for curve in d.unknown.curves]
         figure = draw.curves(d.unknown.curves, ways, OVER, units, d.unknown.law_levels)
-        drawn = [(figure, said.curves())] if units else []
+        drawn = [(figure, said.curves(d.unknown.law is not None))] if units else []
         parts["unknown"] = Section("What is known of the unknown cause", unknown_sentences(d), (), (), drawn)
     sentences = [shrink_sentence(d), *s.sentences]
     parts["shrink"] = Section("7. Residual on held-out runs", sentences, (), [shrink_table(d)], shrinks)

@@ -202,13 +202,11 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
             look, title = {"range": [0.0, 1.15 * most], "ticksuffix": " %"}, "one wave's share of the energy"
             line = {"shape": "hv", "color": style.GREY, "width": 1.2}
             y, fill = _gaps(np.append(share, share[-1])), {"fill": "tozeroy", "fillcolor": style.FAINT}
-            figure.add_scatter(x=profile.edges, y=y, mode="lines", line=line, **fill, **bars, **panel, secondary_y=True)
+            figure.add_scatter(x=profile.edges, y=y, mode="lines", line=line, **fill, **bars, **panel)
             figure.update_xaxes(type="log", dtick=1, **panel)
         else:
-            look, title = (
-                {"range": [-1.15 * largest, 1.15 * largest], "nticks": 7, "tickmode": "auto"},
-                f"mean residual ({unit})",
-            )
+            look = {"range": [-1.15 * largest, 1.15 * largest], "nticks": 7, "tickmode": "auto"}
+            title = f"mean residual ({unit})"
             grey = {"color": style.FAINT, "line_width": 0}
             figure.add_bar(x=middle, y=share, width=np.diff(profile.edges), marker=grey, **bars, **panel)
             for way, values in enumerate((profile.mean_forward, profile.mean_backward)):
@@ -254,7 +252,7 @@ def curves(
             figure.add_scatter(**_line(curve.at, values, ways[way], way, of), **panel)
             if law is not None and k == 0:
                 said = _line(curve.at, np.split(law, 2)[way], f"law, {ways[way]}", way, of)
-                said |= {"mode": "lines", "line": said["line"] | {"dash": "dot", "width": 3}}
+                said |= {"mode": "lines", "line": {"color": style.BLACK, "dash": style.SPARE[way][1], "width": 2.4}}
                 figure.add_scatter(**said, **panel)
         figure.update_xaxes(title_text=f"{name} ({unit})" if unit else name, **panel)
         quantity = "force" if of == "N" else "torque"

@@ -61,7 +61,7 @@ def keys_table(campaign: Campaign) -> Table:
         [key, figures(get_value(machine, key), 5), ("held" if usual[key] else "free") if key in usual else ""]
         for key in fittable(machine)
     ]
-    return Table([words("key"), Column("value"), words("usual fit")], rows)
+    return Table([words("key"), Column("value"), words("by default")], rows)
 
 
 def measures_table(identification: Identification) -> Table:
