@@ -195,3 +195,22 @@ def test_too_few_addresses_are_one_line():
     assert (
         done.stderr == "error: the limit of 922 MB of addresses (ulimit -v) is too small, expected at least 2000 MB\n"
     )
+
+
+@pytest.mark.parametrize(
+    "doctype",
+    [
+        '<!DOCTYPE t [<!ENTITY x SYSTEM "file:///etc/passwd">]>',
+        "<!DOCTYPE t [<!ENTITY a '0123456789'>"
+        + "".join(f"<!ENTITY {b} '{f'&{a};' * 10}'>" for a, b in zip("abcdefgh", "bcdefghx", strict=True))
+        + "]>",
+    ],
+    ids=["another file", "a bomb"],
+)
+def test_an_entity_of_a_trace_opens_no_file_and_unpacks_to_nothing(tmp_path: Path, doctype: str):
+    (tmp_path / "a.xml").write_text(
+        f'{doctype}<t><traceData><dataFrame><dataSignal description="torque"/>&x;<rec time="0" f1="1"/>'
+        "</dataFrame></traceData></t>"
+    )
+    with pytest.raises(InputError, match="is not a readable Sinumerik trace file"), open_log(tmp_path / "a.xml"):
+        pass
