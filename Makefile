@@ -77,7 +77,7 @@ docs: $(DOCS_STAMP) ## build the pages of docs/ as a site that needs no network;
 	$(PY) -m sphinx -W --keep-going -q -d build/docs-cache docs build/docs
 	@echo "open build/docs/index.html"
 
-notebook: $(STAMP) ## run the cells of docs/log_to_decision.ipynb and keep their outputs
+notebook: $(STAMP) ## run the cells of docs/log_to_decision.ipynb, keep their outputs and the picture of the README
 	$(PY) docs/site/notebook.py docs/log_to_decision.ipynb
 
 lint: $(STAMP) ## ruff and mypy, all three whatever the first one says

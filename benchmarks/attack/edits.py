@@ -12,6 +12,7 @@ from workbench.core.run import Array, Run
 from workbench.machines import Axis, Hoist, kind_of
 
 ROWS = 50
+SEEN = 15.0  # times its noise: by so much the speed before and after the rows differs
 Edit = Callable[["Hoist | Axis", Run, np.random.Generator], "Run | None"]
 
 
@@ -67,6 +68,21 @@ def _rows(run: Run, chance: np.random.Generator, rows: Callable[[Array, int, int
     return _changed(run, run.signals, lambda v: np.concatenate([v[:at], rows(v, at, other), v[at + ROWS :]]))
 
 
+def _turned(machine: Hoist | Axis, run: Run, chance: np.random.Generator) -> Run | None:
+    """ROWS rows in reverse order, where the speed before and after them differs: elsewhere noise looks the same."""
+    name = kind_of(machine).plant.speeds[0]
+    if name not in run:
+        return None
+    means = np.convolve(run[name], np.full(4, 0.25), mode="valid")
+    noise = 1.4826 * float(np.median(np.abs(np.diff(run[name], 2)))) / np.sqrt(6.0)
+    places = np.flatnonzero(np.abs(means[ROWS - 4 :] - means[: 4 - ROWS]) > SEEN * noise)
+    places = places[(places > 50) & (places < len(run.time_s) - ROWS - 50)]
+    if not len(places):
+        return None
+    at = int(chance.choice(places))
+    return _changed(run, run.signals, lambda v: np.concatenate([v[:at], v[at : at + ROWS][::-1], v[at + ROWS :]]))
+
+
 def _start(machine: Hoist | Axis, run: Run, _: object) -> Run | None:
     return replace(run, start_position_m=run.start_position_m - 3.0) if kind_of(machine).start is not None else None
 
@@ -83,6 +99,7 @@ EDITS: Mapping[str, Edit] = MappingProxyType(
         "noise x 10": _noise,
         "start position 3 m off": _start,
         "time x 1.2": lambda _, run, __: replace(run, time_s=run.time_s[0] + 1.2 * (run.time_s - run.time_s[0])),
+        "50 rows in reverse order": _turned,
         "50 rows of elsewhere": lambda _, run, chance: _rows(run, chance, lambda v, at, other: v[other : other + ROWS]),
     }
 )

@@ -16,6 +16,7 @@ import click
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+import workbench.machines
 from workbench.cli import COMMANDS
 from workbench.core.record import Record
 from workbench.core.yaml_strict import bounds_of, load
@@ -24,11 +25,14 @@ from workbench.effects.declare import words
 from workbench.effects.registry import library_for
 from workbench.logs.formats.known import section
 from workbench.logs.runs_file import RunsFile
-from workbench.machines import KINDS, RECORDS
+from workbench.machines import KINDS, RECORDS, default_hoist, kind_of, load_machine
 from workbench.metrics import LoopMetric, Metric, metrics, run_metrics, set_of
 from workbench.references import planned_kinds, recorded_kinds
+from workbench.study.decide import criteria_for
 from workbench.study.scenario import Scenario
 from workbench.study.size import SizeFile
+
+EMPS = Path(workbench.machines.__file__).parent / "emps_axis.yaml"
 
 
 def grid(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -237,6 +241,17 @@ def gallery_page() -> str:
     return "\n".join(grid(["file", "what it shows"], rows))
 
 
+def criteria_page() -> str:
+    """The usual criteria of the decision: of the default hoist at 9000 kg and of the EMPS axis."""
+    machines = {"hoist, 9000 kg": (default_hoist(), 9000.0), "axis": (load_machine(EMPS), None)}
+    rows = [
+        [title, f"`{c.name}`", c.limit_words, c.text(c.scale) if c.scale else "–", f"{c.weight:g}"]
+        for title, (machine, payload_kg) in machines.items()
+        for c in criteria_for(set_of(kind_of(machine).name), machine, payload_kg)
+    ]
+    return "\n".join(grid(["machine", "criterion", "limit", "scale", "weight"], rows))
+
+
 def commands_page() -> str:
     """Every command with its options, as `--help` has them."""
     parts = []
@@ -267,6 +282,7 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "signals": signals_page,
     "log_formats": section,
     "gallery": gallery_page,
+    "criteria": criteria_page,
     "commands": commands_page,
 }
 

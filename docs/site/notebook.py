@@ -2,9 +2,9 @@
 
     python docs/site/notebook.py docs/log_to_decision.ipynb
 
-writes the notebook anew with its outputs. Jupyter is not needed; a figure becomes a picture where a Chromium and
-playwright are there, else a line of text. Cells share one namespace and run in a folder of their own that has
-the project's `scenarios`.
+writes the notebook anew with its outputs, and the first study's picture for the README. Jupyter is not needed; a figure
+becomes a picture where a Chromium and playwright are there, else a line of text. Cells share one namespace and run in a
+folder of their own that has the project's `scenarios`.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def outputs(printed: str, value: Any, number: int) -> list[dict[str, Any]]:
     return [*kept, {"output_type": "execute_result", "execution_count": number, "data": data, "metadata": {}}]
 
 
-def picture(figure: Any) -> dict[str, Any]:
+def picture(figure: Any, width: int = WIDTH) -> dict[str, Any]:
     """The figure as PNG, drawn by a browser, beside a line of text."""
     text = f"Figure: {(figure.layout.title.text or '').replace('<br>', ' ')}"
     browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -68,11 +68,11 @@ def picture(figure: Any) -> dict[str, Any]:
     from playwright.sync_api import sync_playwright
 
     height = min(int(figure.layout.height or 500), MOST_HEIGHT)
-    figure = figure.update_layout(width=WIDTH, height=height)
+    figure = figure.update_layout(width=width, height=height)
     page_text = figure.to_html(include_plotlyjs=True, config={"displayModeBar": False, "staticPlot": True})
     with sync_playwright() as play:
         chromium = play.chromium.launch(executable_path=browser, args=["--no-sandbox"])
-        page = chromium.new_page(viewport={"width": WIDTH + 16, "height": height + 16})
+        page = chromium.new_page(viewport={"width": width + 16, "height": height + 16})
         page.set_default_timeout(1000.0 * LONGEST_S)
         page.set_content(page_text)
         page.wait_for_selector(".main-svg")
@@ -94,6 +94,14 @@ def execute(notebook: Path) -> None:
     notebook.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
+def first_study(file: Path) -> None:
+    """The picture of the README: the start of the first study's first move."""
+    import workbench
+
+    shown = picture(workbench.study("scenarios/payloads.yaml").plot("start"), 1240)
+    file.write_bytes(base64.b64decode(shown["image/png"]))
+
+
 if __name__ == "__main__":
     file = Path(sys.argv[1]).resolve()
     sys.path.insert(0, str(ROOT))
@@ -101,3 +109,4 @@ if __name__ == "__main__":
         (Path(folder) / "scenarios").symlink_to(ROOT / "scenarios")
         os.chdir(folder)
         execute(file)
+        first_study(file.parent / "img" / "first_study.png")

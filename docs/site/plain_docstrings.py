@@ -12,8 +12,7 @@ if TYPE_CHECKING:
 
 SPECIAL = re.compile(r"([\\*|]|_(?!\w))")  # would be markup: |L|, a * b, a name that ends in _
 CODE = re.compile(r"``?([^`]+)``?")
-ALIAS = re.compile(r"TypeAliasForwardRef\('([^']+)'\)")
-MODULES = re.compile(r"\b(?:workbench\.run\.)(?=Array\b)")
+ALIAS = re.compile(r"TypeAliasForwardRef\('(?:\w+\.)*(\w+)'\)|(?:\w+\.)+(?=Array\b)")
 
 
 def rest(line: str, names: Collection[str] = ()) -> str:
@@ -55,11 +54,7 @@ def shorten(
     app: Sphinx, what: str, name: str, thing: object, options: Any, signature: str | None, result: str | None
 ) -> tuple[str | None, str | None]:
     """An array is called Array in every signature."""
-
-    def short(text: str | None) -> str | None:
-        return None if text is None else MODULES.sub("", ALIAS.sub(r"\1", text))
-
-    return short(signature), short(result)
+    return signature and ALIAS.sub(r"\1", signature), result and ALIAS.sub(r"\1", result)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,9 @@ from workbench.control import Notch, PiSettings
 from workbench.control.settings import read_controller
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
-from workbench.machines import Hoist, save_machine, with_values
+from workbench.machines import Hoist, default_hoist, save_machine, with_values
 from workbench.study.scenario import Scenario
-from workbench.view.tune import controller_text, warning
+from workbench.view.tune import active_limits, controller_text, warning
 
 ROOT = Path(__file__).resolve().parents[2]
 BASE = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
@@ -98,6 +99,28 @@ def test_a_bandwidth_that_the_delays_forbid_is_refused_with_one_that_they_allow(
     assert 0.98 * widest <= attainable <= 1.02 * widest
 
 
+@pytest.fixture(scope="module")
+def undamped() -> Hoist:
+    return with_values(default_hoist(), {"wire.damping_time_s": 0.0})
+
+
+def test_a_wire_without_damping_has_a_least_ms_that_is_named_with_its_swing_and_no_gains_go_below(undamped: Hoist):
+    """Exact margins of gains over three decades; and an Ms just above the one named is attained."""
+    own = make_search(undamped, BASE, POINTS)
+    with pytest.raises(InputError, match=r"an undamped swing at (\S+) Hz leaves Ms at (\S+) or more") as refused:
+        best_rejection(own, 1.4)
+    hz, least = (float(x) for x in re.findall(r"at (\d\S*) (?:Hz|or)", refused.value.problem))
+    for kp in np.geomspace(0.5, 500.0, 7):
+        members = family(undamped, with_gains(kp, 2.0 * kp), POINTS)
+        worst = max(members, key=lambda member: member.margins.ms)
+        assert worst.margins.ms > 0.995 * least
+        if worst.margins.stable and kp < 100.0:
+            assert worst.margins.ms_hz == pytest.approx(hz, rel=0.01)
+    shaped = best_rejection(own, 1.05 * least)
+    exact = family(undamped, with_gains(shaped.kp, shaped.ki), POINTS)
+    assert all(member.margins.stable for member in exact) and shaped.ki > 0.0
+
+
 def test_more_delay_leaves_less_to_attain():
     best = []
     for delay in (0.0, 0.004, 0.012):
@@ -143,6 +166,26 @@ def test_the_winner_costs_least_and_no_more_than_the_shaped_gains(tuned: Tuned):
     again = Weights().cost(tuned.winner.score, tuned.shaped.score)
     assert again == pytest.approx(tuned.winner.cost, rel=1e-12)
     assert Weights().cost(tuned.shaped.score, tuned.shaped.score) == pytest.approx(1.0)
+
+
+def test_a_limit_that_is_said_to_be_active_costs_something_and_one_that_is_not_costs_next_to_nothing(tuned: Tuned):
+    """Each limit loosened by a tenth, the rest as it was, and tuned again: by the weights of the first tuning."""
+    goal, base, said = tuned.goal, tuned.shaped.score, active_limits(tuned)
+    if goal.bandwidth_hz is None:
+        floor = 0.8 * tuned.shaped.settings.ki
+        assert ("ki at 80%" in said) == (tuned.winner.settings.ki < 1.01 * floor)
+        return
+
+    def least(other: Goal) -> float:
+        found = tune(slow_drive(), BASE, POINTS, short_trial(slow_drive()), other)
+        return min(Weights().cost(c.score, base) for c in found.tried if c.ms <= other.ms_limit)
+
+    for name, other in (
+        ("Ms ", Goal(goal.bandwidth_hz, 1.1 * goal.ms_limit)),
+        ("the bandwidth asked for", Goal(0.9 * goal.bandwidth_hz, goal.ms_limit)),
+    ):
+        gain = tuned.winner.cost - least(other)
+        assert gain > 1e-3 if name in said else gain < 0.02, (name, said, gain)
 
 
 def test_the_front_holds_the_winner_and_nobody_beats_its_members(tuned: Tuned):

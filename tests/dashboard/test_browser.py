@@ -216,43 +216,136 @@ def test_the_console_is_free_of_errors_and_nothing_is_asked_of_the_network(
 
 # What each control shows: label and value of every field, label and value of every slider.
 SHOWN = """() => Object.fromEntries([
-  ...[...document.querySelectorAll('[data-testid="stSidebar"] input')].filter(i => i.type !== 'file')
+  ...[...document.querySelectorAll('[data-testid="stSidebar"] :is(input, textarea)')].filter(i => i.type !== 'file')
     .map((i, k) => [`${k} ${i.getAttribute('aria-label')}`, i.type === 'checkbox' ? i.checked : i.value]),
   ...[...document.querySelectorAll('[data-testid="stSidebar"] [role="slider"]')]
     .map((s, k) => [`slider ${k} ${s.getAttribute('aria-label')}`, s.getAttribute('aria-valuetext')]),
 ])"""
+TYPED = ":is([data-testid=stTextInput] input, [data-testid=stNumberInput] input, [data-testid=stTextArea] textarea)"
+# Page -> figures that it shows; the pages where something can be typed.
+WITH_FIELDS = {"Study": 4, "Loop": 4, "Sizing": 0, "Signals": 1, "Plant": 0, "Import": 0}
 
 
-@pytest.mark.parametrize("title", ["Loop", "Study"])
-def test_nonsense_that_is_mended_leaves_every_control_showing_what_is_used(
-    title: str, chromium: Browser, tmp_path: Path
-):
+def test_nonsense_that_is_mended_leaves_every_control_showing_what_is_used(chromium: Browser, tmp_path: Path):
+    """In every field of every page, those that are folded away too."""
     with (
         browser.dashboard(tmp_path / "server") as address,
         browser.visit(chromium, address, tmp_path / "shots") as visit,
     ):
-        visit.go("" if title == FIRST else title)
-        visit.drawn(figures=4)
-        page, said = visit.page, visit.page.evaluate("window.bench.said()")
-        before = page.evaluate(SHOWN)
-        fields = page.get_by_test_id("stSidebar").locator(
-            '[data-testid="stTextInput"] input:visible, [data-testid="stNumberInput"] input:visible'
-        )
-        assert fields.count() >= 5
-        for number in range(fields.count()):
-            field = fields.nth(number)
-            was = field.input_value()
-            for typed in ("9000x", was):
-                field.focus()
-                page.keyboard.press("Control+A")
-                page.keyboard.type(typed)
-                page.keyboard.press("Enter")
-                visit.drawn()
+        page = visit.page
+        visit.go()
+        for title, figures in WITH_FIELDS.items():
+            visit.turn_to(title)
+            side = page.get_by_test_id("stSidebar")
+            while (folded := side.locator("details:not([open]) > summary")).count():
+                folded.first.click()
+            visit.drawn(figures)
+            said, before = page.evaluate("window.bench.said()"), page.evaluate(SHOWN)
+            fields = side.locator(f"{TYPED}:not([disabled])")
+            assert fields.count() >= 2, title
+            for number in range(fields.count()):
+                field = fields.nth(number)
+                was = field.input_value()
+                for typed in ("9000x", was):
+                    field.focus()
+                    page.keyboard.press("Control+A")
+                    page.keyboard.type(typed) if typed else page.keyboard.press("Delete")
+                    page.keyboard.press(
+                        "Control+Enter" if "textarea" in str(field.evaluate("e => e.tagName")).lower() else "Enter"
+                    )
+                    visit.drawn()
+                assert page.get_by_test_id("stException").count() == 0, f"{title}: {field.get_attribute('aria-label')}"
             time.sleep(1.0)  # a thumb glides to its place
-            assert page.evaluate(SHOWN) == before, field.get_attribute("aria-label")
+            visit.drawn(figures)
+            assert page.evaluate(SHOWN) == before, title
+            assert page.evaluate("window.bench.said()") == said  # and what is used is what was used
+        assert visit.complaints == []
+
+
+def test_the_keyboard_alone_sets_up_keeps_and_compares_a_study(chromium: Browser, tmp_path: Path):
+    with (
+        browser.dashboard(tmp_path / "server") as address,
+        browser.visit(chromium, address, tmp_path / "shots") as visit,
+    ):
+        page = visit.page
+        visit.go()
         visit.drawn(figures=4)
-        assert page.evaluate("window.bench.said()") == said  # and what is used is what was used
-        assert page.get_by_test_id("stException").count() == 0 and visit.complaints == []
+
+        def tab_to(what: str) -> None:
+            """Tab, until what has the focus is called so."""
+            for _ in range(150):
+                page.keyboard.press("Tab")
+                name = page.evaluate("""() => {
+                  const e = document.activeElement;
+                  return `${e.getAttribute('aria-label') ?? ''} ${e.textContent ?? ''}`;
+                }""")
+                if what in name:
+                    return
+            raise AssertionError(f"Tab never comes to {what}")
+
+        def kept() -> None:
+            tab_to("Keep for Compare")
+            page.keyboard.press("Enter")
+            page.get_by_role("button", name="Kept").wait_for()
+            visit.drawn(figures=4)
+
+        kept()
+        before = page.evaluate("window.bench.said()")
+        tab_to("Limit jerk")
+        for _ in range(5):
+            page.keyboard.press("ArrowRight")
+        page.wait_for_function("before => window.bench.ended() && window.bench.said() !== before", arg=before)
+        tab_to("Payloads (kg)")
+        page.keyboard.type("3000")
+        page.keyboard.press("Enter")
+        page.keyboard.press("Escape")
+        page.get_by_text("payload 3000 kg").first.wait_for()
+        visit.drawn(figures=4)
+        kept()
+        tab_to("Compare")
+        page.keyboard.press("Enter")
+        visit.drawn(figures=2)
+        assert page.get_by_test_id("stTable").locator("th").count() == 3
+        assert visit.complaints == []
+
+
+# What is cut: values of cards, titles of figures, the page itself.
+CUT = """() => {
+  const main = document.querySelector('[data-testid="stMain"]');
+  const cut = main.scrollWidth > main.clientWidth + 1 ? ['the page'] : [];
+  for (const e of document.querySelectorAll('[data-testid="stMetricValue"] div')) {
+    if (e.scrollWidth > e.clientWidth + 1) cut.push(e.textContent);
+  }
+  for (const figure of document.querySelectorAll('.workbench-chart')) {
+    const edge = figure.getBoundingClientRect();
+    for (const e of figure.querySelectorAll('.gtitle, .annotation-text, .legendtext')) {
+      const box = e.getBoundingClientRect();
+      if (box.width && (box.right > edge.right + 4 || box.left < edge.left - 4)) cut.push(e.textContent);
+    }
+  }
+  return cut;
+}"""
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(800, "light"), (400, "dark")])
+def test_a_narrow_page_cuts_nothing_and_leads_to_every_other(
+    chromium: Browser, tmp_path: Path, width: int, scheme: browser.Scheme
+):
+    with (
+        browser.dashboard(tmp_path / "server") as address,
+        browser.visit(chromium, address, tmp_path / "shots", scheme) as visit,
+    ):
+        visit.page.set_viewport_size({"width": width, "height": 800})
+        for title, figures in {"": 4, "Loop": 4, "Validate": 3, "Signals": 1, "Machine": 0}.items():
+            visit.go(title)
+            visit.drawn(figures)
+            assert visit.page.evaluate(CUT) == [], title
+        if width < 768:
+            visit.page.get_by_test_id("stExpandSidebarButton").click()
+        else:
+            visit.page.get_by_text("more", exact=False).first.click()
+        for title in PAGES:
+            assert visit.page.get_by_role("link", name=title, exact=True).count() >= 1, title
 
 
 def test_two_visitors_at_once_have_downloads_jobs_and_uploads_of_their_own(chromium: Browser, tmp_path: Path):

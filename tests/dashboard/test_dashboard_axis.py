@@ -6,8 +6,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("streamlit")
-
 from tests.support import axes
 from tests.support.dashboard_app import errors, figures, page
 from workbench.control import LinearCascade
@@ -84,9 +82,7 @@ def test_an_axis_is_studied_in_its_own_units(study):
 def test_its_table_and_verdict_are_those_of_the_library(study):
     result = run_study(plan_study(shipped_axis_desk().scenario, EMPS))
     table = study.dataframe[0].value
-    assert [cell.removeprefix("★ ") for cell in table["peak N"]] == [
-        f"{row['peak_force_n']:.4g}" for row in result.rows
-    ]
+    assert set(table["peak N"]) == {f"{row['peak_force_n']:.4g}" for row in result.rows}
     assert study.info[0].value.startswith("Take ")
 
 

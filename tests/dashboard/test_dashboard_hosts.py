@@ -14,8 +14,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("streamlit")
-
 from tests.support import browser
 from tests.support.dashboard_app import page
 from workbench.dashboard.server import HERE, OPTIONS, hosts_allowed, is_allowed

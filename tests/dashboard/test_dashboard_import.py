@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asammdf import MDF, Signal
+from nptdms import ChannelObject, TdmsWriter
+from scipy.io import savemat
 
-pytest.importorskip("streamlit")
-
-from tests.support.dashboard_app import errors, figures, page
+from tests.support.dashboard_app import errors, figures, good, page
 from tests.support.log_campaign import hoist_columns
-from workbench.dashboard import chosen, session
 from workbench.logs import read_campaign
 from workbench.logs.formats.declared import Channel
 from workbench.logs.importing import propose
@@ -23,35 +23,39 @@ from workbench.machines import default_hoist
 RPM = 30.0 / np.pi
 
 
-@pytest.fixture(autouse=True)
-def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = tmp_path / "server"
-    folder.mkdir()
-    monkeypatch.setattr(session, "app_folder", lambda: folder)
-    monkeypatch.setattr(chosen, "SHIPPED", ())
-    monkeypatch.delenv(chosen.VARIABLE, raising=False)
-    return folder
-
-
-def drive_csv() -> bytes:
+def drive_file(folder: Path, suffix: str) -> bytes:
     """As a drive writes it: own names, a speed without a unit that is in rpm, torques in per cent of nominal."""
     columns, nominal = hoist_columns(), default_hoist().motor.nominal_torque_nm
-    torque = [100.0 * columns[f"torque_motor{k}_nm"] / nominal for k in (1, 2)]
-    rows = np.column_stack([columns["time_s"], columns["speed_motor_rad_s"] * RPM, *torque])
-    lines = [",".join(f"{value:.6g}" for value in row) for row in rows]
-    return "\n".join(["time [s],n_act,torque motor 1,torque motor 2", *lines]).encode()
+    time, file = columns["time_s"], folder / f"log{suffix}"
+    signals = {"n_act": columns["speed_motor_rad_s"] * RPM}
+    signals |= {f"torque motor {k}": 100.0 * columns[f"torque_motor{k}_nm"] / nominal for k in (1, 2)}
+    if suffix == ".csv":
+        lines = [",".join(f"{value:.6g}" for value in row) for row in np.column_stack([time, *signals.values()])]
+        file.write_text("\n".join([",".join(["time [s]", *signals]), *lines]))
+    elif suffix == ".mat":
+        savemat(file, {"time_s": time} | {name.replace(" ", "_"): values for name, values in signals.items()})
+    elif suffix == ".mf4":
+        with MDF() as mdf:
+            mdf.append([Signal(values, time, name=name) for name, values in signals.items()])
+            mdf.save(file)
+    else:
+        with TdmsWriter(file) as writer:
+            step = {"wf_increment": float(time[1] - time[0]), "wf_start_offset": float(time[0])}
+            writer.write_segment([ChannelObject("drive", name, v, properties=step) for name, v in signals.items()])
+    return file.read_bytes()
 
 
-def dropped() -> Any:
+def dropped(content: bytes, suffix: str = ".csv") -> Any:
     app = page("Import").run()
     assert not app.exception and "One file a run" in app.get("file_uploader")[0].proto.label
-    app.file_uploader(key="import files").upload("../lift one.csv", drive_csv(), "text/csv").run()
+    app.file_uploader(key="import files").upload(f"../lift one{suffix}", content, "application/octet-stream").run()
     assert not app.exception
     return app
 
 
-def test_a_drives_file_becomes_a_campaign_with_its_own_numbers(server: Path):
-    app = dropped()
+@pytest.mark.parametrize("suffix", [".csv", ".mat", ".mf4", ".tdms"])
+def test_a_drives_file_becomes_a_campaign_with_its_own_numbers(server: Path, suffix: str):
+    app = dropped(drive_file(server, suffix), suffix)
     assert app.selectbox(key="import speed_motor_rad_s").value == "n_act"
     app.selectbox(key="import speed_motor_rad_s unit").set_value("rpm")
     for motor in (1, 2):
@@ -60,8 +64,7 @@ def test_a_drives_file_becomes_a_campaign_with_its_own_numbers(server: Path):
     app.number_input(key="import payload lift one").set_value(4500.0).run()
     assert errors(app) == [] and len(figures(app)) == 1
     app.text_input(key="import name").set_value("../mine").run()
-    app.button(key="import make").click().run()
-    assert not app.exception and errors(app) == []
+    good(app.button(key="import make").click().run())
     name, packed = app.session_state["import made"]
     assert "/" not in name
     with zipfile.ZipFile(io.BytesIO(packed)) as archive:
@@ -74,11 +77,11 @@ def test_a_drives_file_becomes_a_campaign_with_its_own_numbers(server: Path):
     assert run.payload_kg == 4500.0 and app.session_state["campaign chosen"].startswith(name)
 
 
-def test_what_is_no_log_and_a_missing_payload_are_one_sentence():
+def test_what_is_no_log_and_a_missing_payload_are_one_sentence(server: Path):
     app = page("Import").run()
     app.file_uploader(key="import files").upload("a.csv", b"\x00\x01nothing", "text/csv").run()
     assert not app.exception and len(errors(app)) == 1
-    app = dropped()
+    app = dropped(drive_file(server, ".csv"))
     app.button(key="import make").click().run()
     assert not app.exception and len(errors(app)) == 1 and "/" not in errors(app)[0].partition(":")[0]
 

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("streamlit")
-
 from tests.support.dashboard_app import errors, figures, page
 from workbench.analysis.family import family, operating_points
 from workbench.analysis.loop import INPUTS, SHOWN, step_response

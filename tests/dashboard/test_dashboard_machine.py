@@ -9,14 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("streamlit")
-
 from tests.support.dashboard_app import errors, page
 from tests.support.log_campaign import AXIS, axis_columns, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.analysis.usual import usual_controller
 from workbench.core.run import Run
-from workbench.dashboard import chosen as campaigns
 from workbench.dashboard.pages import compare as kept
 from workbench.dashboard.pages.machine import LARGE
 from workbench.logs import read_campaign
@@ -158,19 +155,12 @@ def test_the_page_shows_a_quick_run_and_another_reference_beside_it():
     app.selectbox(key="machine beside").set_value("ruckig").run()
     assert not app.exception and "beside ruckig" in app.markdown[0].value
     (frame,) = app.get("iframe")
-    assert frame.proto.srcdoc.count('class="stage"') == 2
-
-
-def test_another_payload_is_another_run():
-    app = page("Machine").run()
+    assert frame.proto.srcdoc.count('class="stage"') == 2 and f"height: {HEIGHT}px" in frame.proto.srcdoc
     assert "4500 kg" in app.markdown[0].value
-    app.slider(key="machine payload").set_value(9000).run()
-    assert "9000 kg" in app.markdown[0].value
-
-
-def test_a_payload_that_the_motors_cannot_hold_is_shown_or_told():
-    app = page("Machine").run()
-    app.slider(key="machine payload").set_value(12000).run()
+    app.slider(key="machine payload").set_value(9000)
+    app.toggle(key="machine large").set_value(True).run()
+    assert "9000 kg" in app.markdown[0].value and f"height: {LARGE}px" in app.get("iframe")[0].proto.srcdoc
+    app.slider(key="machine payload").set_value(12000).run()  # shown, or told
     assert not app.exception
 
 
@@ -198,12 +188,11 @@ def test_a_study_run_kept_in_the_session_can_be_shown():
 
 
 @pytest.fixture
-def chosen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+def chosen(offer: Any) -> Any:
     """The state of a session whose Validate page shows a campaign."""
 
     def at(folder: Path) -> Any:
-        monkeypatch.setattr(campaigns, "SHIPPED", ())
-        monkeypatch.setenv(campaigns.VARIABLE, str(folder))
+        offer(folder)
         validate = page("Validate").run()
         app = page("Machine")
         for key in ("campaign chosen", "campaigns read"):
@@ -226,10 +215,3 @@ def test_an_axis_has_no_drawing_and_says_so(chosen, tmp_path):
     runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
     app = chosen(write_campaign(tmp_path / "axis", axis_columns(), runs=runs, machine=AXIS))
     assert errors(app) == ["machine.yaml: kind: is a machine of kind 'axis'; this drawing is of kind 'hoist'"]
-
-
-def test_the_drawing_can_be_made_large():
-    app = page("Machine").run()
-    assert f"height: {HEIGHT}px" in app.get("iframe")[0].proto.srcdoc
-    app.toggle(key="machine large").set_value(True).run()
-    assert f"height: {LARGE}px" in app.get("iframe")[0].proto.srcdoc

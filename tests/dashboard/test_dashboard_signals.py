@@ -7,16 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("streamlit")
-
 from streamlit.testing.v1 import AppTest
 
 from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.dashboard import chosen as campaigns
 from workbench.dashboard.pages.signals import RAMP, part_of, runs_table, with_computed
 from workbench.dashboard.pages.study import force_table, forces_of
 from workbench.logs.signal_files import Labelled, as_csv, as_mat, as_parquet
@@ -146,17 +142,15 @@ def test_forces_of_the_multibody_machine_are_told_from_the_lumped_ones_and_the_l
 
 
 @pytest.fixture
-def offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def offered(tmp_path: Path, offer: Any) -> Path:
     write_campaign(tmp_path / "owner" / "hoist", hoist_columns())
     write_campaign(tmp_path / "owner" / "axis", axis_columns(), machine=AXIS)
-    monkeypatch.setattr(campaigns, "SHIPPED", ())
-    monkeypatch.setenv(campaigns.VARIABLE, str(tmp_path / "owner"))
+    offer(tmp_path / "owner")
     return tmp_path / "owner"
 
 
-def spec(app: Any) -> dict[str, Any]:
-    read: dict[str, Any] = figures(app)[0]
-    return read
+def field(app: Any, number: int) -> Any:
+    return next(one for one in app.multiselect if one.label == f"Row {number + 1}")
 
 
 @pytest.mark.parametrize("name", ["hoist", "axis"])
@@ -164,11 +158,18 @@ def test_runs_and_signals_of_a_campaign_are_chosen_and_drawn(offered, name):
     app = page("Signals").run()
     app.selectbox(key="signals campaign").set_value(name).run()
     assert not app.exception and errors(app) == []
-    signals = app.multiselect[1]
-    assert len(spec(app)["data"]) == len(signals.value) > 0
-    signals.set_value(signals.options[:1]).run()
-    assert len(spec(app)["data"]) == 1 and not app.exception
+    fields = [field for field in app.multiselect if field.label.startswith("Row")]
+    first, last = fields[0].value, len(fields) - 1
+    assert len(figures(app)[0]["data"]) == last > 0 and fields[-1].value == []
+    # two signals in one row, and a computed one, which has a row of its own
+    field(app, last).set_value(field(app, 1).options[:2] if last > 1 else first).run()
+    app.text_area[0].set_value(f"twice = 2 * {first[0]}").run()
+    assert not app.exception and errors(app) == [] and len(figures(app)[0]["data"]) >= last + 2
+    assert "twice" in field(app, 0).options
+    while field(app, 0).value:  # a row that is emptied is gone, and those below it move up
+        field(app, 0).set_value([]).run()
+    assert len(figures(app)[0]["data"]) == 1 and not app.exception
     app.segmented_control(key="signals stretch").set_value(RAMP).run()
     assert not app.exception
-    app.multiselect[1].set_value([]).run()
+    app.text_area[0].set_value("").run()
     assert [info.value for info in app.info] == ["Choose at least one run and one signal."]

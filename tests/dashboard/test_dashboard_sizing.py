@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-pytest.importorskip("streamlit")
-
-from tests.support.dashboard_app import errors, page
+from tests.support.dashboard_app import ended, errors, page, the_job, words
 from workbench.core.yaml_strict import dumps, loads
-from workbench.dashboard import jobs, session
+from workbench.dashboard import jobs
 from workbench.dashboard.pages import sizing
 from workbench.study.size import size
 from workbench.view.size import sentences
 
 CATALOGUE = "name,power_kw,speed_rpm,inertia_kg_m2\nsmall,22,1480,0.2\nlarge,90,1485,1.2\n"
-
-
-@pytest.fixture
-def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = tmp_path / "server"
-    folder.mkdir()
-    monkeypatch.setattr(session, "app_folder", lambda: folder)
-    return folder
 
 
 def test_what_the_page_takes_is_what_the_command_takes_for_the_pages_file(server: Path):
@@ -37,20 +24,14 @@ def test_what_the_page_takes_is_what_the_command_takes_for_the_pages_file(server
     app.number_input(key="sizing wire safety_factor").set_value(5.0).run()
     assert not app.exception and errors(app) == []
     app.button(key="sizing start").click().run()
-    (work,) = server.glob("work-*")
-    (job,) = jobs.jobs_of(work, sizing.KIND)
-    end = time.monotonic() + 240.0
-    while not jobs.poll(job).ended:
-        assert time.monotonic() < end
-        time.sleep(0.1)
-    assert jobs.poll(job).state == "done", jobs.poll(job).sentence
+    job = the_job(server, sizing.KIND)
+    assert ended(job).state == "done", jobs.poll(job).sentence
     own: Any = loads((job.file("inputs") / sizing.SIZE).read_text(), "size.yaml").data
     assert own["wire"]["safety_factor"] == 5.0 and own["payloads"][-1]["share"] == 0.6
     found = size(job.file("inputs") / sizing.SIZE)
     assert {candidate.motor.name for candidate in found.candidates} == {"small", "large"}
     app.run()
-    said = " ".join(element.value for element in app.markdown).replace("\\", "").replace("\u00a0", " ")
-    assert all(sentence in said for sentence in sentences(found))
+    assert all(sentence in words(app) for sentence in sentences(found))
     # a smaller bound is harder to keep: the page's answer follows its own file
     harder = job.file("inputs") / "harder.yaml"
     harder.write_text(dumps({**own, "wire": {**own["wire"], "breaking_load_n": 1000.0}}))

@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from streamlit.testing.v1 import AppTest
 
-pytest.importorskip("streamlit")
-
-from tests.support.dashboard_app import errors, figures, page
+from tests.support.dashboard_app import errors, figures, good, metrics, page, sent
 from workbench.cli import cli
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
@@ -35,8 +34,6 @@ from workbench.metrics import find
 from workbench.study.load import load_study, plan_study, read_standalone, standalone_text
 from workbench.study.run import StudyResult, run_study
 from workbench.study.scenario import Scenario
-from workbench.view.study_figures import peak_torque_over_payload
-from workbench.view.style import GROUND, INK, for_dark
 
 KP, KI = "loop kp", "loop ki"
 ROOT = Path(__file__).resolve().parents[2]
@@ -57,15 +54,6 @@ def usual_scenario(**values: Any) -> Scenario:
     return edited(usual_desk(default_hoist()).scenario, default_hoist(), values)
 
 
-def metrics(app: Any) -> dict[str, tuple[str, str]]:
-    return {metric.label: (metric.value, metric.delta) for metric in app.metric}
-
-
-def upload(app: Any, text: str) -> Any:
-    app.file_uploader(key="study upload").upload("../../etc/scenario.yaml", text.encode(), "application/yaml")
-    return app.run()
-
-
 @pytest.fixture(scope="module")
 def drawn() -> Any:
     """The Study page, run once, Ruckig against the trapezoid; tests that change it take a page of their own."""
@@ -78,15 +66,12 @@ def against_ruckig() -> Any:
     return app
 
 
-def test_the_study_page_runs_and_leads_with_the_deciding_numbers(drawn):
-    assert not drawn.exception and not drawn.error
+def test_the_page_leads_with_the_librarys_numbers_green_where_better_and_red_where_worse(drawn):
+    good(drawn)
     assert list(metrics(drawn)) == [
         "Torque peak per motor", "Largest speed error", "Smallest wire tension", "Move time",
     ]  # fmt: skip
     assert len(figures(drawn)) == 4
-
-
-def test_the_numbers_are_those_of_the_library(drawn):
     result = run_study(plan_study(usual_scenario(), default_hoist()))
     worst = {
         kind: max(row["peak_torque_motor_nm"] for row in result.rows if row.reference == kind)
@@ -95,15 +80,57 @@ def test_the_numbers_are_those_of_the_library(drawn):
     value, delta = metrics(drawn)["Torque peak per motor"]
     assert value == f"{widgets.text(worst['ruckig'])} N m"
     assert delta == f"{worst['ruckig'] - worst['trapezoid']:+.0f} N m"
-
-
-def test_less_torque_is_green_and_more_time_is_red(drawn):
     by_label = {metric.label: metric.proto for metric in drawn.metric}
-    green = type(by_label["Move time"]).MetricColor.Value("GREEN")
-    red = type(by_label["Move time"]).MetricColor.Value("RED")
-    assert by_label["Torque peak per motor"].color == green
-    assert by_label["Move time"].color == red
+    green, red = (type(by_label["Move time"]).MetricColor.Value(colour) for colour in ("GREEN", "RED"))
+    assert by_label["Torque peak per motor"].color == green and by_label["Move time"].color == red
     assert by_label["Smallest wire tension"].color == green  # Ruckig leaves more tension, and more is better
+    spec = figures(drawn)[0]
+    assert spec["layout"]["hoversubplots"] == "axis"  # one cursor
+    assert {trace["xaxis"] for trace in spec["data"]} == {"x10", "x11", "x12"}  # three columns of four rows
+
+
+@pytest.mark.parametrize(
+    ("widget", "key", "value", "said"),
+    [
+        ("multiselect", "study.payloads", [0.0, "heavy"], "Payloads (kg): 'heavy', expected a number in kg"),
+        ("multiselect", "study.payloads", [], "Payloads (kg): choose at least one payload"),
+        ("text_input", "study.name", "a/b",
+         "Name of the study: 'a/b', expected up to 64 letters, digits, '.', '_' or '-'"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_one_error_under_its_controls_name_above_the_last_study(widget, key, value, said):
+    app = page("Study").run()
+    good(app.multiselect(key="study.payloads").set_value([0.0, "5200"]).run())  # another payload may be typed
+    getattr(app, widget)(key=key).set_value(value).run()
+    assert errors(app) == [said] and not app.exception and len(figures(app)) == 4
+
+
+def test_a_loaded_scenario_sets_the_controls_and_stays_under_the_sliders_that_move_on_from_it():
+    app = good(sent(page("Study").run(), SCENARIO, "study upload"))
+    assert app.multiselect(key="study.payloads").value == [8000.0]
+    assert app.slider(key="study.jerk").value == 1.2 and app.slider(key="study.way").value == 10.0
+    assert app.text_input(key="study.name").value == "heavy"
+    before = metrics(app)
+    app.slider(key="study.jerk").set_value(0.4).run()
+    assert app.slider(key="study.kp").value == 25.0 and metrics(app) != before
+    good(app.selectbox(key="study ships").set_value("payloads").run())
+    assert app.text_input(key="study.name").value == "payloads"
+
+
+@pytest.mark.parametrize(
+    ("value", "by", "shown", "change"),
+    [
+        (562.3, -0.5, "562", ("-0.50 s", "inverse")),
+        (3.4567, float("nan"), "3.46", (None, "off")),
+        (-0.0471, 0.2, "−0.0471", ("+0.20 s", "inverse")),
+        (0.0, None, "0", (None, "off")),
+        (123456.0, 1e-13, "123456", ("±0 s", "off")),
+        (float("nan"), None, "–", (None, "off")),
+    ],
+)
+def test_a_number_has_sane_digits_and_a_difference_of_rounding_no_colour(value, by, shown, change):
+    assert widgets.text(value) == shown
+    assert widgets._delta(widgets.Number("time", value, "s", by, "lower")) == change
 
 
 @pytest.mark.parametrize(
@@ -115,21 +142,6 @@ def test_a_slider_changes_the_numbers(drawn, key: str, value: float):
     app.slider(key=key).set_value(value).run()
     assert not app.exception
     assert metrics(app) != metrics(drawn)
-
-
-def test_another_payload_may_be_typed_and_a_word_is_one_clear_error():
-    app = page("Study").run()
-    app.multiselect(key="study.payloads").set_value([0.0, "5200"]).run()
-    assert not app.exception and not app.error
-    app.multiselect(key="study.payloads").set_value([0.0, "heavy"]).run()
-    assert errors(app) == ["Payloads (kg): 'heavy', expected a number in kg"]
-    assert len(figures(app)) == 4  # of the last settings that could be run
-
-
-def test_without_a_payload_the_page_asks_for_one():
-    app = page("Study").run()
-    app.multiselect(key="study.payloads").set_value([]).run()
-    assert errors(app) == ["Payloads (kg): choose at least one payload"] and not app.exception
 
 
 def test_a_link_shows_the_study_that_it_was_copied_from():
@@ -181,12 +193,6 @@ def test_an_uploaded_scenario_may_extend_one_that_ships_and_no_other():
     assert scenario.payloads_kg == (700.0,) and scenario.limits.jerk_m_s3 == 0.8
     with pytest.raises(InputError, match="another file, which is not here"):
         read_standalone(loads(text.replace("payloads.yaml", "secret.yaml"), "s.yaml"), None, shipped_files())
-
-
-def test_one_cursor_goes_over_all_rows_of_a_column(drawn):
-    spec = figures(drawn)[0]
-    assert spec["layout"]["hoversubplots"] == "axis"
-    assert {trace["xaxis"] for trace in spec["data"]} == {"x10", "x11", "x12"}  # three columns of four rows
 
 
 def trapezoid_and_ruckig(app: Any) -> Any:
@@ -242,15 +248,6 @@ def test_a_start_near_the_top_leaves_room_to_move():
     assert app.slider(key="study.way").value == 1.0
 
 
-def test_a_name_that_is_no_folders_name_is_one_clear_error():
-    app = page("Study").run()
-    app.text_input(key="study.name").set_value("a/b").run()
-    assert (
-        errors(app) == ["Name of the study: 'a/b', expected up to 64 letters, digits, '.', '_' or '-'"]
-        and not app.exception
-    )
-
-
 def test_limits_and_weights_that_are_set_decide():
     app = page("Study").run()
     assert "Out:" not in app.info[0].value
@@ -266,8 +263,6 @@ def test_limits_and_weights_that_are_set_decide():
 
 
 def test_each_move_of_a_widget_counts_and_so_does_what_is_changed_elsewhere():
-    from streamlit.testing.v1 import AppTest
-
     app = AppTest.from_string(
         "import streamlit as st\nfrom workbench.dashboard.widgets import held\n"
         "kept = st.session_state.setdefault('kept', 1.0)\n"
@@ -278,30 +273,6 @@ def test_each_move_of_a_widget_counts_and_so_does_what_is_changed_elsewhere():
         assert app.run().number_input(key="x").value == value
     app.session_state["kept"] = 7.0
     assert app.run().number_input(key="x").value == 7.0
-
-
-def test_a_difference_of_rounding_is_neither_green_nor_red():
-    assert widgets._delta(widgets.Number("time", 40.0, "s", 1e-13, "lower")) == ("±0 s", "off")
-    assert widgets._delta(widgets.Number("time", 40.0, "s", -0.5, "lower")) == ("-0.50 s", "inverse")
-    assert widgets._delta(widgets.Number("time", 40.0, "s", float("nan"), "lower")) == (None, "off")
-
-
-def test_a_loaded_scenario_sets_the_controls():
-    app = upload(page("Study").run(), SCENARIO)
-    assert not app.exception and not app.error
-    assert app.multiselect(key="study.payloads").value == [8000.0]
-    assert app.slider(key="study.jerk").value == 1.2
-    assert app.slider(key="study.kp").value == 25.0
-    assert app.slider(key="study.way").value == 10.0
-    assert app.text_input(key="study.name").value == "heavy"
-
-
-def test_a_scenario_loaded_stays_under_the_sliders_that_move_on_from_it():
-    app = upload(page("Study").run(), SCENARIO)
-    before = metrics(app)
-    app.slider(key="study.jerk").set_value(0.4).run()
-    assert app.slider(key="study.kp").value == 25.0
-    assert metrics(app) != before
 
 
 @pytest.mark.parametrize(
@@ -318,7 +289,7 @@ def test_a_scenario_loaded_stays_under_the_sliders_that_move_on_from_it():
     ],
 )
 def test_a_bad_scenario_is_one_clear_error_and_leaves_the_controls(text: str, said: str):
-    app = upload(page("Study").run(), text)
+    app = sent(page("Study").run(), text, "study upload")
     assert not app.exception
     (shown,) = errors(app)
     assert shown.startswith(said)
@@ -377,16 +348,7 @@ def test_moves_that_are_not_up_and_down_stay_as_loaded():
     assert edited(desk_of(scenario, default_hoist()).scenario, default_hoist(), {"jerk": 2.0}).moves == scenario.moves
 
 
-def test_a_machine_that_a_scenario_names_may_be_given_by_hand():
-    scenario = read_standalone(loads(SCENARIO + "machine: mine.yaml\n", "s.yaml"), default_hoist())
-    assert isinstance(scenario, Scenario) and scenario.machine == "mine.yaml"
-    with pytest.raises(InputError, match=r"s\.yaml:9: machine: 'mine\.yaml' is another file"):
-        read_standalone(loads(SCENARIO + "machine: mine.yaml\n", "s.yaml"))
-
-
 def test_kept_runs_stand_side_by_side_in_compare():
-    from streamlit.testing.v1 import AppTest
-
     source = (
         "import streamlit as st\nfrom workbench.dashboard.shell import run_page\n"
         "run_page(st.session_state.get('page', 'Study'))\n"
@@ -416,11 +378,6 @@ def test_kept_runs_stand_side_by_side_in_compare():
     assert app.slider(key="study.jerk").value == 2.0
 
 
-def test_compare_without_kept_runs_says_how_to_keep_some():
-    app = page("Compare").run()
-    assert not app.exception and "Keep for Compare" in app.info[0].value
-
-
 @pytest.mark.parametrize(
     ("metric", "value", "base", "colour"),
     [
@@ -436,29 +393,7 @@ def test_a_difference_has_the_colour_of_its_metric(metric: str, value: float, ba
         assert difference(base + invisible, base, declared) == " (=)"
 
 
-@pytest.mark.parametrize(
-    ("value", "shown"),
-    [(562.3, "562"), (3.4567, "3.46"), (-0.0471, "−0.0471"), (0.0, "0"), (123456.0, "123456"), (float("nan"), "–")],
-)
-def test_a_number_has_sane_digits(value: float, shown: str):
-    assert widgets.text(value) == shown
-
-
-def test_a_figure_for_a_dark_ground_keeps_the_palette_and_turns_the_ink():
-    import numpy as np
-
-    light = peak_torque_over_payload(np.array([0.0, 1.0]), {"ruckig": np.array([1.0, 2.0])}, 3.0, 4.0)
-    dark = for_dark(light)
-    assert dark.layout.template.layout.paper_bgcolor == GROUND
-    assert dark.layout.template.layout.font.color == INK
-    assert dark.data[0].line.color == light.data[0].line.color
-    assert light.layout.template.layout.paper_bgcolor == "white"
-    assert "255,255,255" not in dark.to_json()
-
-
 def test_an_error_shows_the_files_name_and_no_markdown():
-    from streamlit.testing.v1 import AppTest
-
     app = AppTest.from_string(
         "from workbench.dashboard.widgets import guarded\nfrom workbench.core.errors import InputError\n"
         "import streamlit as st\nwith guarded():\n"
@@ -475,8 +410,6 @@ def test_a_session_has_a_private_folder_that_goes_with_it():
         "import streamlit as st\nfrom workbench.dashboard.session import workspace\nst.text(str(workspace()))\n"
         "(workspace() / 'x').write_text('1')\n"
     )
-    from streamlit.testing.v1 import AppTest
-
     one, two = AppTest.from_string(script).run(), AppTest.from_string(script).run()
     a, b = Path(one.text[0].value), Path(two.text[0].value)
     assert a != b and a.is_dir()
@@ -508,8 +441,6 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read():
 
 
 def test_the_whole_app_runs_in_its_frame():
-    from streamlit.testing.v1 import AppTest
-
     app = AppTest.from_file(str(SCRIPT), default_timeout=60.0).run()
     assert not app.exception and len(app.metric) == 4
 

@@ -6,7 +6,7 @@ import io
 import json
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -116,77 +116,109 @@ def test_a_log_that_lies_elsewhere_is_named_by_line_and_refused(files, workspace
 def test_a_zip_member_that_climbs_out_is_never_written(files, workspace):
     said = as_zip({"../../machine.yaml": files["machine.yaml"], "../../runs.yaml": files["runs.yaml"]}, workspace, "")
     assert said.startswith("runs.yaml:2: runs[0].file: 'runs/lift.csv' was not uploaded")
-    assert {path.name for path in workspace.parent.iterdir()} == {"made", "session"}
+    assert {path.name for path in workspace.parent.iterdir()} == {"made", "server", "session"}
 
 
-@pytest.mark.parametrize("missing", ["machine.yaml", "runs.yaml"])
-def test_a_missing_file_is_named(files, workspace, missing):
-    said = refused(loose({name: content for name, content in files.items() if name != missing}), workspace)
-    assert said.startswith(f"{missing}: is missing")
+def replaced(name: str, old: str, new: str) -> Callable[[dict[str, bytes]], dict[str, bytes]]:
+    return lambda files: {**files, name: files[name].replace(old.encode(), new.encode(), 1)}
 
 
-def test_a_zip_without_a_campaign_says_what_is_expected(files, workspace):
-    assert as_zip({"notes.txt": b"x"}, workspace) == (
-        "lifts.zip: holds no runs.yaml; expected a zip of a campaign's folder"
-    )
-    assert "holds 2 campaigns" in as_zip({**files, "old/runs.yaml": b"x"}, workspace)
+TWICE = "- {name: two, file: runs/lift.csv/two.csv, payload_kg: 0.0, start_position_m: 9.0}\n"
 
 
-def test_a_log_that_was_not_uploaded_is_named_with_the_nearest(files, workspace):
-    runs = RUNS.replace("lift.csv", "lfit.csv").encode()
-    said = refused(loose({**files, "runs.yaml": runs}), workspace)
-    assert said == "runs.yaml:2: runs[0].file: 'lfit.csv' was not uploaded; did you mean 'lift.csv'?"
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda files: {"notes.txt": b"x"}, "lifts.zip: holds no runs.yaml; expected a zip of a campaign's folder"),
+        (lambda files: {**files, "old/runs.yaml": b"x"}, "lifts.zip: holds 2 campaigns"),
+        (lambda files: {k: v for k, v in files.items() if k != "machine.yaml"}, "machine.yaml: is missing"),
+        (replaced("runs.yaml", "lift.csv", "lfit.csv"),
+         "runs.yaml:2: runs[0].file: 'runs/lfit.csv' was not uploaded; did you mean 'runs/lift.csv'?"),
+        (replaced("runs/lift.csv", "\n0.01,", "\n0.01,5,"), "runs/lift.csv:3: lift: row has 6 fields"),
+        (replaced("machine.yaml", "  ratio:", "  rato:"), "machine.yaml:"),
+        (lambda files: {**files, "machine.yaml": files["machine.yaml"] + b"effects:\n  magic: {}\n"}, "machine.yaml:"),
+        (lambda files: {**files, "runs.yaml": files["runs.yaml"] + TWICE.encode(), "runs/lift.csv/two.csv": b"x"},
+         "runs.yaml: its logs cannot be stored side by side"),
+    ],
+    ids=["nothing", "two", "no machine", "a log's name", "a row", "a key", "an effect", "file and folder"],
+)  # fmt: skip
+def test_what_is_wrong_in_a_campaign_is_named_by_file_line_and_nearest_name(files, workspace, change, said):
+    assert as_zip(change(files), workspace).startswith(said)
 
 
-def test_faults_in_the_logs_are_told_by_the_uploaded_name_and_line(files, workspace):
-    rows = files["runs/lift.csv"].decode().splitlines()
-    rows[7] = rows[7].replace(rows[7].split(",")[1], "1,5", 1)
-    said = as_zip({**files, "runs/lift.csv": "\n".join(rows).encode()}, workspace)
-    assert said.startswith("runs/lift.csv:8: lift: row has 6 fields")
+def of_zeros(files: dict[str, bytes]) -> dict[str, bytes]:
+    return {**files, "runs/lift.csv": b"0" * 50_000_000}
 
 
-def test_faults_in_the_machine_are_told_by_line(files, workspace):
-    bad = files["machine.yaml"].replace(b"  ratio:", b"  rato:")
-    said = as_zip({**files, "machine.yaml": bad}, workspace)
-    assert said.startswith("machine.yaml:") and "unknown key 'rato'; did you mean 'ratio'?" in said
-
-
-def test_an_effect_that_nobody_knows_is_refused(files, workspace):
-    said = as_zip({**files, "machine.yaml": files["machine.yaml"] + b"effects:\n  magic: {}\n"}, workspace)
-    assert said.startswith("machine.yaml:") and "magic" in said
-
-
-@pytest.mark.parametrize("content", [b"no zip", b"", b"PK\x03\x04" + b"\0" * 60])
-def test_a_damaged_zip_says_so(workspace, content):
-    assert "is not a readable zip" in refused([Uploaded("lifts.zip", content)], workspace)
-
-
-def test_a_cut_zip_says_so(files, workspace):
+def cut(files: dict[str, bytes]) -> bytes:
     whole = bytearray(zipped(files))
     at = whole.index(b"machine.yaml") + 40
     whole[at : at + 200] = b"\xff" * 200
-    assert "is not a readable zip" in refused([Uploaded("lifts.zip", bytes(whole))], workspace)
+    return bytes(whole)
 
 
-def test_other_packings_are_refused_before_they_are_unpacked(files, workspace):
-    packed = zipped(files, method=zipfile.ZIP_LZMA)
-    assert "expected a plain (deflate) zip" in refused([Uploaded("lifts.zip", packed)], workspace)
+def lying(files: dict[str, bytes]) -> bytes:
+    return zipped(of_zeros(files)).replace((50_000_000).to_bytes(4, "little"), (1000).to_bytes(4, "little"))
 
 
-def test_a_zip_bomb_is_stopped_where_it_grows(files, workspace, monkeypatch):
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (lambda files: b"no zip", "is not a readable zip"),
+        (lambda files: b"", "is not a readable zip"),
+        (lambda files: b"PK\x03\x04" + b"\0" * 60, "is not a readable zip"),
+        (cut, "is not a readable zip"),
+        (lambda files: zipped(files, method=zipfile.ZIP_LZMA), "expected a plain (deflate) zip"),
+        (lambda files: zipped(of_zeros(files)), "lifts.zip: unpacks to more than 5 MB"),
+        (lying, "lifts.zip: "),
+    ],
+    ids=["no zip", "empty", "begun", "cut", "lzma", "bomb", "a bomb that lies about its size"],
+)
+def test_a_zip_that_is_damaged_or_grows_is_refused(files, workspace, monkeypatch, content, said):
     monkeypatch.setattr(uploads, "MOST_UNPACKED", 5_000_000)
-    packed = zipped({**files, "runs/lift.csv": b"0" * 50_000_000})
+    packed = content(files)
     assert len(packed) < 200_000
-    assert refused([Uploaded("bomb.zip", packed)], workspace) == "bomb.zip: unpacks to more than 5 MB"
+    assert said in refused([Uploaded("lifts.zip", packed)], workspace)
 
 
-def test_a_size_that_the_zip_lies_about_does_not_help_it(files, workspace, monkeypatch):
-    monkeypatch.setattr(uploads, "MOST_UNPACKED", 5_000_000)
-    packed = zipped({**files, "runs/lift.csv": b"0" * 50_000_000})
-    lied = packed.replace((50_000_000).to_bytes(4, "little"), (1000).to_bytes(4, "little"))
-    assert lied != packed
-    said = refused([Uploaded("bomb.zip", lied)], workspace)
-    assert said.startswith("bomb.zip: ") and ("unpacks to more" in said or "not a readable zip" in said)
+def as_log(folder: Path, suffix: str, columns: Mapping[str, Any]) -> bytes:
+    """A log of that format, well packed."""
+    file = folder / f"lift.{suffix}"
+    if suffix == "csv":
+        file.write_text(csv_text(columns))
+    elif suffix == "mat":
+        scipy.io.savemat(file, dict(columns), do_compression=True)
+    else:
+        pyarrow.parquet.write_table(pa.table(dict(columns)), file)
+    return file.read_bytes()
+
+
+def with_log(files: dict[str, bytes], suffix: str, content: bytes) -> dict[str, bytes]:
+    runs = RUNS.replace("lift.csv", f"lift.{suffix}").encode()
+    return {**files, "runs.yaml": runs, f"runs/lift.{suffix}": content}
+
+
+@pytest.mark.parametrize(
+    ("suffix", "zeros", "limits", "said"),
+    [
+        ("parquet", 3_000_000, {"rows": 1_000_000}, "holds more than 1 million rows, the most that is read; cut it"),
+        ("mat", 300_000, {"bytes": 5_000_000},
+         "unpacks to more than 5 MB, the most that is read; cut it or leave columns out"),
+    ],
+)  # fmt: skip
+def test_a_log_that_unpacks_to_too_much_is_refused_before_it_does(
+    files, workspace, monkeypatch, tmp_path, suffix, zeros, limits, said
+):
+    limit_uploads(monkeypatch, **limits)
+    packed = as_log(tmp_path, suffix, dict.fromkeys(hoist_columns(3), np.zeros(zeros)))
+    assert len(packed) < 200_000
+    assert as_zip(with_log(files, suffix, packed), workspace) == f"runs/lift.{suffix}: lift: {said}"
+
+
+def test_the_same_name_twice_and_a_zip_beside_files_are_refused(files, workspace):
+    assert "was uploaded twice" in refused([*loose(files), Uploaded("sub/lift.csv", b"")], workspace)
+    assert "one zip alone" in refused([*loose(files), Uploaded("more.zip", b"")], workspace)
+    assert "nothing was uploaded" in refused([], workspace)
 
 
 def test_too_many_or_too_large_files_are_refused(files, workspace, monkeypatch):
@@ -200,42 +232,6 @@ def test_too_many_or_too_large_files_are_refused(files, workspace, monkeypatch):
     assert "holds 1004 files" in as_zip({**files, **members}, workspace)
 
 
-def test_the_same_name_twice_and_a_zip_beside_files_are_refused(files, workspace):
-    assert "was uploaded twice" in refused([*loose(files), Uploaded("sub/lift.csv", b"")], workspace)
-    assert "one zip alone" in refused([*loose(files), Uploaded("more.zip", b"")], workspace)
-    assert "nothing was uploaded" in refused([], workspace)
-
-
-def test_names_that_need_a_file_and_a_folder_at_once_are_refused(files, workspace):
-    runs = RUNS + "- {name: two, file: runs/lift.csv/two.csv, payload_kg: 0.0, start_position_m: 9.0}\n"
-    said = as_zip({**files, "runs.yaml": runs.encode(), "runs/lift.csv/two.csv": b"x"}, workspace)
-    assert said.startswith("runs.yaml: its logs cannot be stored side by side")
-
-
-def test_a_parquet_bomb_is_refused_by_its_footer(files, workspace, monkeypatch, tmp_path):
-    limit_uploads(monkeypatch, rows=1_000_000)
-    zeros = np.zeros(3_000_000)
-    pyarrow.parquet.write_table(pa.table(dict.fromkeys(hoist_columns(3), zeros)), tmp_path / "zeros.parquet")
-    packed = (tmp_path / "zeros.parquet").read_bytes()
-    assert len(packed) < 200_000
-    runs = RUNS.replace("lift.csv", "lift.parquet").encode()
-    said = as_zip({**files, "runs.yaml": runs, "runs/lift.parquet": packed}, workspace)
-    assert said == "runs/lift.parquet: lift: holds more than 1 million rows, the most that is read; cut it"
-
-
-def test_a_mat_bomb_is_refused_before_it_unpacks(files, workspace, monkeypatch, tmp_path):
-    limit_uploads(monkeypatch, bytes=5_000_000)
-    zeros = np.zeros(300_000)
-    scipy.io.savemat(tmp_path / "zeros.mat", dict.fromkeys(hoist_columns(3), zeros), do_compression=True)
-    packed = (tmp_path / "zeros.mat").read_bytes()
-    assert len(packed) < 200_000
-    runs = RUNS.replace("lift.csv", "lift.mat").encode()
-    said = as_zip({**files, "runs.yaml": runs, "runs/lift.mat": packed}, workspace)
-    assert said == (
-        "runs/lift.mat: lift: unpacks to more than 5 MB, the most that is read; cut it or leave columns out"
-    )
-
-
 @pytest.mark.parametrize("end", [b"\n", b"\r", b"\r\n"])
 def test_a_long_csv_is_refused_by_its_rows_whatever_ends_them(files, workspace, monkeypatch, end):
     limit_uploads(monkeypatch, rows=400)
@@ -243,29 +239,18 @@ def test_a_long_csv_is_refused_by_its_rows_whatever_ends_them(files, workspace, 
     assert as_zip(files, workspace) == "runs/lift.csv: lift: holds more than 400 rows, the most that is read; cut it"
 
 
-def test_a_mat_file_of_zeros_is_refused_at_once(files, workspace):
-    runs = RUNS.replace("lift.csv", "lift.mat").encode()
-    said = as_zip({**files, "runs.yaml": runs, "runs/lift.mat": bytes(50_000_000)}, workspace)
-    assert said == "runs/lift.mat: lift: is not a readable MAT file: it begins with zeros"
-
-
 def test_a_log_that_takes_too_long_is_refused(files, workspace, monkeypatch):
     limit_uploads(monkeypatch, seconds=1.0)
-    runs = RUNS.replace("lift.csv", "lift.mat").encode()
     endless = bytes([1]) + bytes(19) + bytes(100_000_000)  # version 4: five million variables without a name
-    said = as_zip({**files, "runs.yaml": runs, "runs/lift.mat": endless}, workspace)
-    assert said.startswith("runs/lift.mat: lift: ")
+    assert as_zip(with_log(files, "mat", endless), workspace).startswith("runs/lift.mat: lift: ")
+    said = as_zip(with_log(files, "mat", bytes(50_000_000)), workspace)
+    assert said == "runs/lift.mat: lift: is not a readable MAT file: it begins with zeros"
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "mat"])
 def test_parquet_and_mat_logs_are_read(files, workspace, tmp_path, suffix):
-    log, columns = tmp_path / f"lift.{suffix}", hoist_columns()
-    if suffix == "mat":
-        scipy.io.savemat(log, dict(columns), do_compression=True)
-    else:
-        pyarrow.parquet.write_table(pa.table(dict(columns)), log)
-    runs = RUNS.replace("lift.csv", log.name).encode()
-    campaign = read_uploaded([*loose({**files, "runs.yaml": runs}), Uploaded(log.name, log.read_bytes())], workspace)
+    log = as_log(tmp_path, suffix, hoist_columns())
+    campaign = read_uploaded(loose(with_log(files, suffix, log)), workspace)
     assert len(campaign.run("lift").time_s) == 500
 
 
@@ -314,23 +299,12 @@ def test_whatever_is_uploaded_stays_in_the_workspace_or_is_an_input_error(tmp_pa
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(max_size=400), st.integers(0, 2000), st.sampled_from(["csv", "parquet", "mat"]))
 def test_damaged_logs_are_input_errors(tmp_path, noise, at, suffix):
-    workspace, log = tmp_path / "session", tmp_path / f"lift.{suffix}"
+    workspace, made = tmp_path / "session", write_campaign(tmp_path / "made", hoist_columns(60))
     workspace.mkdir(exist_ok=True)
-    made, columns = write_campaign(tmp_path / "made", hoist_columns(60)), hoist_columns(60)
-    if suffix == "csv":
-        log.write_text(csv_text(columns))
-    elif suffix == "mat":
-        scipy.io.savemat(log, dict(columns), do_compression=True)
-    else:
-        pyarrow.parquet.write_table(pa.table(dict(columns)), log)
-    content = bytearray(log.read_bytes())
+    content = bytearray(as_log(tmp_path, suffix, hoist_columns(60)))
     content[at : at + len(noise)] = noise
-    runs = RUNS.replace("lift.csv", log.name).encode()
-    sent = [
-        Uploaded("machine.yaml", (made / "machine.yaml").read_bytes()), Uploaded("runs.yaml", runs),
-        Uploaded(log.name, bytes(content)),
-    ]  # fmt: skip
-    assert str(tmp_path) not in told(sent, workspace)
+    given_ = with_log({"machine.yaml": (made / "machine.yaml").read_bytes()}, suffix, bytes(content))
+    assert str(tmp_path) not in told(loose(given_), workspace)
 
 
 @pytest.mark.parametrize("name", ["../other.yaml", "a/b.csv", "/tmp/x.csv", "", "..", "."])

@@ -6,7 +6,6 @@ import json
 import re
 import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -14,7 +13,6 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.made_diagnosis import KINDS, VISCOUS, made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
-from workbench.cli.progress import Stages
 from workbench.cli.progress import stages as shown
 from workbench.cli.show import print_sections
 from workbench.core.errors import InputError
@@ -57,9 +55,7 @@ class Called:
         self.how: dict[str, Any] = {}
         self.answer: Any = made_diagnosis("named")
         self.steps: list[Progress] = []
-        module = ModuleType("workbench.diagnose.diagnose")
-        module.diagnose = self  # type: ignore[attr-defined]
-        monkeypatch.setitem(sys.modules, module.__name__, module)
+        monkeypatch.setattr("workbench.cli.diagnose.cause.diagnose", self)
 
     def __call__(self, campaign: Any, *, tell: Tell, **how: Any) -> Any:
         self.how = {"campaign": campaign, **how}
@@ -188,28 +184,6 @@ def test_each_step_is_a_plain_line_where_there_is_no_terminal(workbench: Command
     called.steps = [Progress(Stage.SEARCH, Task.BASE), heave, heave]
     done = workbench("diagnose", folder)
     assert done.err.splitlines()[-2:] == ["2/7 base parameters", "2/7 effect 3 of 8: heave"]
-
-
-def test_the_rest_of_the_time_is_told_at_the_pace_so_far(monkeypatch: pytest.MonkeyPatch):
-    now, lines = [100.0], []
-    monkeypatch.setattr("workbench.cli.progress.time.monotonic", lambda: now[0])
-    stages = Stages(lambda sentence, done, total: lines.append(sentence), writes=True)
-    for stage in Stage:
-        now[0] = 100.0 + 20.0 * Progress(stage).share_done  # a diagnosis of 20 s
-        stages.tell(Progress(stage))
-    told = [float(line.partition(", about ")[2].split()[0]) for line in lines if ", about " in line]
-    expected = [20.0 * (1.0 - Progress(stage).share_done) for stage in Stage if Progress(stage).share_done >= 0.1]
-    assert told == pytest.approx(expected, abs=0.51)
-    assert lines[0] == "1/8 reading the logs"  # nothing is foretold from the first moment
-
-
-def test_the_shares_of_the_work_rise_to_the_end():
-    steps = [Progress(Stage.READ), Progress(Stage.SEARCH, Task.BASE), Progress(Stage.SEARCH, Task.SIGNATURES)]
-    steps += [Progress(Stage.SEARCH, Task.SINGLE, k, 9) for k in range(1, 10)]
-    steps += [Progress(Stage.SEARCH, Task.PAIRS, k, 3) for k in range(1, 4)]
-    steps += [Progress(stage) for stage in list(Stage)[2:]]
-    shares = [step.share_done for step in steps]
-    assert shares == sorted(shares) and shares[0] == 0.0 and shares[-1] < 1.0
 
 
 def test_the_stages_are_counted_without_a_gap_to_the_last(

@@ -196,7 +196,7 @@ def test_the_page_says_the_answer_first_and_then_each_step(kind: str, tmp_path: 
     page = page_of(d, tmp_path)
     steps = [
         d.verdict.sentence, "1. Condition of the logs", "2. The gap", "3. Where it lies", "4. Candidates",
-        "5. What these runs can tell apart", "6. Verdict", "7. How far it shrinks",
+        "5. Isolability of the effects", "6. Verdict", "7. Residual on held-out runs",
         "8. What changes in the control study", "9. The next run",
     ]  # fmt: skip
     places = [page.index(step) for step in steps]
@@ -245,7 +245,7 @@ def test_a_report_without_a_gap_has_no_before_and_after(tmp_path: Path):
     d = made_diagnosis("no_gap")
     assert diagnosis.shrink_table(d).heads == ("held out", "residual N m", "times the noise")
     page = page_of(d, tmp_path)
-    assert not re.search(r"\bbefore\b|After:|Yellow", page[page.index("7. How far") :])
+    assert not re.search(r"\bbefore\b|After:|Yellow", page[page.index("7. Residual") :])
 
 
 def test_a_gap_that_is_none_is_not_said_to_shrink():

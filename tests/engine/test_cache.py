@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import functools
+import contextlib
 import os
 import shutil
 import subprocess
@@ -48,22 +48,6 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-Results = Callable[[str], list[str]]
-
-
-@pytest.fixture(scope="module")
-def results(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> Results:
-    """What the copy computes now, with one cache for all its states."""
-    folder = str(tmp_path_factory.mktemp("kernels"))
-    return lambda what: finished(start_process(checkout, (what,), {"WORKBENCH_CACHE": folder}))[0]
-
-
-@pytest.fixture(scope="module")
-def unedited(results: Results) -> Results:
-    """The same before any edit, computed once."""
-    return functools.cache(results)
-
-
 EDITS = {
     "an equation of the hoist": ("machines/kinds/hoist.py", "a_s = (s.r * (s.W2", "a_s = (0.9 * s.r * (s.W2", "hoist"),
     "an equation of the axis": ("machines/kinds/axis.py", "load = p.G * sin(x)", "load = 1.001 * p.G * sin(x)", "axis"),
@@ -79,19 +63,37 @@ EDITS = {
 }
 
 
-@pytest.mark.parametrize("edit", EDITS)
-def test_an_edit_is_seen_though_the_cache_holds_what_stood_there_before(checkout, results, unedited, edit):
+@contextlib.contextmanager
+def edited(checkout: Path, edit: str) -> Iterator[str]:
+    """The copy with one place of its physics changed; gives what computes with it."""
     name, old, new, what = EDITS[edit]
-    before = unedited(what)
     path = checkout / "workbench" / name
     text = path.read_text(encoding="utf-8")
     assert text.count(old) == 1
     path.write_text(text.replace(old, new), encoding="utf-8")
     try:
-        edited = results(what)
+        yield what
     finally:
         path.write_text(text, encoding="utf-8")
-    assert edited != before
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_an_edit_gives_a_kernel_another_text_which_its_file_is_named_after(checkout, edit):
+    def text_of(what: str) -> list[str]:
+        return finished(start_process(checkout, ("text", what), {}))[0]
+
+    with edited(checkout, edit) as what:
+        after = text_of(what)
+    assert text_of(what) != after
+
+
+def test_an_edit_is_seen_though_the_cache_holds_what_stood_there_before(checkout, tmp_path):
+    environment = {"WORKBENCH_CACHE": str(tmp_path)}
+    before, _ = finished(start_process(checkout, ("axis",), environment))
+    with edited(checkout, "an equation of the axis"):
+        after, _ = finished(start_process(checkout, ("axis",), environment))
+    again, _ = finished(start_process(checkout, ("axis",), environment))
+    assert after != before == again
 
 
 def test_two_processes_that_compile_at_once_both_work_and_leave_nothing_half_written(tmp_path):
@@ -277,10 +279,11 @@ def test_numba_serves_with_one_warning_where_object_code_does_not(forgetful, mon
     assert not list(forgetful.glob("*.kernel"))
 
 
-def test_a_simulation_by_numba_itself_is_the_same(unedited, tmp_path):
+def test_a_simulation_by_numba_itself_is_the_same(tmp_path):
     environment = {"WORKBENCH_ENGINE": "numba", "WORKBENCH_CACHE": str(tmp_path / "kernels")}
     (computed,), _ = finished(start_process(ROOT, ("axis",), environment))
-    assert float.fromhex(computed) == pytest.approx(float.fromhex(unedited("axis")[0]), rel=1e-9)
+    (usual,), _ = finished(start_process(ROOT, ("axis",), {}))
+    assert float.fromhex(computed) == pytest.approx(float.fromhex(usual), rel=1e-9)
     assert list(tmp_path.rglob("*.kernel")) == []
 
 

@@ -21,11 +21,11 @@ from tests.support import log_openers
 from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
-from workbench.logs.formats import known, worker
+from workbench.logs.formats import known
+from workbench.logs.formats import opening as worker
 from workbench.logs.formats.declared import OWN, UPLOADED, Limits, LogFormat, Opened
 from workbench.logs.formats.known import suffixes
-from workbench.logs.formats.opening import open_log
-from workbench.logs.formats.worker import landlock_version
+from workbench.logs.formats.opening import landlock_version, open_log
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = Limits(rows=10_000, bytes=1_000_000, seconds=1.0, memory_bytes=300_000_000)
@@ -72,13 +72,13 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
 
     (folder / "runs.yaml").write_text(RUNS.replace("lift.csv", "lift.odd"))
     (folder / "runs" / "lift.odd").touch()
-    with pytest.raises(InputError, match=r"save the log as \.csv, \.mat, \.mf4, \.parquet, \.tdms or \.made"):
+    with pytest.raises(InputError, match=r"save the log as \.csv, \.mat, \.mf4, \.parquet, \.xml, \.tdms or \.made"):
         read_campaign(folder)
 
     assert "- **made-up** (`.made`): arrays that numpy has saved." in known.section()
-    for name in ("workbench.dashboard.chosen", "workbench.cli.options", "workbench.cli.replay"):
+    for name in ("workbench.dashboard.chosen", "workbench.cli.options", "workbench.cli.measured"):
         monkeypatch.delitem(sys.modules, name, raising=False)
-    from workbench.cli.replay import command
+    from workbench.cli.measured import replay as command
     from workbench.dashboard.chosen import TYPES
 
     assert "made" in TYPES
@@ -210,7 +210,7 @@ def test_ctrl_c_ends_the_reader_and_its_worker(tmp_path):
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from pathlib import Path\n"
         "from tests.support import log_openers\n"
-        "from workbench.logs.formats import known, worker\n"
+        "from workbench.logs.formats import known, opening as worker\n"
         "from workbench.logs.formats.declared import LogFormat\n"
         "from workbench.logs.formats.opening import open_log\n"
         "known.FORMATS.append(LogFormat('made-up', ('.made',), log_openers.sleep, about=''))\n"

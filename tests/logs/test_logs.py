@@ -233,8 +233,9 @@ def test_mistake_in_the_list_of_runs_is_named_by_place(tmp_path, old, new):
 def test_formats_to_come_are_named(tmp_path):
     write_campaign(tmp_path, hoist_columns(), runs=RUNS.replace("lift.csv", "lift.xlsx"))
     (tmp_path / "runs" / "lift.xlsx").write_bytes(b"PK")
-    assert "Excel files are not read by this version; save the log as .csv, .mat, .mf4, .parquet or .tdms" in refusal(
-        tmp_path
+    assert (
+        "Excel files are not read by this version; save the log as .csv, .mat, .mf4, .parquet, .xml or .tdms"
+        in refusal(tmp_path)
     )
 
 

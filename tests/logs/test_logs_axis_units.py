@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,7 @@ def test_an_axis_in_si_is_read(tmp_path: Path, logged: tuple[str, ...]):
         ),
         ({"velocity_m_s": 1e3}, BOTH, "or a scale of 0.001 .milli. would fit for velocity_m_s"),
         ({"position_m": 1e3}, BOTH[:1], "position_m moves at .* top speed is 0.5; a scale of 0.001 .milli. would fit"),
-        ({"velocity_m_s": 60.0}, BOTH[1:], "velocity_m_s moves at .* a scale of 0.0166667 .a minute. would fit"),
+        ({"velocity_m_s": 60.0}, BOTH[1:], "velocity_m_s moves at .* 0.0166667 .a minute. .*would fit"),
         (
             {"force_n": 1e-3},
             BOTH,
@@ -76,3 +77,30 @@ def test_without_a_stated_drive_the_input_still_tells_millimetres(tmp_path: Path
     assert not read_campaign(campaign(tmp_path, {}, BOTH[:1], plain)).all_notes
     with pytest.raises(InputError, match=r"a scale of 0\.001 \(milli\) would fit for position_m"):
         read_campaign(campaign(tmp_path, {"position_m": 1e3}, BOTH[:1], plain))
+
+
+@pytest.mark.parametrize(
+    ("signal", "unit", "wrong", "logged"),
+    [(*one, logged) for logged in (BOTH, BOTH[:1], BOTH[1:]) for one in (
+        ("position_m", "mm", 1e3), ("position_m", "cm", 1e2), ("velocity_m_s", "mm/s", 1e3),
+        ("velocity_m_s", "cm/s", 1e2), ("velocity_m_s", "m/min", 60.0), ("velocity_m_s", "mm/min", 6e4),
+        ("force_n", "kN", 1e-3), ("force_n", "mN", 1e3),
+    ) if one[0] in (*logged, "force_n")],
+)  # fmt: skip
+def test_a_scale_that_would_fit_makes_the_log_readable_and_the_right_one_is_offered(
+    tmp_path: Path, signal: str, unit: str, wrong: float, logged: tuple[str, ...]
+):
+    """The refutation of the advice: it is followed, one offer after the other."""
+    folder = campaign(tmp_path, {signal: wrong}, logged)
+    with pytest.raises(InputError) as refused:
+        read_campaign(folder)
+    offers = re.findall(r"a scale of ([^,;]+) would fit(?: for (\w+))?", str(refused.value))
+    right = False
+    for scale, named in [(scale.split()[0], named) for scales, named in offers for scale in scales.split(" or ")]:
+        column = named or re.findall(r"move: (\w+)", str(refused.value))[0]
+        text = f"columns: {{{column}: {{column: {column}, scale: {scale}}}}}\nruns: [{{name: move, file: move.csv}}]\n"
+        (folder / "runs.yaml").write_text(text)
+        if column == signal and float(scale) == pytest.approx(1.0 / wrong, rel=1e-4):
+            right = True
+            assert read_campaign(folder).all_notes == (), unit
+    assert right, refused.value

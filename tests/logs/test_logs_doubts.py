@@ -16,6 +16,8 @@ from tests.support.commands import Commands
 from workbench.core.run import Run
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.doubts import doubts_of
+from workbench.machines import kind_of
+from workbench.simulate.replay import replay_runs
 
 
 @cache
@@ -76,6 +78,19 @@ def test_a_start_position_is_held_against_the_logged_one(campaigns: Path):
     (note,) = doubts_of(campaign.machine, [*campaign.runs[:2], run, *campaign.runs[3:]])
     assert note.startswith(f"{run.name}: position_carriage_m begins at ")
     assert note.endswith("check start_position_m")
+
+
+def test_a_start_position_3_m_off_is_not_seen_without_a_height_for_it_is_half_a_per_cent_of_payload(campaigns: Path):
+    """The wire that hangs lower is all that depends on it: one constant torque, as of a load off by less than 0.5 %."""
+    campaign = read(campaigns / "01")
+    off = edited(campaign.machine, campaign.runs[1], "start position 3 m off", seed=0)
+    assert off is not None
+    assert doubts_of(campaign.machine, [campaign.runs[0], off, *campaign.runs[2:]]) == []
+    here, there = replay_runs(campaign.machine, [campaign.runs[1]]), replay_runs(campaign.machine, [off])
+    change = there.runs[0].balance.residual - here.runs[0].balance.residual
+    hold = kind_of(campaign.machine).rigid(campaign.machine, off.payload_kg).hold
+    assert float(np.std(change)) < 0.01 * here.noise_rms
+    assert 0.0 < abs(float(np.mean(change))) < 0.005 * hold
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,8 @@ from workbench.logs import read_campaign
 from workbench.logs.formats.declared import Channel, at_times
 from workbench.logs.formats.drive_csv import split_unit
 from workbench.logs.formats.opening import open_log
-from workbench.logs.importing import propose, quantity_of, read_channels, score, unit_of
-from workbench.machines import KINDS, TIME, default_hoist, save_machine
+from workbench.logs.importing import NOMINAL, UNITS, UNSAID, propose, quantity_of, read_channels, score, unit_of
+from workbench.machines import KINDS, TIME, Axis, Hoist, LinearAxis, default_hoist, save_machine
 from workbench.view.logs import mapping_table
 
 HOIST = default_hoist()
@@ -279,6 +279,90 @@ def test_a_wrong_unit_or_scale_is_one_line(mapped: list[str], scales: list[str],
 
 def test_a_unit_that_is_not_known_is_told_as_the_file_says_it():
     time_s = np.arange(10.0)
-    channels = [Channel(name, unit, time_s, time_s) for name, unit in (("M_ist", "%"), ("n_ist", "1/min"))]
+    channels = [Channel(name, unit, time_s, 90.0 * time_s) for name, unit in (("M_ist", "%"), ("n_ist", "1/min"))]
     proposed = propose(HOIST, channels)
     assert "its unit '%' is not known: taken as SI" in str(mapping_table(proposed).rows)
+
+
+AXIS = LinearAxis.model_validate({
+    "kind": "axis", "motion": "linear", "mass_kg": 95.0, "friction": {
+        "coulomb_forward_n": 20.0, "coulomb_backward_n": 20.0, "viscous_n_s_per_m": 200.0},
+    "drive": {"top_speed_m_s": 0.5, "force_limit_n": 400.0, "nominal_force_n": 300.0},
+})  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("machine", "signal", "other", "nominal"),
+    [
+        (HOIST, "torque_motor_nm", "speed_motor_rad_s", HOIST.motor.nominal_torque_nm * HOIST.motor.count),
+        (HOIST, "speed_motor_rad_s", "torque_motor_nm", HOIST.motor.nominal_speed_rad_s),
+        (AXIS, "force_n", "velocity_m_s", 300.0),
+        (AXIS, "velocity_m_s", "force_n", 0.5),
+    ],
+    ids=["torque", "turning", "force", "speed"],
+)
+def test_no_unit_is_guessed_wrong_whatever_the_log_is_in_and_however_little_the_machine_does(
+    machine: Hoist | Axis, signal: str, other: str, nominal: float
+):
+    """The refutation: every unit that may be left out, at every size from a hundredth to three times nominal."""
+    quantity, time_s, guesses = quantity_of(signal), np.linspace(0.0, 1.0, 200), set()
+    units = {name: factor for name, (of, factor) in UNITS.items() if of == quantity and (name in UNSAID or factor == 1)}
+    for unit, factor in (units | {NOMINAL: nominal / 100.0}).items():
+        for size in np.geomspace(0.0102, 2.98, 60):
+            values = size * nominal / factor * np.ones(200)
+            unnamed = [Channel(signal, "", time_s, values), Channel(other, "", time_s, time_s)]
+            (made,) = (p for p in propose(machine, unnamed).proposals if p.signal == signal)
+            assert made.by_size == "" or made.factor == pytest.approx(factor), (unit, size, made.by_size)
+            guesses.add(made.by_size)
+    assert len(guesses) > 1  # and some are made
+
+
+TREND = [
+    'Controller Name:,"Rig"', "Trend Name:,Lift", "Trend Tags:,2", "Sample Period:,20 ms", "Description:",
+    "Start Time:,3/1/2026,11:59:59 PM;980", "", 'Header:,"Date","Time","Program:Main.Torque [Nm]","Speed_rpm"',
+]  # fmt: skip
+
+
+def test_a_trend_of_studio_5000_is_read_over_midnight(tmp_path: Path):
+    clocks = ["23:59:59;980", "00:00:00;000", "00:00:00;020"]
+    rows = [f"Data,{day}/1/2026,{at},{k}.5,{-k}" for k, (day, at) in enumerate(zip((3, 4, 4), clocks, strict=True))]
+    (tmp_path / "trend.csv").write_text("\r\n".join([*TREND, *rows, ""]))
+    torque, speed = read_channels(tmp_path / "trend.csv")
+    assert (torque.name, torque.unit, speed.name) == ("Program:Main.Torque", "Nm", "Speed_rpm")
+    assert np.diff(torque.time_s) == pytest.approx(0.02, abs=1e-6)
+    assert torque.values.tolist() == [0.5, 1.5, 2.5] and speed.values.tolist() == [0.0, -1.0, -2.0]
+    for wrong, said in (("Data,1,25,1,2", "expected Data, a date, a time"), ("Data,1,00:00:01;0,x,2", "numbers")):
+        (tmp_path / "trend.csv").write_text("\n".join([*TREND, *rows, wrong]))
+        with pytest.raises(InputError, match=said) as refused:
+            read_channels(tmp_path / "trend.csv")
+        assert refused.value.line == len(TREND) + 4
+
+
+def test_a_sinumerik_trace_holds_what_does_not_change_and_skips_what_is_no_value(tmp_path: Path):
+    (tmp_path / "trace.xml").write_text(
+        '<trace><traceDisplaySetup><signals><signal key="7" description="Drehmoment [Nm]" name="r80"/></signals>'
+        '</traceDisplaySetup><traceData><dataFrame><dataSignal key="7"/><dataSignal key="8" name="speed" '
+        'description="speed (64 bit)"/><rec time="0" f1="1.5" f2="9218868437227405312"/><rec time="0.002" f2="3"/>'
+        '<rec time="0.004" f1="2.5"/></dataFrame></traceData></trace>'
+    )
+    torque, speed = read_channels(tmp_path / "trace.xml")
+    assert (torque.name, torque.unit) == ("Drehmoment", "Nm") and torque.time_s.tolist() == [0.0, 0.002, 0.004]
+    assert torque.values.tolist() == [1.5, 1.5, 2.5] and np.array_equal(
+        speed.values, [np.nan, 3.0, 3.0], equal_nan=True
+    )
+    (tmp_path / "trace.xml").write_text("<trace/>")
+    assert "holds no trace" in str(refusal(tmp_path / "trace.xml"))
+
+
+def test_a_scope_with_full_time_stamps_counts_in_windows_time(tmp_path: Path):
+    as_scope(tmp_path / "scope.csv")
+    text = (tmp_path / "scope.csv").read_text().split("\n")
+    for i, line in enumerate(text[9:-2], 9):
+        cells = line.split("\t")
+        for j in (0, 2):
+            ticks = round(1e4 * float(cells[j].replace(",", "."))) if cells[j] else 0
+            cells[j] = str(132960000000000000 + ticks) if cells[j] else ""
+        text[i] = "\t".join(cells)
+    (tmp_path / "full.csv").write_text("\n".join(text))
+    for plain, full in zip(*(read_channels(tmp_path / name) for name in ("scope.csv", "full.csv")), strict=True):
+        assert np.diff(full.time_s) == pytest.approx(np.diff(plain.time_s), abs=5e-6)

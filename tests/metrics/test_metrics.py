@@ -1,11 +1,11 @@
-"""Each metric against a trace made by hand; the compiled loop gives the very same numbers."""
+"""Each metric against a closed form on a trace made by hand; the compiled loop gives the very same numbers."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from tests.support.ideal import ideal_hoist
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
 from workbench.machines import KINDS, PLANTS, Drive, default_hoist, with_values
-from workbench.metrics import LoopMetric, measure, metrics
+from workbench.metrics import LoopMetric, measure, metrics, observer
 from workbench.simulate import loop
 from workbench.simulate.loop import LoopCase, simulate_loop
 
@@ -59,143 +59,143 @@ def with_peak(value: float, at: int = 37, calm: float = 600.0) -> Array:
     return signal
 
 
-@pytest.mark.parametrize("peak", [1000.0, -1000.0])
-def test_the_peak_torque_is_the_largest_of_one_motor_either_way(peak):
-    assert metric("peak_torque_motor_nm", trace(torque_motor_nm=with_peak(peak))) == 500.0
+def steps(value: float, at: int, calm: float) -> Array:
+    return np.where(np.arange(100) < at, value, calm)
 
 
-def test_the_peak_torque_in_per_cent_is_of_one_motor_s_nominal_torque():
-    assert metric("peak_torque_percent", trace(torque_motor_nm=with_peak(960.0))) == pytest.approx(100.0)
-
-
-def test_the_harder_worked_motor_is_judged():
-    run = trace(torque_motor_nm=with_peak(1000.0))
-    assert metric("peak_torque_motor_nm", run, share=0.6) == pytest.approx(600.0)
-    assert metric("rms_torque_motor_nm", trace(), share=0.6) == pytest.approx(360.0)
-
-
-def test_after_a_failure_one_motor_gives_all():
-    run = trace(torque_motor_nm=np.where(np.arange(100) < 60, 800.0, 700.0))
-    assert metric("peak_torque_motor_nm", run, t_fail=0.599) == 700.0
-    assert metric("peak_torque_motor_nm", run, t_fail=5.0) == 400.0
-
-
-def test_the_peak_above_static_is_above_what_holds_the_load():
-    assert metric("peak_torque_above_static_nm", trace(torque_motor_nm=with_peak(950.0))) == 350.0
-    assert metric("peak_torque_above_static_nm", trace(torque_motor_nm=np.full(100, 400.0))) == -200.0
-
-
-def test_the_rms_torque_of_a_sine_about_a_mean_is_its_closed_form():
+def decaying(amplitude: float, time_constant_s: float) -> dict[str, Array]:
+    """A reference that stops after 2 s, and a speed error that dies away from there."""
     time = np.arange(1000) * DT
-    run = trace(1000, torque_motor_nm=600.0 + 200.0 * np.sin(2.0 * math.pi * time))  # ten whole periods
-    assert metric("rms_torque_motor_nm", run) == pytest.approx(0.5 * math.sqrt(600.0**2 + 200.0**2 / 2.0))
+    reference = np.where(time < 2.0, 50.0, 0.0)
+    error = np.where(time < 2.0, 0.0, amplitude * np.exp(-(time - 2.0) / time_constant_s))
+    return {"speed_reference_rad_s": reference, "speed_motor_rad_s": reference + error}
 
 
-def test_speed_errors_are_those_of_reference_minus_speed():
-    run = trace(speed_reference_rad_s=with_peak(7.0, calm=10.5))
-    assert metric("speed_error_max_rad_s", run) == 3.0
-    assert metric("speed_error_rms_rad_s", run) == pytest.approx(math.sqrt((99 * 0.25 + 9.0) / 100.0))
+T10 = np.arange(1000) * DT  # ten whole periods of 1 Hz
+SINE = np.sin(2.0 * math.pi * T10)
+AT = np.arange(100)
+SLACK = np.where(np.isin(AT, [10, 11, 12, 13, 14, 50, 99]), 0.0, 5e4)
+TURN = np.where(AT < 50, 100.0, -80.0)
+LIFT = 0.6 / (4 * 31)  # m of carriage per rad of motor
+STOP = np.where(np.arange(300) * DT < 2.0, 10.0, 0.0)
+# 1 s behind by 2 rad/s, then caught up by half before the stop and wholly after it.
+BEHIND = STOP - np.where(np.arange(300) * DT < 1.0, 2.0, -1.0)
+SAW = np.cumsum(np.where(np.arange(200) % 5 == 4, -150.0, 100.0))  # up to and down again, in saw teeth
+OVER, REST = np.full(1000, 1.6 * 960.0), np.full(29_000, 960.0)  # 160 % of nominal for 10 s, then nominal for 290 s
+
+# (metric, its closed form, signals, parameters that are other)
+CASES: list[tuple[str, float, dict[str, Any], dict[str, float]]] = [
+    *(("peak_torque_motor_nm", 500.0, {"torque_motor_nm": with_peak(peak)}, {}) for peak in (1000.0, -1000.0)),
+    ("peak_torque_percent", 100.0, {"torque_motor_nm": with_peak(960.0)}, {}),
+    ("peak_torque_motor_nm", 600.0, {"torque_motor_nm": with_peak(1000.0)}, {"share": 0.6}),  # the harder-worked motor
+    ("rms_torque_motor_nm", 360.0, {}, {"share": 0.6}),
+    ("peak_torque_motor_nm", 700.0, {"torque_motor_nm": steps(800.0, 60, 700.0)}, {"t_fail": 0.599}),  # one gives all
+    ("peak_torque_motor_nm", 400.0, {"torque_motor_nm": steps(800.0, 60, 700.0)}, {"t_fail": 5.0}),
+    ("peak_torque_above_static_nm", 350.0, {"torque_motor_nm": with_peak(950.0)}, {}),
+    ("peak_torque_above_static_nm", -200.0, {"torque_motor_nm": np.full(100, 400.0)}, {}),
+    ("rms_torque_motor_nm", 0.5 * math.sqrt(600.0**2 + 200.0**2 / 2.0), {"torque_motor_nm": 600.0 + 200.0 * SINE}, {}),
+    ("speed_error_max_rad_s", 3.0, {"speed_reference_rad_s": with_peak(7.0, calm=10.5)}, {}),
+    ("speed_error_rms_rad_s", math.sqrt((99 * 0.25 + 9.0) / 100.0),
+     {"speed_reference_rad_s": with_peak(7.0, calm=10.5)}, {}),
+    ("min_wire_tension_n", 1e4, {"tension_min_n": with_peak(1e4, calm=5e4)}, {}),
+    ("max_wire_tension_n", 8e4, {"tension_drum_n": with_peak(7e4, calm=6e4),
+                                 "tension_dead_line_n": with_peak(8e4, at=3, calm=6e4)}, {}),
+    ("wire_tension_swing_n", 1.5e4, {"tension_drum_n": with_peak(7e4, calm=6e4),
+                                     "tension_dead_line_n": with_peak(4.5e4, at=3, calm=6e4)}, {}),
+    ("wire_tension_swing_n", 0.0, {}, {}),
+    ("wire_safety_factor", 5.0, {"tension_dead_line_n": with_peak(1.2e5, calm=6e4)}, {"W_break": 6e5}),
+    ("slack_time_s", 7 * DT, {"tension_min_n": SLACK}, {}),
+    ("slack_events", 3.0, {"tension_min_n": SLACK}, {}),
+    ("slack_events", 1.0, {"tension_min_n": np.zeros(100)}, {}),  # begins slack
+    ("slack_events", 0.0, {}, {}),
+    ("slack_time_s", 0.0, {}, {}),
+    ("energy_motoring_j", 3000.0, {"angle_motor_rad": 5.0 * np.minimum(AT / 50.0, 2.0 - AT / 50.0)}, {}),
+    ("energy_regenerated_j", 2940.0, {"angle_motor_rad": 5.0 * np.minimum(AT / 50.0, 2.0 - AT / 50.0)}, {}),
+    ("energy_motoring_j", 600.0 * 9.9, {"angle_motor_rad": 1900.0 + 0.1 * AT}, {}),  # wherever the angle stands
+    *(("energy_motoring_j", work, {"torque_motor_nm": [100.0, 300.0, 300.0], "angle_motor_rad": [0.0, 1.0, 1.0]},
+       {"before": before}) for work, before in ((100.0, 1.0), (200.0, 0.5))),  # held, or the mean behind a lag
+    *(("peak_speed_percent", 100.0 * 160.0 / P.w_nominal, {"speed_motor_rad_s": with_peak(peak, calm=20.0)}, {})
+      for peak in (160.0, -160.0)),
+    *(("overload_use_percent", use, {"torque_motor_nm": torque}, {})
+      for use, torque in ((100.0, OVER), (50.0, OVER[:500]), (100.0, np.concatenate([OVER, REST, OVER])),
+                          (150.0, np.concatenate([OVER, OVER[:500]])), (0.0, REST))),
+    *(("peak_carriage_acceleration_m_s2", 1.5, {"acceleration_carriage_m_s2": with_peak(peak, calm=0.2)}, {})
+      for peak in (1.5, -1.5)),
+    *(("rail_margin_m", margin, {"position_carriage_m": with_peak(height, calm=10.0)}, {})
+      for height, margin in ((0.4, 0.4), (24.7, 0.3), (-0.2, -0.2), (25.5, -0.5))),
+    ("i2t_s", 1.0, {"torque_motor_nm": np.full(100, 960.0)}, {}),  # nominal torque for 1 s
+    ("thermal_load_percent", 100.0, {"torque_motor_nm": np.full(100, 960.0)}, {}),
+    ("i2t_s", 20.0, {"torque_motor_nm": 1920.0 * SINE}, {}),
+    ("thermal_load_percent", 200.0, {"torque_motor_nm": 1920.0 * SINE}, {}),
+    ("overload_time_s", 10 * DT,
+     {"torque_motor_nm": np.select([(AT >= 10) & (AT < 17), (AT >= 50) & (AT < 53)], [960.1, -1000.0], 960.0)}, {}),
+    ("overload_time_s", 0.0, {"torque_motor_nm": np.full(100, 600.0)}, {}),
+    ("overload_time_s", 60 * DT, {"torque_motor_nm": np.full(100, 600.0)}, {"t_fail": 0.395}),
+    ("torque_rate_max_nm_per_s", 25.0, {"torque_motor_nm": 600.0 - 50.0 * AT * DT}, {}),
+    ("torque_rate_max_nm_per_s", 30.0 / DT, {"torque_motor_nm": with_peak(660.0)}, {}),
+    ("torque_rate_max_nm_per_s", 0.0, {}, {}),  # not the change from nothing to the first sample
+    ("peak_carriage_jerk_m_s3", 0.8, {"acceleration_carriage_m_s2": 5.0 - 0.8 * AT * DT}, {}),
+    ("speed_error_iae_rad", 60.0 / math.pi, {"speed_reference_rad_s": 10.0 + 3.0 * SINE}, {}),
+    *(("speed_overshoot_rad_s", beyond, {"speed_reference_rad_s": TURN, "speed_motor_rad_s": speed}, {})
+      for beyond, speed in ((0.0, TURN), (4.0, TURN + 4.0 * (AT == 20)), (5.0, TURN - 5.0 * (AT == 70)),
+                            (0.0, 0.5 * TURN))),
+    # 1 % of 157.1 rad/s is 1.571 rad/s.
+    *(("settling_time_s", math.log(10.0), decaying(amplitude, 1.0), {}) for amplitude in (15.71, -15.71)),
+    ("settling_time_s", 0.0, decaying(1.5, 1.0), {}),
+    ("settling_time_s", 8.0, decaying(20.0, 1e6), {}),
+    ("position_error_max_m", 2.0 * LIFT, {"speed_reference_rad_s": STOP, "speed_motor_rad_s": BEHIND}, {}),
+    ("position_error_stop_m", -LIFT, {"speed_reference_rad_s": STOP, "speed_motor_rad_s": BEHIND}, {}),
+    ("position_error_stop_m", LIFT, {"speed_reference_rad_s": -STOP, "speed_motor_rad_s": -BEHIND}, {}),
+    ("peak_power_motoring_kw", 90.0, {"speed_motor_rad_s": with_peak(150.0, calm=10.0)}, {}),
+    ("peak_power_regenerating_kw", 72.0, {"speed_motor_rad_s": with_peak(-120.0, calm=10.0)}, {}),
+    ("peak_power_regenerating_kw", 0.0, {}, {}),
+    # Ten periods; the last way back, to zero, counts where it is long enough.
+    *(("torque_swings", swings, {"torque_motor_nm": 300.0 + 960.0 * amplitude * SINE}, {})
+      for amplitude, swings in ((0.51, 19.0), (3.0, 20.0), (0.49, 0.0))),
+    ("torque_swings", 1.0, {"torque_motor_nm": [*SAW, *SAW[::-1]]}, {}),
+]  # fmt: skip
+ROUGH = {"overload_use_percent": 5e-3, "speed_error_iae_rad": 1e-3}  # sums in place of integrals
 
 
-def test_the_wire_s_smallest_and_largest_tension_come_from_their_own_signals():
-    run = trace(
-        tension_min_n=with_peak(1e4, calm=5e4),
-        tension_drum_n=with_peak(7e4, calm=6e4),
-        tension_dead_line_n=with_peak(8e4, at=3, calm=6e4),
-    )
-    assert metric("min_wire_tension_n", run) == 1e4
-    assert metric("max_wire_tension_n", run) == 8e4
+@pytest.mark.parametrize(("name", "value", "signals", "other"), CASES, ids=lambda x: x if isinstance(x, str) else "")
+def test_a_metric_of_a_trace_is_its_closed_form(name, value, signals, other):
+    n = max((len(signal) for signal in signals.values()), default=100)
+    near = {"rel": ROUGH.get(name, 1e-6), "abs": DT if name == "settling_time_s" else 1e-12}
+    assert metric(name, trace(n, **signals), **other) == pytest.approx(value, **near)
 
 
-def test_slack_is_timed_and_each_time_it_begins_counted():
-    tension = np.full(100, 5e4)
-    tension[10:15] = tension[50] = tension[99] = 0.0
-    assert metric("slack_time_s", trace(tension_min_n=tension)) == pytest.approx(7 * DT)
-    assert metric("slack_events", trace(tension_min_n=tension)) == 3.0
+def test_every_metric_of_the_loop_has_a_closed_form_here():
+    assert {m.name for m in metrics() if isinstance(m, LoopMetric)} == {name for name, *_ in CASES}
 
 
-def test_a_run_that_begins_slack_counts_that_as_one():
-    assert metric("slack_events", trace(tension_min_n=np.zeros(100))) == 1.0
-    assert metric("slack_events", trace()) == metric("slack_time_s", trace()) == 0.0
-
-
-def test_work_is_the_torque_held_times_the_angle_turned_by_sign():
-    angle = np.concatenate([np.linspace(0.0, 5.0, 51), np.linspace(5.0, 3.0, 50)[1:]])  # 5 rad up, 2 rad down
-    run = trace(angle_motor_rad=angle)
-    assert metric("energy_motoring_j", run) == pytest.approx(600.0 * 5.0)
-    assert metric("energy_regenerated_j", run) == pytest.approx(600.0 * 2.0)
-
-
-def test_work_begins_with_the_first_sample_wherever_the_angle_stands():
-    run = trace(angle_motor_rad=np.linspace(1900.0, 1909.9, 100))
-    assert metric("energy_motoring_j", run) == pytest.approx(600.0 * 9.9)
-
-
-def test_the_work_of_a_step_of_torque_is_that_of_the_torque_before_or_behind_a_lag_of_the_mean():
-    run = trace(3, torque_motor_nm=np.array([100.0, 300.0, 300.0]), angle_motor_rad=np.array([0.0, 1.0, 1.0]))
-    assert metric("energy_motoring_j", run) == pytest.approx(100.0)
-    assert metric("energy_motoring_j", run, before=0.5) == pytest.approx(200.0)
-
-
-@pytest.mark.parametrize("peak", [160.0, -160.0])
-def test_the_largest_motor_speed_is_either_way_and_of_nominal(peak):
-    run = trace(speed_motor_rad_s=with_peak(peak, calm=20.0))
-    assert metric("peak_speed_percent", run) == pytest.approx(100.0 * 160.0 / P.w_nominal)
-
-
-def test_the_overload_is_used_up_after_its_time_at_its_torque_and_back_after_the_rest_of_its_period():
-    over = np.full(1000, 1.6 * 960.0)  # both motors: 160 % of nominal, for 10 s
-    rest = np.full(29_000, 960.0)  # nominal torque for the 290 s that the drive's cycle leaves
-    use = [
-        metric("overload_use_percent", trace(len(torque), torque_motor_nm=torque))
-        for torque in (over, over[:500], np.concatenate([over, rest, over]), np.concatenate([over, over[:500]]), rest)
-    ]
-    assert use == pytest.approx([100.0, 50.0, 100.0, 150.0, 0.0], rel=5e-3)
-
-
-@pytest.mark.parametrize("peak", [1.5, -1.5])
-def test_the_carriage_s_peak_acceleration_is_either_way(peak):
-    run = trace(acceleration_carriage_m_s2=with_peak(peak, calm=0.2))
-    assert metric("peak_carriage_acceleration_m_s2", run) == 1.5
-
-
-@pytest.mark.parametrize(("height", "margin"), [(0.4, 0.4), (24.7, 0.3), (-0.2, -0.2), (25.5, -0.5)])
-def test_the_rail_margin_is_the_least_distance_from_either_end(height, margin):
-    run = trace(position_carriage_m=with_peak(height, calm=10.0))
-    assert metric("rail_margin_m", run) == pytest.approx(margin)
-
-
-def test_irregular_samples_count_each_until_the_next():
-    run = Run(
-        "by hand",
-        np.array([0.0, 0.1, 0.4, 0.5]),
-        {name: np.full(4, value) for name, value in CALM.items()} | {"tension_min_n": np.array([1.0, 0.0, 1.0, 1.0])},
-    )
+def test_samples_count_each_until_the_next_and_changes_by_the_time_between():
+    signals = {name: np.full(4, value) for name, value in CALM.items()} | {
+        "tension_min_n": np.array([1.0, 0.0, 1.0, 1.0])
+    }
+    signals |= {"torque_motor_nm": np.array([600.0, 600.0, 700.0, 700.0])}
+    signals |= {"acceleration_carriage_m_s2": np.array([0.0, 0.0, 0.6, 0.6])}
+    run = Run("by hand", np.array([0.0, 0.1, 0.4, 0.5]), signals)
     assert metric("slack_time_s", run) == pytest.approx(0.3)
+    assert metric("torque_rate_max_nm_per_s", run) == pytest.approx(50.0 / 0.3)
+    assert metric("peak_carriage_jerk_m_s3", run) == pytest.approx(2.0)
 
 
-def test_every_metric_is_tested():
-    here = Path(__file__)
-    asserted = "".join(file.read_text(encoding="utf-8") for file in (here, here.with_name("test_metrics_more.py")))
-    assert [m.name for m in metrics() if isinstance(m, LoopMetric) and f'metric("{m.name}", ' not in asserted] == []
+def test_without_a_breaking_load_there_is_no_safety_factor():
+    assert "wire_safety_factor" not in measure(trace(), P)
+    assert {m.name for m in observer().metrics if m.optional} == {"wire_safety_factor"}
+
+
+def test_sums_that_several_metrics_read_are_kept_once():
+    starts = {id(m.accumulators): len(m.accumulators.start) for m in observer().metrics}
+    assert observer().size == sum(starts.values()) < sum(len(m.accumulators.start) for m in observer().metrics)
 
 
 def test_every_metric_has_a_unit_in_its_name_and_a_sentence():
     endings: dict[str, str | tuple[str, ...]] = {
-        "N m": "_nm",
-        "%": "_percent",
-        "rad/s": "_rad_s",
-        "N": "_n",
-        "s": "_s",
-        "J": "_j",
-        "m/s²": "_m_s2",
-        "m/s³": "_m_s3",
-        "m": "_m",
-        "rad": "_rad",
-        "kW": "_kw",
-        "N m/s": "_nm_per_s",
+        "N m": "_nm", "%": "_percent", "rad/s": "_rad_s", "N": "_n", "s": "_s", "J": "_j", "m/s²": "_m_s2",
+        "m/s³": "_m_s3", "m": "_m", "rad": "_rad", "kW": "_kw", "N m/s": "_nm_per_s",
         "–": ("_events", "_factor", "_swings", "moves"),
-    }
+    }  # fmt: skip
     for m in metrics():
         assert m.name.endswith(endings[m.unit])
         assert len(m.definition.split()) > 3
@@ -232,3 +232,32 @@ def test_work_from_the_metrics_is_the_integral_of_torque_over_angle(monkeypatch)
     net = result.metrics["energy_motoring_j"] - result.metrics["energy_regenerated_j"]
     torque, angle = result.run["torque_motor_nm"], result.run["angle_motor_rad"]
     assert net == pytest.approx(float(np.sum(torque[:-1] * np.diff(angle))), rel=1e-9)
+
+
+def lifted(**values: float) -> dict[str, float]:
+    machine = with_values(default_hoist(), {"drive.overload": 3.0, **values})
+    reference = np.interp(np.arange(4000) * 0.001, [0.1, 0.6, 1.6, 2.1], [0.0, 60.0, 60.0, 0.0])
+    case = LoopCase("lift", machine, 4500.0, 8.0, PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0), reference)
+    (done,) = simulate_loop([case], record_every=1)
+    r, w = done.run["speed_reference_rad_s"], done.run["speed_motor_rad_s"]
+    behind = np.cumsum(r - w) * 0.001 * machine.lift_m_per_rad
+    assert done.metrics["position_error_max_m"] == pytest.approx(np.abs(behind).max(), rel=1e-9)
+    assert done.metrics["torque_rate_max_nm_per_s"] == pytest.approx(
+        np.abs(np.diff(done.run["torque_motor1_nm"])).max() / 0.001, rel=1e-9
+    )
+    return done.metrics
+
+
+def test_in_the_compiled_loop_the_breaking_load_gives_its_factor():
+    factor = lifted(**{"wire.breaking_load_n": 5e5})
+    assert factor["wire_safety_factor"] == pytest.approx(5e5 / factor["max_wire_tension_n"])
+    assert lifted()["wire_safety_factor"] == pytest.approx(547e3 / factor["max_wire_tension_n"])
+
+
+def test_peak_power_of_a_lift_is_near_hold_torque_times_speed():
+    metrics = lifted()
+    assert metrics["peak_power_motoring_kw"] > 1.2 * 60.0 * (12500 * 9.81 * LIFT) / 1000.0
+    # The speed swings below rest at the stop: the weight drives the motors back for a moment.
+    assert 0.0 < metrics["peak_power_regenerating_kw"] < 0.3 * metrics["peak_power_motoring_kw"]
+    assert 0.0 < metrics["settling_time_s"] < 1.9
+    assert metrics["speed_overshoot_rad_s"] > 0.0

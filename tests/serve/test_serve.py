@@ -19,9 +19,8 @@ from workbench.export.fmu import host_compiler
 from workbench.machines import default_hoist, save_machine
 from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
 from workbench.serve.plant import LiveAxis, LivePlant
-from workbench.serve.points import FLAGS
 from workbench.serve.serve import Wish, pace_lines
-from workbench.serve.session import Pace, Session
+from workbench.serve.session import FLAGS, Pace, Session
 from workbench.simulate.loop import simulate_loop
 
 HOIST = default_hoist()
@@ -238,16 +237,6 @@ def test_a_torque_that_is_no_number_is_not_used_and_does_not_feed_the_watchdog(
     assert session.flags & BITS["watchdog"]
     assert sum("finite number" in line for line in said) == 1
     assert session.counts["refused_not_finite"] == 150
-
-
-def test_a_client_twice_as_fast_is_told_once(session: Session, clock: Hand, said: list[str]):
-    for _ in range(2500):
-        session.command(1.0)
-        session.command(session.plant.hold)
-        session.step()
-        clock.now += 0.001
-    assert [line for line in said if "2002 commands a second, the plant takes 1000" in line] == said
-    assert session.plant.signals["position_carriage_m"] == pytest.approx(9.0, abs=1e-6)  # the last one counts
 
 
 def test_a_carriage_that_leaves_the_rail_stands_until_reset(clock: Hand, said: list[str]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,18 +12,22 @@ import numpy as np
 import pytest
 
 from tests.support.ideal import ideal_hoist
-from workbench.control import PI, PiSettings, full_pi, loop_values
+from workbench.control import PI, Events, PiSettings, full_pi, loop_values
 from workbench.control.settings import FeedForward
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.engine.stepped import Step, observe
 from workbench.machines import HOIST, with_values
 from workbench.machines.multibody import motion
+from workbench.machines.multibody.statics import hang
 from workbench.metrics import observer
 from workbench.metrics.registry import measure
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, case_limits, simulate_loop
 from workbench.simulate.models import compare_models
 from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
+from workbench.study.load import Study, load_study
+
+ROOT = Path(__file__).resolve().parents[2]
 
 MACHINE = ideal_hoist()
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, sample_time_s=0.004)
@@ -104,6 +109,36 @@ def test_the_compiled_metrics_are_those_of_a_log(pair):
     for name, value in observer().finish(some, p, 0.004 * 400).items():
         assert value == pytest.approx(by_log[name], rel=1e-6, abs=1e-9), name
     assert metrics["energy_motoring_j"] > 0.0
+
+
+def test_an_arm_that_moves_during_a_run_ends_with_the_forces_of_one_that_hangs_there():
+    """Statics at the new reach, from another start: rollers, cylinders and wire; from YAML, with the carriage held."""
+    events = Events(arm_moves_s=0.5, arm_reach_m=1.5, arm_takes_s=2.0)
+    reach = events.reach_m(2.5)
+    assert reach is not None and [reach(t) for t in (0.0, 1.5, 9.0)] == pytest.approx([2.5, 2.0, 1.5])
+    still = replace(case(), speed_reference_rad_s=np.zeros(2250), events=events)
+    run = simulate_multibody_loop(still, record_every=10, step_s=0.004).run
+    there = hang(with_values(MACHINE, {"arm.reach_m": 1.5}), 4500.0, 9.0)
+    late = run.time_s > 8.0
+    for name, force in there.normal_n.items():
+        assert np.mean(run[f"force_roller_{name}_n"][late]) == pytest.approx(force, rel=0.02)
+    assert np.mean(run["force_cylinder_n"][late]) == pytest.approx(there.cylinder_n, rel=0.02)
+
+
+def test_a_scenario_moves_the_arm_of_the_multi_body_machine_only_and_within_its_reach(tmp_path: Path):
+    file = tmp_path / "arm.yaml"
+
+    def scenario(plant: str, reach: float) -> Study:
+        lines = f"plant: {plant}\nevents: {{arm_moves_s: 2.5, arm_reach_m: {reach}, arm_takes_s: 4.0}}"
+        file.write_text(f"extends: {ROOT / 'scenarios' / 'payloads.yaml'}\nname: arm\n{lines}\n", encoding="utf-8")
+        return load_study(file)
+
+    (spec, *_) = scenario("multibody", 3.1).specs
+    assert spec.events.arm_reach_m == 3.1 and "events.arm_reach_m" in scenario("multibody", 3.1).specs.fields.names()
+    with pytest.raises(InputError, match=r"arm.yaml:4: events.arm_reach_m: 3.5 m, expected 0.8 to 3.3 m"):
+        scenario("multibody", 3.5)
+    with pytest.raises(InputError, match=r"arm.yaml:4: events: moves the arm, .* expected plant: multibody"):
+        scenario("lumped", 3.1)
 
 
 def test_a_lagging_drive_with_a_counted_late_speed_is_the_same_drive_here():

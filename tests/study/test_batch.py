@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.support.batches import RUNS, SCENARIO, chunks_of, environment, part_of, wait_for_chunks, workbench
-from workbench.cli.study import command
+from workbench.cli.study import study as command
 from workbench.core.errors import InputError
 from workbench.simulate.loop import LoopCase, LoopResult
 from workbench.study.load import Study, load_study

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner, Result
 
-from workbench.cli.compare import command
+from workbench.cli.compare import compare as command
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.compare import (

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.support.scenario_text import GOOD
-from workbench.cli.schema import command
+from workbench.cli.study import schema as command
 from workbench.core.yaml_strict import load, loads
 from workbench.machines.files import machine_text
 from workbench.study.front import fronts

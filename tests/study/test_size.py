@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tests.support.commands import Commands
+from workbench.control import Events
 from workbench.core.errors import InputError
 from workbench.machines import default_hoist, kind_of, with_values
 from workbench.study.load import load_study
@@ -146,6 +147,34 @@ def test_a_little_less_of_what_limits_and_the_taken_drive_is_out():
     block = sizing.file.resistor.model_copy(update={"peak_kw": 0.99 * taken.limiting.asked})
     asked = sizing.file.model_copy(update={"resistor": block, "ratios": (taken.ratio,)})
     assert not sized(asked, sizing.study, [taken.motor]).candidates[0].passes
+
+
+def test_the_wire_is_discarded_after_its_life_by_bends_cycle_by_cycle():
+    """Cycles drawn by their shares, each with its own length and the rest after it, until the bends are used up."""
+    sizing = racker()
+    assert sizing.taken is not None
+    (life,) = [check for check in sizing.taken.checks if check.name == "life of the wire by bends"]
+    rng, wire = np.random.default_rng(1), sizing.file.wire
+    assert wire.bends_to_discard is not None and life.given is None and life.unit == "h"
+    bends, time_s = 0, 0.0
+    lengths = [sizing.study.duration_s for _ in sizing.file.payloads]  # all runs of a study are equally long
+    shares = [one.share for one in sizing.file.payloads]
+    while bends < wire.bends_to_discard:
+        time_s += lengths[rng.choice(len(shares), p=shares)] + sizing.file.rest_s
+        bends += wire.bends_per_cycle
+    assert life.asked == pytest.approx(time_s / 3600.0, rel=1e-3)
+
+
+def test_at_rest_a_drive_that_holds_asks_the_torque_that_the_reckoned_dwell_takes():
+    """The closed loop itself, its brake held by events until the move: what it gives at rest between is the load's."""
+    study = load_study(ROOT / "scenarios" / "payloads.yaml")
+    (spec,) = [s for s in study.specs if (s.payload_kg, s.reference) == (9000.0, "trapezoid")]
+    set_until = Events(brake_release_s=spec.lead_s - 0.3, brake_torque_nm=3000.0)
+    ((row, run),) = run_specs([replace(spec, events=set_until)])
+    assert row.ok and run is not None
+    held = (run.time_s > spec.lead_s - 0.1) & (run.time_s < spec.lead_s)
+    machine = default_hoist()
+    assert np.mean(run["torque_motor_nm"][held]) == pytest.approx(hold_torque_nm(machine, 9000.0), rel=0.05)
 
 
 def test_a_stop_by_the_brakes_alone_is_that_of_the_equation_of_motion():

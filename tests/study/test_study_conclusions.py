@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from workbench.metrics import fixed_columns, metrics
 from workbench.study.conclude import rank_correlations, sentences
 from workbench.study.labels import drawn_columns, field_label, metric_label, run_in_words, swept_axes
+from workbench.study.load import changed, load_study, plan_study
 from workbench.study.rows import Row
+from workbench.study.run import run_study
+from workbench.study.scenario import MoveBlock
 from workbench.view import study as tables
-from workbench.view.study import run_table
+from workbench.view.study import conclusions, run_table
+
+ROOT = Path(__file__).resolve().parents[2]
 
 LIMIT = 768.0
 JERK, ACCELERATION = "sweep.limits.jerk_m_s3", "sweep.limits.acceleration_m_s2"
@@ -179,3 +186,28 @@ def test_a_carriage_that_ends_elsewhere_is_told_with_by_how_much():
 def test_where_each_run_has_its_own_torque_limit_none_is_said_to_be_reached():
     rows = [row({"sweep.drive.overload": o}, peak_torque_motor_nm=900.0) for o in (1.0, 2.0)]
     assert "limit" not in " ".join(sentences(rows, LIMIT))
+
+
+def test_a_cycle_that_is_said_to_be_repeatable_heats_no_winding_beyond_nominal_torque_however_often():
+    """Refuted from outside: the moves themselves four times over, and a winding's first-order heat over a thousand."""
+    base = load_study(ROOT / "scenarios" / "payloads.yaml")
+    once = changed(base.scenario, {"payloads_kg": (9000.0,), "references": ("trapezoid",), "lead_s": 0.0})
+    dwell = MoveBlock(dwell_s=once.settle_s)
+    moves = (*once.moves, dwell)
+    four = changed(once, {"moves": moves * 4, "settle_s": 0.0})
+    results = [run_study(plan_study(scenario, base.machine)) for scenario in (once, four)]
+    said = conclusions(results[0])
+    assert any("the cycle can be repeated without end" in text for text in said)
+    (own,), (again,) = (result.rows for result in results)
+    assert again["thermal_load_percent"] == pytest.approx(own["thermal_load_percent"], rel=0.02)
+    assert abs(again["position_error_end_m"]) < abs(own["position_error_end_m"]) + 1e-3
+    run = results[0].runs[own.run_id]
+    nominal = base.machine.motor.nominal_torque_nm
+    heat_in = (np.maximum(np.abs(run["torque_motor1_nm"]), np.abs(run["torque_motor2_nm"])) / nominal) ** 2
+    dt, tau_s, hottest, heat = run.sample_time_s, 600.0, 0.0, 0.0
+    per_cycle = np.exp(-len(heat_in) * dt / tau_s)
+    rise = float(np.sum(heat_in * np.exp(-(len(heat_in) - 1 - np.arange(len(heat_in))) * dt / tau_s)) * dt / tau_s)
+    for _ in range(1000):
+        heat = heat * per_cycle + rise
+        hottest = max(hottest, heat)
+    assert hottest <= 1.0  # of what nominal torque heats to

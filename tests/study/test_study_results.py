@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from workbench.cli.study import command
+from workbench.cli.study import study as command
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.conclude import sentences

@@ -33,7 +33,7 @@ def what_it_sees(result: Path, tell: Teller, file: str) -> None:
     (result / "said.txt").write_text(f"{Path(file).read_text()}|{Path.cwd().name}|{os.nice(0)}")
 
 
-def refused(result: Path, tell: Teller, file: str) -> None:
+def refused(result: Path, tell: Teller, file: str, folder: str = "") -> None:
     raise InputError("unknown key 'mas'", file=file, line=3)
 
 

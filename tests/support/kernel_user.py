@@ -1,17 +1,21 @@
 """A process of its own that compiles or finds kernels and prints what they compute, as exact text.
 
-python -m tests.support.kernel_user axis|hoist|loop ... ; run from any checkout's root.
+python -m tests.support.kernel_user axis|hoist|loop ... ; run from any checkout's root. `text` first: the hash of the
+first kernel's text, which is not compiled.
 """
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import sys
+from collections.abc import Mapping
+from typing import NoReturn
 
 import numpy as np
 
 from workbench.control import PiSettings
-from workbench.engine import kernels
+from workbench.engine import kernels, native
 from workbench.machines import PLANTS, default_hoist
 from workbench.simulate.loop import LoopCase, simulate_loop
 
@@ -42,6 +46,14 @@ def loop() -> float:
     return simulate_loop([case])[0].metrics["rms_torque_motor_nm"]
 
 
+def text_only(text: str, letters: Mapping[str, str]) -> NoReturn:
+    print(hashlib.sha256(text.encode()).hexdigest())
+    raise SystemExit
+
+
 if __name__ == "__main__":
+    if "text" in sys.argv:
+        native._native_functions = text_only
+        sys.argv.remove("text")
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     print(*(globals()[name]().hex() for name in sys.argv[1:]))

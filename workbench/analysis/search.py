@@ -18,6 +18,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.machines import HOIST, NO_EFFECTS, Axis, ClosedLoop, Effects, Hoist, kind_of
 
+UNDAMPED = 1e-3  # damping ratio below which a mode counts as undamped
 LIGHT = 0.5  # damping ratio below which a zero makes a dip of the response
 
 
@@ -153,6 +154,16 @@ class Search:
         crossing = float(widths[slowest])
         return why(self.zeros[slowest], self.lags_deg(crossing), self.frequency_hz, T[slowest], crossing)
 
+    def with_hardly_any_gain(self) -> tuple[float, float]:
+        """(largest |S|, where in Hz) as the gains go to zero: 1, but for an undamped mode. There the locus of L goes
+        straight through infinity, past -1 at a distance that no gain changes, only the phase that is lost."""
+        (kp, _), (ratio, _) = _ranges(self)
+        back = 1.0 + kp * self.plants * (self.per_kp + ratio * self.per_ki)
+        chord = np.diff(back)
+        part = np.clip(-(back[:, :-1] * np.conj(chord)).real / np.abs(chord) ** 2, 0.0, 1.0)
+        distance = np.abs(back[:, :-1] + part * chord).min(axis=0)
+        return float(1.0 / distance.min()), float(self.frequency_hz[int(np.argmin(distance))])
+
     def judge(self, kp: Array, ki: Array) -> Judged:
         """Candidates kp, ki (n,)."""
         parts = []
@@ -243,6 +254,11 @@ def _grid(plants: Sequence[Sampled], dt: float) -> Array:
                 width = abs(s.real) / max(abs(s), 1e-9)
                 if width < 0.3:  # a sharp peak; the even grid sees the broad ones
                     parts.append(s.imag * (1.0 + width * np.linspace(-5.0, 5.0, 21)))
+                if (
+                    width < UNDAMPED
+                ):  # the loop crosses |L| = 1 far outside such a peak, at a distance that goes with kp
+                    away = np.geomspace(1e-7, 0.1, 180)
+                    parts += [s.imag * (1.0 - away), s.imag * (1.0 + away)]
     f = np.unique(np.concatenate(parts))
     return f[(f >= lowest) & (f <= nyquist)]
 
@@ -355,8 +371,13 @@ def _largest(search: Search, ms_limit: float, score: Callable[[Array, Judged], A
         if np.isfinite(scores[k]) and (best is None or scores[k] >= best[0]):
             best = (float(scores[k]), float(kp[k]), float(ratio[k]))
         if best is None:
+            least, at_hz = search.with_hardly_any_gain()
+            why, expected = "", "a number further above 1"
+            if least > ms_limit:
+                why = f": an undamped swing at {at_hz:.3g} Hz leaves Ms at {least:.3g} or more whatever the gains"
+                expected = f"damping, a drive with less lag, or a number above {least:.3g}"
             raise InputError(
-                f"{ms_limit:g}: no gains reach it {search.everywhere}; expected a number further above 1", place="ms"
+                f"{ms_limit:g}: no gains reach it {search.everywhere}{why}; expected {expected}", place="ms"
             )
         kps = best[1] * np.geomspace(1.0 / step[0], step[0], 11)
         ratios = best[2] * np.geomspace(1.0 / step[1], step[1], 11)

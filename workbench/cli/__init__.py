@@ -16,31 +16,29 @@ from workbench import __version__
 from workbench.cli.options import NamedGroup
 from workbench.core.errors import InputError
 
-# name -> (where the click command stands, its line in `workbench --help`). The line stands here
-# so that the help imports no numpy, numba or pydantic. In the order of the work: study, loop, logs, plant.
-COMMANDS: dict[str, tuple[str, str]] = {
-    "study": ("workbench.cli.study:command", "Run scenarios in closed loop; tables and figures."),
-    "compare": ("workbench.cli.compare:command", "Compare two results metric by metric; report regressions."),
-    "report": ("workbench.cli.report:command", "Write the report of a finished study: one HTML page."),
-    "size": ("workbench.cli.size:command", "Size a hoist's drive for a duty cycle; say what limits."),
-    "loop": ("workbench.cli.loop:command", "Compute the stability margins of the speed loop."),
-    "tune": ("workbench.cli.tune:command", "Find controller gains for a bandwidth or best rejection."),
-    "replay": ("workbench.cli.replay:command", "Replay measured torque on the model; compare speeds."),
-    "identify": ("workbench.cli.identify:command", "Fit friction and masses to a campaign."),
-    "diagnose": ("workbench.cli.diagnose:command", "Find the missing effect behind a sim-to-real gap."),
-    "compare-models": ("workbench.cli.compare_models:command", "Compare the lumped with the multi-body machine."),
-    "blind": ("workbench.cli.blind:command", "Test the diagnosis on campaigns whose truth is sealed."),
-    "import": ("workbench.cli.import_logs:command", "Make a campaign of logs as drives write them."),
-    "watch": ("workbench.cli.watch:command", "Watch a machine by its logs; say when it has changed."),
-    "serve": ("workbench.cli.serve:command", "Run a machine's plant in real time, for a PLC."),
-    "export-fmu": ("workbench.cli.export_fmu:command", "Write a machine as an FMU, for other simulators."),
-    "export-controller": (
-        "workbench.cli.export_controller:command",
-        "Write the speed controller for a PLC or a drive.",
-    ),
-    "schema": ("workbench.cli.schema:command", "Print a JSON Schema, for completion in an editor."),
-    "app": ("workbench.cli.app:command", "Open the dashboard in a browser."),
+# name -> (where the click command stands, its line in `workbench --help`), in the order of the work: study, loop, logs,
+# plant. So the help imports no numpy or pydantic.
+_COMMANDS = {
+    "study": ("study:study", "Run scenarios in closed loop; tables and figures."),
+    "compare": ("compare:compare", "Compare two results metric by metric; report regressions."),
+    "report": ("study:report", "Write the report of a finished study: one HTML page."),
+    "size": ("study:size", "Size a hoist's drive for a duty cycle; say what limits."),
+    "loop": ("design:loop", "Compute the stability margins of the speed loop."),
+    "tune": ("design:tune", "Find controller gains for a bandwidth or best rejection."),
+    "replay": ("measured:replay", "Replay measured torque on the model; compare speeds."),
+    "identify": ("measured:identify", "Fit friction and masses to a campaign."),
+    "diagnose": ("diagnose:diagnose", "Find the missing effect behind a sim-to-real gap."),
+    "compare-models": ("compare:compare_models", "Compare the lumped with the multi-body machine."),
+    "blind": ("blind:blind", "Test the diagnosis on campaigns whose truth is sealed."),
+    "import": ("import_logs:import_", "Make a campaign of logs as drives write them."),
+    "watch": ("watch:watch", "Watch a machine by its logs; say when it has changed."),
+    "serve": ("serve:serve", "Run a machine's plant in real time, for a PLC."),
+    "export-fmu": ("export:export_fmu", "Write a machine as an FMU, for other simulators."),
+    "export-controller": ("export:export_controller", "Write the speed controller for a PLC or a drive."),
+    "schema": ("study:schema", "Print a JSON Schema, for completion in an editor."),
+    "app": ("app:app", "Open the dashboard in a browser."),
 }
+COMMANDS = {name: (f"workbench.cli.{where}", line) for name, (where, line) in _COMMANDS.items()}
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130

@@ -5,14 +5,18 @@ from __future__ import annotations
 import importlib.util
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
+import urllib.request
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from typing import Annotated
 
 import click
 
+from workbench.cli.options import command
 from workbench.core.errors import InputError
 
 FIRST_PORT = 8501
@@ -21,37 +25,39 @@ ENDS_WITHIN_S = 5.0
 EXIT_TERMINATED = 143
 
 
-@click.command(name="app")
-@click.option(
-    "--port", type=click.IntRange(1, 65535), help=f"Port to listen on. Default: the first free one from {FIRST_PORT}."
-)
-@click.option(
-    "--address",
-    default="127.0.0.1",
-    show_default=True,
-    help="Address to listen on. The default is reachable from this computer only.",
-)
-@click.option(
-    "--host", "hosts", multiple=True, help="Host name that a proxy forwards; may be repeated. Other names are rejected."
-)
-@click.option("--no-browser", is_flag=True, help="Open no browser window.")
-def command(port: int | None, address: str, hosts: tuple[str, ...], no_browser: bool) -> int:
+@command("app")
+def app(
+    *,
+    port: Annotated[
+        int | None, click.IntRange(1, 65535), f"Port to listen on. Default: the first free one from {FIRST_PORT}."
+    ] = None,
+    address: str = "127.0.0.1",
+    hosts: Annotated[tuple[str, ...], "--host"] = (),
+    no_browser: bool = False,
+) -> int:
     """Open the dashboard in a browser: studies, comparison, loops, validation, diagnosis, batches.
 
     Ctrl-C ends it. The dashboard has no login: everybody who can reach the address can use it.
+
+    address: Address to listen on. The default is reachable from this computer only.
+    hosts: Host name that a proxy forwards; may be repeated. Other names are rejected.
+    no_browser: Open no browser window.
     """
     if importlib.util.find_spec("streamlit") is None:
         raise InputError("the dashboard needs the extra 'app'; from a checkout: pip install '.[app]'")
-    chosen = _free_port(address) if port is None else port
     if port is not None and not _is_free(address, port):
         raise InputError(f"port {port} of {address} is taken or not ours to use; choose another", place="--port")
-    url = f"http://{_shown(address)}:{chosen}"
+    chosen = port or next((p for p in range(FIRST_PORT, FIRST_PORT + 100) if _is_free(address, p)), None)
+    if chosen is None:
+        raise InputError(f"no free port from {FIRST_PORT} on; choose one", place="--port")
+    shown = f"[{address}]" if ":" in address else address
+    reached = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(address, shown)  # by this computer
     with _server(chosen, address, hosts) as server:
-        _wait_for(f"http://{_reached(address)}:{chosen}/_stcore/health", server)
+        _wait_for(f"http://{reached}:{chosen}/_stcore/health", server)
         try:
-            click.echo(f"The dashboard runs at {url}; Ctrl-C ends it.")
+            click.echo(f"The dashboard runs at http://{shown}:{chosen}; Ctrl-C ends it.")
             if not no_browser:
-                _open(url)
+                _open(f"http://{shown}:{chosen}")
             return server.wait()
         except KeyboardInterrupt:  # how it is meant to end: nothing has failed, and make shall not say so
             click.echo("\nThe dashboard has ended.")
@@ -59,8 +65,7 @@ def command(port: int | None, address: str, hosts: tuple[str, ...], no_browser: 
 
 
 def _open(url: str) -> None:
-    """Open a browser if there is one; the address was printed. The messages of xdg-open about missing browsers are
-    suppressed, because they would push that line off the screen."""
+    """Opens a browser if there is one. xdg-open's messages about missing ones would push the address off the screen."""
     words = [sys.executable, "-c", "import sys, click; click.launch(sys.argv[1])", url]
     subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
@@ -76,19 +81,15 @@ def _server(port: int, address: str, hosts: tuple[str, ...]) -> Iterator[subproc
     try:
         yield server
     finally:
-        if server.poll() is None:
-            server.terminate()
-            try:
-                server.wait(ENDS_WITHIN_S)
-            except subprocess.TimeoutExpired:
-                server.kill()
-                server.wait()
+        server.terminate()
+        try:
+            server.wait(ENDS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            server.kill()
+            server.wait()
 
 
 def _wait_for(health: str, server: subprocess.Popen[bytes]) -> None:
-    import urllib.error
-    import urllib.request
-
     until = time.monotonic() + STARTS_WITHIN_S
     while time.monotonic() < until:
         if (ended := server.poll()) is not None:
@@ -96,14 +97,12 @@ def _wait_for(health: str, server: subprocess.Popen[bytes]) -> None:
         try:
             with urllib.request.urlopen(health, timeout=1.0):
                 return
-        except (urllib.error.URLError, OSError):
+        except OSError:
             time.sleep(0.1)
     raise InputError(f"the dashboard's server did not answer within {STARTS_WITHIN_S:.0f} s")
 
 
 def _is_free(address: str, port: int) -> bool:
-    import socket
-
     try:
         family = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM)[0][0]
     except OSError as error:
@@ -115,19 +114,3 @@ def _is_free(address: str, port: int) -> bool:
         except OSError:
             return False
     return True
-
-
-def _free_port(address: str) -> int:
-    for port in range(FIRST_PORT, FIRST_PORT + 100):
-        if _is_free(address, port):
-            return port
-    raise InputError(f"no free port from {FIRST_PORT} on; choose one", place="--port")
-
-
-def _reached(address: str) -> str:
-    """The address at which this computer reaches the server."""
-    return {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(address, _shown(address))
-
-
-def _shown(address: str) -> str:
-    return f"[{address}]" if ":" in address else address

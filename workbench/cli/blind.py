@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated, Literal
 
 import click
 
-from workbench.cli.options import NamedGroup
+from workbench.blind.make import Asked, make
+from workbench.blind.measures import by_kind
+from workbench.blind.power import power_of_rig
+from workbench.blind.run import run
+from workbench.blind.score import open_all, sheet_of, with_next_runs, with_oracle
+from workbench.cli.options import Cluster, MostEffects, NamedGroup, command
+from workbench.cli.show import print_table, print_text
+from workbench.core.whole_folder import check_free
+from workbench.view import blind as view
 
 POWER = "The power of these runs"
-FOLDER = click.Path(path_type=Path)
-processes_option = click.option(
-    "--processes", type=click.IntRange(1, 64), default=2, show_default=True, help="Campaigns at a time."
-)
+Processes = Annotated[int, click.IntRange(1, 64), "Campaigns at a time."]
+Count = click.IntRange(min=1)
+Number = click.IntRange(min=0)
 
 
 def tell(line: str) -> None:
@@ -20,72 +28,50 @@ def tell(line: str) -> None:
 
 
 @click.group(name="blind", cls=NamedGroup)
-def command() -> None:
+def blind() -> None:
     """Test the diagnosis on campaigns whose truth is sealed: make them, diagnose them, open the seal and score.
 
     With your own machine and runs the score is the power of your experiment. See docs/blind.md.
     """
 
 
-@command.command(name="make")
-@click.option("--out", type=FOLDER, required=True, help="Folder to make.")
-@click.option("--machine", type=FOLDER, help="Your machine.yaml, in place of drawn machines.")
-@click.option(
-    "--runs",
-    type=FOLDER,
-    metavar="PLAN|CAMPAIGN",
-    help="Your runs: a plan.yaml, or a campaign whose speeds, payloads, heights, rate and noise are taken.",
-)
-@click.option("--cases", type=click.IntRange(min=1), default=60, show_default=True, help="Number of campaigns.")
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    help="Seed of random numbers; it is sealed with the labels. Default: a random one.",
-)
-@click.option(
-    "--source",
-    multiple=True,
-    default=["simulator"],
-    show_default=True,
-    help="Source of the runs: simulator, multibody or plant, may be repeated; or recorded, of the campaign of --runs.",
-)
-@click.option("--kind", type=click.Choice(["hoist", "axis"]), help="Machines of one kind only.")
-@click.option("--family", multiple=True, help="Family of machines, see docs/blind.md; may be repeated.")
-@click.option("--effects", help="Names of the effects that may be withheld, separated by commas. Default: all.")
-@click.option("--case", type=click.Choice(["singles", "none", "pairs", "unknown"]), help="Cases of one type only.")
-@click.option(
-    "--identified",
-    type=click.Choice(["no", "half", "yes"]),
-    default="no",
-    show_default=True,
-    help="Identify machine.yaml on two runs without a fault first.",
-)
-@click.option("--key", type=FOLDER, help="File for the key. Default: beside the folder.")
-@processes_option
+@command("make")
 def make_(
+    *,
     out: Path,
-    machine: Path | None,
-    runs: Path | None,
-    cases: int,
-    seed: int | None,
-    source: tuple[str, ...],
-    kind: str | None,
-    family: tuple[str, ...],
-    effects: str | None,
-    case: str | None,
-    identified: str,
-    key: Path | None,
-    processes: int,
+    machine: Path | None = None,
+    runs: Annotated[Path | None, {"metavar": "PLAN|CAMPAIGN"}] = None,
+    cases: Annotated[int, Count] = 60,
+    seed: Annotated[int | None, Number] = None,
+    source: tuple[str, ...] = ("simulator",),
+    kind: Literal["hoist", "axis"] | None = None,
+    family: tuple[str, ...] = (),
+    effects: str | None = None,
+    case: Literal["singles", "none", "pairs", "unknown"] | None = None,
+    identified: Literal["no", "half", "yes"] = "no",
+    key: Path | None = None,
+    processes: Processes = 2,
 ) -> None:
     """Make campaigns as a rig would record them. Each lacks one effect, two, none, or one that is in no library.
 
     The truth is encrypted. manifest.json holds its hash and the hash of each file. The key is written beside the
     folder, so that the folder can be passed on without it.
+
+    out: Folder to make.
+    machine: Your machine.yaml, in place of drawn machines.
+    runs: Your runs: a plan.yaml, or a campaign whose speeds, payloads, heights, rate and noise are taken.
+    cases: Number of campaigns.
+    seed: Seed of random numbers; it is sealed with the labels. Default: a random one.
+    source: Source of the runs: simulator, multibody or plant, may be repeated; or recorded, of the campaign of
+        --runs.
+    kind: Machines of one kind only.
+    family: Family of machines, see docs/blind.md; may be repeated.
+    effects: Names of the effects that may be withheld, separated by commas. Default: all.
+    case: Cases of one type only.
+    identified: Identify machine.yaml on two runs without a fault first.
+    key: File for the key. Default: beside the folder.
     """
-    from workbench.blind.make import Asked, make
-
     asked = Asked(machine, runs, cases, seed, source, kind, family, effects, case, identified)
-
     made = make(asked, out, key=key, processes=processes, tell=tell)
     click.echo(f"{made.cases} campaigns: {made.folder}")
     click.echo(f"Key: {made.key}")
@@ -93,77 +79,54 @@ def make_(
     click.echo(f"Next: workbench blind run {made.folder}")
 
 
-@command.command(name="run")
-@click.argument("folder", type=FOLDER)
-@processes_option
-@click.option(
-    "--count", type=click.IntRange(min=1), help="Number of campaigns to diagnose, the first ones. Default: all."
-)
-@click.option(
-    "--max-effects",
-    type=click.IntRange(1, 5),
-    default=5,
-    show_default=True,
-    help="Largest number of effects that may be missing at once.",
-)
-@click.option("--cluster", metavar="ADDRESS", help="Run on Dask: tcp://host:port, or local:N for N local processes.")
-def run_(folder: Path, processes: int, count: int | None, max_effects: int, cluster: str | None) -> None:
+@command("run")
+def run_(
+    folder: Path,
+    *,
+    processes: Processes = 2,
+    count: Annotated[int | None, Count] = None,
+    max_effects: MostEffects = 5,
+    cluster: Cluster = None,
+) -> None:
     """Diagnose the campaigns of FOLDER, each in a process and a folder without label or seed.
 
     Campaigns that have an answer are skipped, so the same command continues after a stop. Ctrl-C discards the
     diagnoses that are running.
-    """
-    from workbench.blind.run import run
 
+    count: Number of campaigns to diagnose, the first ones. Default: all.
+    """
     ran = run(folder, processes=processes, count=count, most_effects=max_effects, tell=tell, cluster=cluster)
     click.echo(f"{ran.done} of {ran.cases} campaigns have an answer, {ran.done - ran.kept} of them new.")
     click.echo(f"Answers (SHA-256): {ran.head}")
     click.echo(f"Next: workbench blind score {folder}")
 
 
-@command.command(name="score")
-@click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=FOLDER)
-@click.option("--out", type=FOLDER, help="Folder to make, for score.html, score.md and score.json.")
-@click.option("--key", type=FOLDER, help="The key of the seal. Default: beside the folder.")
-@click.option(
-    "--answers",
-    metavar="HEAD|FILE",
-    help="What `workbench blind run` printed as Answers, or a copy of answers.jsonl. Default: that beside the folder.",
-)
-@click.option(
-    "--misses", type=click.IntRange(min=0), default=12, show_default=True, help="Number of wrong answers to print."
-)
-@click.option("--oracle", is_flag=True, help="Also fit the true effect, as the measure of the residual.")
-@click.option(
-    "--next-runs",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Number of undecided cases of a folder to diagnose again with the run that would decide, which is simulated.",
-)
-@processes_option
+@command("score")
 def score_(
-    folders: tuple[Path, ...],
-    out: Path | None,
-    key: Path | None,
-    answers: str | None,
-    misses: int,
-    oracle: bool,
-    next_runs: int,
-    processes: int,
+    folders: Annotated[tuple[Path, ...], {"metavar": "FOLDER..."}],
+    *,
+    out: Path | None = None,
+    key: Path | None = None,
+    answers: Annotated[str | None, {"metavar": "HEAD|FILE"}] = None,
+    misses: Annotated[int, Number] = 12,
+    oracle: bool = False,
+    next_runs: Annotated[int, Number] = 0,
+    processes: Processes = 2,
 ) -> None:
     """Open the seal of each FOLDER and score the answers together.
 
     Every file is checked against its hash. Not all campaigns need an answer. opened.json records when the seal was
     opened and which answers existed then.
-    """
-    from workbench.blind.measures import by_kind
-    from workbench.blind.power import power_of_rig
-    from workbench.blind.score import open_all, sheet_of, with_next_runs, with_oracle
-    from workbench.cli.show import print_table, print_text
-    from workbench.core.whole_folder import check_free
-    from workbench.view import blind as view
 
+    out: Folder to make, for score.html, score.md and score.json.
+    key: The key of the seal. Default: beside the folder.
+    answers: What `workbench blind run` printed as Answers, or a copy of answers.jsonl. Default: that beside the
+        folder.
+    misses: Number of wrong answers to print.
+    oracle: Also fit the true effect, as the measure of the residual.
+    next_runs: Number of undecided cases of a folder to diagnose again with the run that would decide, which is
+        simulated.
+    """
     if out is not None:
         check_free(out)
     scores = open_all(folders, key, answers)
@@ -191,3 +154,7 @@ def score_(
     if out is not None:
         view.write_score(sheet, out, power, anew)
         click.echo(f"\nReport: {out / 'score.html'}\nNumbers: {out / 'score.json'}")
+
+
+for part in (make_, run_, score_):
+    blind.add_command(part)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from workbench.cli.options import names_in
 from workbench.core.errors import InputError, nearest
 from workbench.effects import check, effects_for
 from workbench.logs import Campaign, read_campaign
@@ -52,7 +53,7 @@ def chosen_candidates(text: str | None, machine: Hoist | Axis) -> tuple[str, ...
     known = effects_for(plant_of(machine).kind)
     if text.strip() == ALL:
         return tuple(known)
-    names = [name.strip() for name in text.split(",") if name.strip()]
+    names = names_in(text)
     if not names:
         raise InputError(f"no effect is named, expected names with commas between, or '{ALL}'", place="candidates")
     for name in names:

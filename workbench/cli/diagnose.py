@@ -1,114 +1,107 @@
-"""`workbench diagnose`: where the sim-to-real gap lies, what causes it, how far it shrinks."""
+"""`workbench diagnose`: where the sim-to-real gap lies, what causes it, how far it shrinks; one campaign or several."""
 
 from __future__ import annotations
 
 import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any, Literal
 
 import click
 
-from workbench.cli.options import campaigns_argument, effects_option
-from workbench.core.errors import InputError
+import workbench.diagnose.diagnose as cause
+from workbench import __version__
+from workbench.cli.campaign import chosen_candidates, load_campaign
+from workbench.cli.options import Band, MostEffects, Runs, command, names_in
+from workbench.cli.progress import stages as shown
+from workbench.cli.show import filled, print_notes, print_sections, print_table
+from workbench.core.errors import InputError, one_line
+from workbench.core.table import Column, Table, words
+from workbench.core.whole_folder import check_free, whole_folder
+from workbench.diagnose.diagnose import Diagnosis
+from workbench.effects.loading import know
+from workbench.effects.registry import UserFile, user_files
+from workbench.logs import Campaign
+from workbench.study.cluster import client_on, each_on
+from workbench.study.load import load_study
+from workbench.view.diagnosis import brief_sections, write_diagnosis
+from workbench.view.numbers import NOTHING, figures
 
-if TYPE_CHECKING:
-    from workbench.diagnose.diagnose import Diagnosis
 
-
-@click.command(name="diagnose")
-@campaigns_argument
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="New folder for diagnosis.json, machine.yaml and the report."
-)
-@click.option(
-    "--baseline",
-    type=click.Choice(["tolerances", "nominal"]),
-    default="tolerances",
-    show_default=True,
-    help="Base parameters: refitted within their tolerances, or held at their nominal values.",
-)
-@click.option("--candidates", help="Candidate effects, separated by commas; 'all' includes the unlisted ones.")
-@click.option(
-    "--max-effects",
-    type=click.IntRange(1, 5),
-    default=5,
-    show_default=True,
-    help="Largest number of effects that may be missing at once.",
-)
-@click.option("--quick", is_flag=True, help="Single effects, no control study: a result within seconds.")
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of random numbers; the same seed gives the same output.",
-)
-@click.option("--runs", help="Names of the runs to use, separated by commas. Default: all.")
-@click.option("--validate", help="Names of runs to keep for the end, separated by commas; nothing is fitted to them.")
-@click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml to start from.")
-@click.option("--band", type=float, help="Band of the torque residual (-3 dB) in Hz. Default: from the machine.")
-@click.option(
-    "--study",
-    "scenario",
-    type=click.Path(path_type=Path),
-    help="Scenario that gives moves, limits, payloads and controller of the control study.",
-)
-@click.option(
-    "--cluster", metavar="ADDRESS", help="Several campaigns on Dask: tcp://host:port, or local:N for N processes."
-)
-@effects_option
-def command(
-    campaigns: tuple[Path, ...],
-    out: Path | None,
-    runs: str | None,
-    machine: Path | None,
-    band: float | None,
-    candidates: str | None,
-    scenario: Path | None,
-    cluster: str | None,
-    **chosen: Any,
+@command("diagnose", effects=True)
+def diagnose(
+    campaigns: Annotated[tuple[Path, ...], {"metavar": "CAMPAIGN..."}],
+    *,
+    out: Path | None = None,
+    baseline: Literal["tolerances", "nominal"] = "tolerances",
+    candidates: str | None = None,
+    max_effects: MostEffects = 5,
+    quick: bool = False,
+    seed: Annotated[int, click.IntRange(min=0)] = 0,
+    runs: Runs = None,
+    validate: str | None = None,
+    machine: Path | None = None,
+    band: Band = None,
+    scenario: Annotated[Path | None, "--study"] = None,
+    cluster: Annotated[str | None, {"metavar": "ADDRESS"}] = None,
 ) -> None:
     """Find the effect that the machine of CAMPAIGN lacks: size, location and cause of the gap, and what remains.
 
     --out writes a report, diagnosis.json, and a corrected machine.yaml that replay and study accept. The exit
     status is 0 for every verdict. Several campaigns give one table, and with --out a folder of each; the exit status
     is 1 where one of them could not be diagnosed.
-    """
-    from workbench.cli.campaign import chosen_candidates, load_campaign
-    from workbench.core.whole_folder import check_free
 
+    out: New folder for diagnosis.json, machine.yaml and the report.
+    baseline: Base parameters: refitted within their tolerances, or held at their nominal values.
+    candidates: Candidate effects, separated by commas; 'all' includes the unlisted ones.
+    quick: Single effects, no control study: a result within seconds.
+    seed: Seed of random numbers; the same seed gives the same output.
+    validate: Names of runs to keep for the end, separated by commas; nothing is fitted to them.
+    machine: Another machine.yaml to start from.
+    scenario: Scenario that gives moves, limits, payloads and controller of the control study.
+    cluster: Several campaigns on Dask: tcp://host:port, or local:N for N processes.
+    """
     if out is not None:
         check_free(out)
-    kept = [name.strip() for name in (chosen["validate"] or "").split(",") if name.strip()]
     options: dict[str, Any] = {
-        "baseline": chosen["baseline"], "most_effects": chosen["max_effects"], "seed": chosen["seed"],
-        "quick": chosen["quick"], "validate": kept, "band_hz": band, "scenario": None,
+        "baseline": baseline, "most_effects": max_effects, "seed": seed, "quick": quick,
+        "validate": names_in(validate), "band_hz": band,
+        "scenario": None if scenario is None else load_study(scenario),
     }  # fmt: skip
-    if scenario is not None:
-        from workbench.study.load import load_study
-
-        options["scenario"] = load_study(scenario)
-    if len(campaigns) > 1 or cluster is not None:
-        if candidates is not None:
-            options["candidates"] = chosen_candidates(candidates, load_campaign(campaigns[0], runs, machine).machine)
-        _several(campaigns, lambda path: load_campaign(path, runs, machine, band), options, out, cluster)
+    if len(campaigns) == 1 and cluster is None:
+        read = load_campaign(campaigns[0], runs, machine, band)
+        _one(read, {**options, "candidates": chosen_candidates(candidates, read.machine)}, out)
         return
-    read = load_campaign(campaigns[0], runs, machine, band)
-    options["candidates"] = chosen_candidates(candidates, read.machine)
-    _one(read, options, out)
+    if candidates is not None:
+        options["candidates"] = chosen_candidates(candidates, load_campaign(campaigns[0], runs, machine).machine)
+    names = [path.resolve().name for path in campaigns]
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"two campaigns are called '{repeated[0]}'; their results would share a folder")
+    readers = {
+        name: lambda path=path: load_campaign(path, runs, machine, band)
+        for name, path in zip(names, campaigns, strict=True)
+    }
+    rows = diagnose_each(readers, options, out, cluster, user_files(), lambda line: click.echo(line, err=True))
+    click.echo()
+    print_table(summary_table(rows))
+    for row in rows:
+        if row.trouble:
+            click.echo(filled(f"{row.name}: {row.trouble}", "- ", "  "))
+    if out is not None:
+        click.echo(f"\nReports: {', '.join(str(out / row.name) for row in rows if not row.trouble) or 'none'}")
+    if any(row.trouble for row in rows):
+        sys.exit(1)
 
 
-def _one(read: Any, options: dict[str, Any], out: Path | None) -> None:
-    from workbench.cli.progress import stages as shown
-    from workbench.cli.show import print_notes, print_sections
-    from workbench.view.diagnosis import brief_sections, write_diagnosis
-
+def _one(read: Campaign, options: dict[str, Any], out: Path | None) -> None:
     print_notes(read.doubts)
     with shown(writes=out is not None) as stages:
-        from workbench.diagnose.diagnose import diagnose
 
         def run() -> Diagnosis:
-            return diagnose(read, **options, tell=stages.tell)
+            return cause.diagnose(read, **options, tell=stages.tell)
 
         diagnosis = run() if out is None else write_diagnosis(run, out, stages.writing)
     click.echo()
@@ -120,26 +113,98 @@ def _one(read: Any, options: dict[str, Any], out: Path | None) -> None:
         click.echo(f"Numbers: {out / 'diagnosis.json'}")
 
 
-def _several(
-    paths: tuple[Path, ...], load: Any, options: dict[str, Any], out: Path | None, cluster: str | None
-) -> None:
-    from workbench.cli.diagnose_many import diagnose_each, summary_table
-    from workbench.cli.show import filled, print_table
-    from workbench.effects.registry import user_files
+# ---- several campaigns --------------------------------------------------------------------------------------------
 
-    names = [path.resolve().name for path in paths]
-    if repeated := [name for name in names if names.count(name) > 1]:
-        raise InputError(f"two campaigns are called '{repeated[0]}'; their results would share a folder")
-    readers = {name: lambda path=path: load(path) for name, path in zip(names, paths, strict=True)}
-    rows = diagnose_each(
-        readers, options, out, cluster, user_files(), lambda line: click.echo(line, err=True)
-    )  # fmt: skip
-    click.echo()
-    print_table(summary_table(rows))
-    for row in rows:
-        if row.trouble:
-            click.echo(filled(f"{row.name}: {row.trouble}", "- ", "  "))
-    if out is not None:
-        click.echo(f"\nReports: {', '.join(str(out / row.name) for row in rows if not row.trouble) or 'none'}")
-    if any(row.trouble for row in rows):
-        sys.exit(1)
+
+@dataclass(frozen=True)
+class Answered:
+    """One campaign's line of the table, and its files by name; trouble: why there is no answer."""
+
+    name: str
+    cause: str = ""
+    numbers: Sequence[str] = (NOTHING,) * 4
+    unit: str = ""
+    trouble: str = ""
+    files: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+
+
+def diagnose_each(
+    campaigns: Mapping[str, Callable[[], Campaign]],
+    options: Mapping[str, Any],
+    out: Path | None,
+    cluster: str | None,
+    effects: Sequence[UserFile],
+    tell: Callable[[str], None],
+) -> list[Answered]:
+    """The answers in the order of the campaigns. campaigns: name -> what reads it. out: a folder with one of each.
+
+    A campaign that cannot be read or diagnosed is a row that says why; the others go on.
+    """
+    folders = {name: out / name for name in campaigns} if out is not None else {}
+    for folder in folders.values():
+        check_free(folder)
+    read: dict[str, Campaign] = {}
+    rows: dict[str, Answered] = {}
+    for name, reader in campaigns.items():
+        try:
+            read[name] = reader()
+        except InputError as error:
+            rows[name] = Answered(name, "refused", trouble=one_line(str(error), 300))
+    begun = time.monotonic()
+    for name, row in _answers(read, (__version__, dict(options), out is not None, tuple(effects)), cluster):
+        rows[name] = row
+        if row.files:
+            with whole_folder(folders[name]) as hidden:
+                for file, content in row.files.items():
+                    (hidden / file).write_bytes(content)
+        done = sum(n in read for n in rows)
+        left = (time.monotonic() - begun) / done * (len(read) - done)
+        tell(f"{len(rows)}/{len(campaigns)} {name}: {row.trouble or row.cause}; about {left:.0f} s left")
+    return [rows[name] for name in campaigns]
+
+
+def _answers(
+    campaigns: Mapping[str, Campaign], asked: tuple[Any, ...], cluster: str | None
+) -> Iterator[tuple[str, Answered]]:
+    if cluster is None:
+        yield from ((name, answered(name, campaign, *asked)) for name, campaign in campaigns.items())
+    elif campaigns:
+        with client_on(cluster) as client:
+            yield from each_on(client, cluster, list(campaigns), lambda name: (answered, name, campaigns[name], *asked))
+
+
+def answered(
+    name: str,
+    campaign: Campaign,
+    version: str,
+    options: Mapping[str, Any],
+    writes: bool,
+    effects: Sequence[UserFile] = (),
+) -> Answered:
+    """On a worker, or here: the diagnosis of one campaign. Whatever goes wrong is a row."""
+    try:
+        if version != __version__:
+            raise InputError(f"a worker has workbench {__version__}, expected {version}")
+        for file in effects:
+            know(file)
+        with tempfile.TemporaryDirectory(prefix="workbench-diagnose-") as temporary:
+            folder = Path(temporary) / "out"
+            d = cause.diagnose(campaign, **options) if not writes else write_diagnosis(
+                lambda: cause.diagnose(campaign, **options), folder
+            )  # fmt: skip
+            files = {path.name: path.read_bytes() for path in folder.iterdir()} if writes else {}
+    except InputError as error:
+        return Answered(name, "refused", trouble=one_line(str(error), 300))
+    except Exception as error:  # a defect in one campaign is no reason to lose the others
+        return Answered(name, "failed", trouble=one_line(f"{type(error).__name__}: {error}", 300))
+    s = d.shrink
+    numbers = (f"{d.verdict.probability:.2f}", *map(figures, (s.before, s.after, s.noise)))
+    named = " + ".join(d.verdict.effects) or d.verdict.word.replace("_", " ")
+    return Answered(name, named, numbers, s.unit, files=files)
+
+
+def summary_table(rows: Sequence[Answered]) -> Table:
+    columns = [words("campaign"), words("cause"), Column("proba-\nbility"), Column("before"), Column("after"),
+               Column("noise"), words("unit")]  # fmt: skip
+    note = "Before, after: rms of the residual on runs held out of the fit."
+    return Table(columns, [[row.name, row.cause, *row.numbers, row.unit] for row in rows], note)

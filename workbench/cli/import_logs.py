@@ -3,87 +3,62 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import command
+from workbench.cli.show import print_table, print_text
+from workbench.core.whole_folder import check_free
+from workbench.effects import check
+from workbench.logs.importing import (
+    Imported,
+    for_all,
+    in_si,
+    propose,
+    read_channels,
+    runs_yaml,
+    with_table,
+    write_campaign,
+)
+from workbench.machines import load_machine
+from workbench.view.logs import mapping_table, write_page
 
 
-@click.command(name="import")
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
-@click.option("--machine", required=True, type=click.Path(path_type=Path), help="The machine.yaml of the campaign.")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for the campaign.")
-@click.option(
-    "--payload", "payload", multiple=True, type=float, help="Payload in kg: one value for all files, or one for each."
-)
-@click.option(
-    "--start-position",
-    "start_position",
-    multiple=True,
-    type=float,
-    help="Height at the first sample, in m: one value for all files, or one for each.",
-)
-@click.option(
-    "--map",
-    "mapped",
-    multiple=True,
-    metavar="SIGNAL=COLUMN[:UNIT]",
-    help="Column to use for a signal, and its unit (rpm, mm, kNm, %nominal …); may be repeated.",
-)
-@click.option(
-    "--scale",
-    "scales",
-    multiple=True,
-    metavar="SIGNAL=FACTOR",
-    help="Signal in SI = factor times column; may be repeated.",
-)
-@click.option(
-    "--runs",
-    "runs_csv",
-    type=click.Path(path_type=Path),
-    help="CSV with one row per file: file, and any of payload_kg, start_position_m, start_time_s.",
-)
-@click.option("--yes", is_flag=True, help="Accept the proposed mapping without asking.")
-@effects_option
-def command(
-    files: tuple[Path, ...],
+@command("import", effects=True)
+def import_(
+    files: Annotated[tuple[Path, ...], {"metavar": "FILE..."}],
+    *,
     machine: Path,
     out: Path,
-    payload: tuple[float, ...],
-    start_position: tuple[float, ...],
-    mapped: tuple[str, ...],
-    scales: tuple[str, ...],
-    runs_csv: Path | None,
-    yes: bool,
+    payload: tuple[float, ...] = (),
+    start_position: tuple[float, ...] = (),
+    mapped: Annotated[tuple[str, ...], "--map", {"metavar": "SIGNAL=COLUMN[:UNIT]"}] = (),
+    scales: Annotated[tuple[str, ...], "--scale", {"metavar": "SIGNAL=FACTOR"}] = (),
+    runs_csv: Annotated[Path | None, "--runs"] = None,
+    yes: bool = False,
 ) -> int:
     """Make a campaign of logs: MDF4, TDMS, MAT 7.3, TwinCAT Scope and other CSV with header lines or decimal commas.
 
     The command proposes a mapping of columns to signals, draws it, and asks for confirmation unless --yes is given.
     Channels of different rates are resampled to the fastest one. MDF4, TDMS and MAT 7.3 need the extra 'import'.
-    """
-    from workbench.cli.show import print_table, print_text
-    from workbench.core.whole_folder import check_free
-    from workbench.effects import check
-    from workbench.logs.importing import (
-        Imported,
-        for_all,
-        in_si,
-        propose,
-        read_channels,
-        runs_yaml,
-        with_table,
-        write_campaign,
-    )
-    from workbench.machines import load_machine
-    from workbench.view.logs import mapping_table, write_page
 
+    machine: The machine.yaml of the campaign.
+    out: New folder for the campaign.
+    payload: Payload in kg: one value for all files, or one for each.
+    start_position: Height at the first sample, in m: one value for all files, or one for each.
+    mapped: Column to use for a signal, and its unit (rpm, mm, kNm, %nominal …); may be repeated.
+    scales: Signal in SI = factor times column; may be repeated.
+    runs_csv: CSV with one row per file: file, and any of payload_kg, start_position_m, start_time_s.
+    yes: Accept the proposed mapping without asking.
+    """
     check_free(out)
     read = load_machine(machine, check_effects=check)
-    per_file = [
-        for_all(values, len(files), option)
-        for values, option in ((payload, "payload"), (start_position, "start_position"))
+    loads, starts = for_all(payload, len(files), "payload"), for_all(start_position, len(files), "start_position")
+    logs = [
+        Imported(file, tuple(read_channels(file)), load, start)
+        for file, load, start in zip(files, loads, starts, strict=True)
     ]
-    logs = [Imported(file, tuple(read_channels(file)), p, s) for file, p, s in zip(files, *per_file, strict=True)]
     if runs_csv is not None:
         logs = with_table(logs, runs_csv)
     proposed = propose(read, logs[0].channels, mapped, scales)

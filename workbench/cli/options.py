@@ -1,11 +1,26 @@
-"""Options that several commands share."""
+"""A command of the command line, made from a function's signature; the parameters that several commands share.
+
+    @command("loop", effects=True)
+    def loop(*, machine: MachineFile = None, ms: float = 1.4) -> None:
+        '''Compute the margins.
+
+        ms: Bound on Ms shown in the figures.
+        '''
+
+A parameter before the `*` is an argument, one behind it an option: its help is the docstring's line that begins with
+its name. `Annotated` holds beside the type: the option's name where it is not the parameter's (it begins with --), its
+help where several commands share it, a type of click's such as a range, further settings of click's as a dict.
+"""
 
 from __future__ import annotations
 
+import inspect
 import math
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from types import NoneType
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import click
 
@@ -13,61 +28,75 @@ from workbench.core.errors import InputError, nearest
 
 UNITS = ("_hz", "_kg", "_m", "_s")  # what a library's parameter is called beyond its option
 
-Command = TypeVar("Command", bound=Callable[..., Any])
+Campaign = Annotated[Path, {"metavar": "CAMPAIGN"}]
+MachineFile = Annotated[Path | None, "A machine.yaml. Default: the scenario's machine, or the built-in one."]
+OtherMachine = Annotated[Path | None, "Another machine.yaml, such as an identified one."]
+Cluster = Annotated[
+    str | None, "Run on Dask: tcp://host:port, or local:N for N local processes.", {"metavar": "ADDRESS"}
+]
+MostEffects = Annotated[int, click.IntRange(1, 5), "Largest number of effects that may be missing at once."]
+Runs = Annotated[str | None, "Names of the runs to use, separated by commas. Default: all."]
+Band = Annotated[float | None, "Band of the torque residual (-3 dB) in Hz. Default: from the machine."]
+Payloads = Annotated[str | None, "Payloads in kg, separated by commas."]
+Heights = Annotated[str | None, "Carriage heights in m, separated by commas. Default: bottom, middle, top."]
 
 
-def campaign_argument(command: Command, name: str = "campaign", many: bool = False) -> Command:
-    """CAMPAIGN, and the sentence of the help that says what it is, with the log formats that are read."""
-    from workbench.logs.formats.known import listed
+def command(name: str, *, effects: bool = False) -> Callable[[Callable[..., Any]], click.Command]:
+    """The function as a command. effects: also takes `--effects FILE`, loaded before anything else is read."""
 
-    folder = f"a folder with machine.yaml, runs.yaml and logs ({listed()})"
-    command.__doc__ = f"{(command.__doc__ or '').rstrip()}\n\n    CAMPAIGN is {folder}.\n    "
-    where = click.Path(path_type=Path)
-    return click.argument(name, type=where, nargs=-1 if many else 1, required=True, metavar="CAMPAIGN" + "..." * many)(
-        command
-    )
+    def made(function: Callable[..., Any]) -> click.Command:
+        hints = get_type_hints(function, include_extras=True)
+        parameters = inspect.signature(function).parameters
+        text, helps = inspect.getdoc(function) or "", dict[str, str]()
+        for found in re.finditer(r"^(\w+): (.+(?:\n +.+)*)\n?", text, re.MULTILINE):
+            if found[1] in parameters:
+                helps[found[1]] = " ".join(found[2].split())
+                text = text.replace(found[0], "")
+        text = text.rstrip()
+        params = [_param(p, hints[p.name], helps.get(p.name, "")) for p in parameters.values()]
+        if any(param.metavar and param.metavar.rstrip(".") == "CAMPAIGN" for param in params):
+            from workbench.logs.formats.known import listed
 
+            text += f"\n\nCAMPAIGN is a folder with machine.yaml, runs.yaml and logs ({listed()})."
+        if effects:
+            params.append(
+                click.Option(
+                    ["--effects", "effects_files"],
+                    multiple=True, type=click.Path(path_type=Path), metavar="FILE", callback=_load, expose_value=False,
+                    is_eager=True, help="Python file with your own effects, see docs/effects.md; may be repeated.",
+                )
+            )  # fmt: skip
+        return click.Command(name, callback=function, params=params, help=text)
 
-def campaigns_argument(command: Command) -> Command:
-    """One CAMPAIGN or several, as `campaigns`."""
-    return campaign_argument(command, "campaigns", many=True)
-
-
-def options(*chosen: Callable[[Command], Command]) -> Callable[[Command], Command]:
-    """Several options as one decorator, in the order in which the help lists them."""
-
-    def decorated(command: Command) -> Command:
-        for option in reversed(chosen):
-            command = option(command)
-        return command
-
-    return decorated
-
-
-# What replay, identify and diagnose ask of a campaign alike.
-of_a_campaign = options(
-    click.option("--runs", help="Names of the runs to use, separated by commas. Default: all."),
-    click.option("--machine", type=click.Path(path_type=Path), help="Another machine.yaml, such as an identified one."),
-    click.option("--band", type=float, help="Band of the torque residual (-3 dB) in Hz. Default: from the machine."),
-)
+    return made
 
 
-def effects_option(command: Command) -> Command:
-    """`--effects FILE`: loads a user's effects before the command reads anything else.
-
-    The command itself takes no argument for it. InputError as `workbench.effects.load_effects`.
-    """
-    return click.option(
-        "--effects",
-        "effects_files",
-        multiple=True,
-        type=click.Path(path_type=Path),
-        metavar="FILE",
-        callback=_load,
-        expose_value=False,
-        is_eager=True,
-        help="Python file with your own effects, see docs/effects.md; may be repeated.",
-    )(command)
+def _param(parameter: inspect.Parameter, hint: Any, said_of: str) -> click.Parameter:
+    hint, *said = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    words = [word for word in said if isinstance(word, str)]
+    more: dict[str, Any] = next((setting for setting in said if isinstance(setting, dict)), {})
+    several = get_origin(hint) is tuple
+    (kind, *_) = [part for part in get_args(hint) if part is not NoneType] or [hint]
+    if get_origin(hint) is Literal:
+        kind = hint
+    given = next((setting for setting in said if isinstance(setting, click.ParamType)), None)
+    kind = given or (click.Choice(get_args(kind)) if get_origin(kind) is Literal else kind)
+    kind = click.Path(path_type=Path) if kind is Path else kind
+    needed = parameter.default is inspect.Parameter.empty
+    default = None if needed else parameter.default
+    if parameter.kind is not inspect.Parameter.KEYWORD_ONLY:
+        return click.Argument(
+            [parameter.name], type=kind, nargs=-1 if several else 1, required=needed, default=default, **more
+        )  # fmt: skip
+    name = next((word for word in words if word.startswith("--")), f"--{parameter.name.replace('_', '-')}")
+    text = said_of or next(word for word in words if not word.startswith("--"))
+    if kind is bool:
+        return click.Option([name, parameter.name], is_flag=True, help=text)
+    shown = default not in (None, (), "")
+    return click.Option(
+        [name, parameter.name], type=kind, multiple=several, required=needed, default=default, show_default=shown,
+        help=text, **more,
+    )  # fmt: skip
 
 
 def _load(context: click.Context, option: click.Parameter, files: tuple[Path, ...]) -> None:
@@ -84,6 +113,11 @@ def numbers_or_none(text: str | None, parameter: str) -> tuple[float, ...] | Non
     from workbench.study.loop_design import numbers
 
     return None if text is None else numbers(text, parameter)
+
+
+def names_in(text: str | None) -> list[str]:
+    """The names in a text with commas between."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
 def keyed_number(word: str, place: str, form: str = "KEY=VALUE", parts: int = 1) -> tuple[str, float]:

@@ -1,5 +1,4 @@
-"""Progress on stderr: a bar on a terminal, otherwise lines. One bar and one writer of lines serve studies, tuning and
-diagnosis."""
+"""Progress on stderr: a bar on a terminal, otherwise lines. One bar serves studies, tuning and diagnosis."""
 
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ Show = Callable[[str, int, int | None], None]  # a sentence, what is done, and o
 
 
 @contextmanager
-def _shown(line: Callable[[str, int, int | None], None], *, counts: bool = False) -> Iterator[Show]:
+def _shown(line: Show, *, counts: bool = False) -> Iterator[Show]:
     """A bar, or `line` where nobody looks. counts: of runs, with the remaining time; else of stages, with the time."""
     if not sys.stderr.isatty():
         yield line
@@ -51,9 +50,6 @@ class _NowAndThen:
             click.echo(line, err=True)
 
 
-# Studies.
-
-
 @contextmanager
 def shown(names: Sequence[str]) -> Iterator[Tell]:
     """The receiver of the progress of these studies; an interruption reports what is kept."""
@@ -61,15 +57,16 @@ def shown(names: Sequence[str]) -> Iterator[Tell]:
     begun: dict[str, float] = {}
     say = _NowAndThen()
 
-    def rate(progress: Progress) -> str:
-        made, seconds = progress.done - progress.kept, time.monotonic() - begun[progress.name]
+    def counted() -> str:
+        failed = f" ({last[0].failed} failed)" if last[0].failed else ""
+        return f"{last[0].name}: {last[0].done} of {last[0].runs} runs{failed}"
+
+    def rate() -> str:
+        made, seconds = last[0].done - last[0].kept, time.monotonic() - begun[last[0].name]
         return f", {made / seconds:.0f} runs/s" if made and seconds > 0.0 else ""
 
-    def line(sentence: str, done: int, total: int | None) -> None:
-        say(f"{_counts(last[0])}{rate(last[0])}")
-
     try:
-        with _shown(line, counts=True) as show:
+        with _shown(lambda *_: say(f"{counted()}{rate()}"), counts=True) as show:
 
             def tell(progress: Progress) -> None:
                 last[:] = [progress]
@@ -79,21 +76,13 @@ def shown(names: Sequence[str]) -> Iterator[Tell]:
                         text = f"{progress.name}: goes on after {progress.kept} of {progress.runs} runs"
                         click.echo(text, err=True)
                 of = "" if len(names) == 1 else f"{len(begun)}/{len(names)} "
-                show(f"{of}{progress.name}{rate(progress)}", progress.done, progress.runs)
+                show(f"{of}{progress.name}{rate()}", progress.done, progress.runs)
 
             yield tell
     except KeyboardInterrupt:
         if last and last[0].done < last[0].runs:
-            click.echo(f"\n{_counts(last[0])} done and kept; the same command goes on from there.", err=True)
+            click.echo(f"\n{counted()} done and kept; the same command goes on from there.", err=True)
         raise
-
-
-def _counts(progress: Progress) -> str:
-    failed = f" ({progress.failed} failed)" if progress.failed else ""
-    return f"{progress.name}: {progress.done} of {progress.runs} runs{failed}"
-
-
-# Tuning.
 
 
 @contextmanager
@@ -101,26 +90,18 @@ def tuning() -> Iterator[Callable[[TuneProgress], None]]:
     """The receiver of the steps; Ctrl-C ends the tuning, and nothing is written."""
     from workbench.analysis.tune import STEPS
 
+    def words(progress: TuneProgress) -> str:
+        if not progress.tried or math.isnan(progress.cost):
+            return progress.doing
+        return f"{progress.doing}; {progress.tried} tried, least cost {progress.cost:.3f}"
+
     say = _NowAndThen()
     try:
         with _shown(lambda sentence, done, total: say(f"{done + 1}/{total} {sentence}")) as show:
-            yield lambda progress: show(tuning_words(progress), progress.step, STEPS)
+            yield lambda progress: show(words(progress), progress.step, STEPS)
     except KeyboardInterrupt:
         click.echo("The tuning was stopped; nothing is written.", err=True)
         raise
-
-
-def tuning_words(progress: TuneProgress) -> str:
-    """The current step, and the result so far."""
-    if not progress.tried or math.isnan(progress.cost):
-        return progress.doing
-    return f"{progress.doing}; {progress.tried} tried, least cost {progress.cost:.3f}"
-
-
-# Diagnosis.
-
-
-ENOUGH_DONE, ENOUGH_S = 0.1, 2.0  # of the work, and of time, before the rest is foretold
 
 
 class Stages:
@@ -129,20 +110,13 @@ class Stages:
     def __init__(self, show: Show, writes: bool) -> None:
         from workbench.diagnose.progress import Stage
 
-        self._show, self._total, self._begun = show, len(Stage) if writes else len(Stage) - 1, time.monotonic()
+        self._show, self._total = show, len(Stage) if writes else len(Stage) - 1
 
     def tell(self, progress: DiagnoseProgress) -> None:
         """Receives the progress of the diagnosis."""
         from workbench.view.diagnosis import progress_words
 
-        self._at(f"{progress_words(progress)}{self._left(progress.share_done)}", progress.stage.value + 1)
-
-    def _left(self, share: float) -> str:
-        """How long the rest takes, at the pace so far; nothing where that says little yet."""
-        gone = time.monotonic() - self._begun
-        if share < ENOUGH_DONE or gone < ENOUGH_S:
-            return ""
-        return f", about {gone * (1.0 - share) / share:.0f} s left"
+        self._at(progress_words(progress), progress.stage.value + 1)
 
     def writing(self, sentence: str) -> None:
         """The report is being written."""
@@ -158,8 +132,8 @@ def stages(writes: bool) -> Iterator[Stages]:
     last = [""]
 
     def line(sentence: str, done: int, total: int | None) -> None:
-        if (step := sentence.partition(", about ")[0]) != last[0]:
-            last[0] = step
+        if sentence != last[0]:
+            last[0] = sentence
             click.echo(sentence, err=True)
 
     with _shown(line) as show:

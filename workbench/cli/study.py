@@ -1,56 +1,65 @@
-"""`workbench study`: run scenario files, print the results and their folder."""
+"""`workbench study`, `report`, `size` and `schema`: scenario files run, their results as pages, a drive sized."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+import json
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated, Literal
 
 import click
 
-from workbench.cli.options import effects_option
+from workbench.cli.options import Cluster, command
+from workbench.cli.progress import shown
+from workbench.cli.show import print_table, print_text
 from workbench.core.errors import InputError
+from workbench.core.whole_folder import check_replaceable, replace_json
+from workbench.study.cluster import spread_on
+from workbench.study.conclude import ANSWER, answer, read_answer, write_answer
+from workbench.study.decide import decisions
+from workbench.study.labels import swept_axes
+from workbench.study.load import Study, load_study
+from workbench.study.rows import read_rows
+from workbench.study.scenario import json_schema
+from workbench.study.size import size as size_drive
+from workbench.study.store import Extra, ResultFolder, Spread, on_this_computer, place_for, read_finished, run_batch
+from workbench.view import size as size_view
+from workbench.view import study as view
 
-if TYPE_CHECKING:
-    from workbench.study.load import Study
-    from workbench.study.store import Extra, ResultFolder, Spread, Tell
-
-MOST_ON_PAGE = 60
+MOST_ON_PAGE = 60  # curves of more runs are a tangle, and a page of megabytes
 MOST_IN_TABLE = 40
 
 
-@click.command(name="study")
-@click.argument("files", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="FILE...")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="New folder for the results (with several FILEs: their parent folder). Default: results/<name of the study>.",
-)
-@click.option("--cluster", metavar="ADDRESS", help="Run on Dask: tcp://host:port, or local:N for N local processes.")
-@effects_option
-def command(files: tuple[Path, ...], out: Path | None, cluster: str | None) -> None:
+@command("study", effects=True)
+def study(
+    files: Annotated[tuple[Path, ...], {"metavar": "FILE..."}],
+    *,
+    out: Path | None = None,
+    cluster: Cluster = None,
+) -> None:
     """Simulate every run of each scenario FILE in closed loop.
 
     Finished runs are stored. After Ctrl-C the same command continues where it stopped.
-    """
-    from workbench.cli.progress import shown
-    from workbench.study.load import load_study
-    from workbench.study.store import place_for
 
+    out: New folder for the results (with several FILEs: their parent folder). Default: results/<name of the study>.
+    """
     studies = [load_study(file) for file in files]
     places = _out_folders(studies, files, out)
     done = []
     with shown([study.scenario.name for study in studies]) as tell, ExitStack() as started:
-        spread = None
+        spread: Spread | None = on_this_computer if cluster is None else None
         for study, folder in zip(studies, places, strict=True):
             place = place_for(study, folder)
             if not place.finished:
-                spread = spread or started.enter_context(_spread(cluster))
-                _run(study, place, spread, tell)
+                spread = spread or started.enter_context(spread_on(str(cluster)))
+                extras: dict[str, Extra] = {ANSWER: write_answer}
+                if study.scenario.outputs.signals != "none" and len(study.specs) <= MOST_ON_PAGE:
+                    extras["study.html"] = view.save_study_page
+                run_batch(study, place, spread=spread, tell=tell, extras=extras)
             done.append(place)
     for study, place in zip(studies, done, strict=True):
-        _report(study, place)
+        _print(study, place)
 
 
 def _out_folders(studies: Sequence[Study], files: Sequence[Path], out: Path | None) -> list[Path | None]:
@@ -65,53 +74,19 @@ def _out_folders(studies: Sequence[Study], files: Sequence[Path], out: Path | No
     return [out / name for name in names]
 
 
-@contextmanager
-def _spread(cluster: str | None) -> Iterator[Spread]:
-    """Where chunks are run: on this computer, or on a cluster while the block runs."""
-    if cluster is None:
-        from workbench.study.store import on_this_computer
-
-        yield on_this_computer
-        return
-    from workbench.study.cluster import spread_on
-
-    with spread_on(cluster) as spread:
-        yield spread
-
-
-def _run(study: Study, place: ResultFolder, spread: Spread, tell: Tell) -> None:
-    from workbench.study.conclude import ANSWER, write_answer
-    from workbench.study.store import run_batch
-    from workbench.view.study import save_study_page
-
-    # Curves of more runs than this are a tangle, and a page of megabytes.
-    fits = study.scenario.outputs.signals != "none" and len(study.specs) <= MOST_ON_PAGE
-    extras: dict[str, Extra] = {ANSWER: write_answer}
-    if fits:
-        extras["study.html"] = save_study_page
-    run_batch(study, place, spread=spread, tell=tell, extras=extras)
-
-
-def _report(study: Study, place: ResultFolder) -> None:
-    from workbench.cli.show import print_table, print_text
-    from workbench.study.conclude import answer, read_answer
-    from workbench.study.decide import decisions
-    from workbench.study.labels import swept_axes
-    from workbench.study.rows import read_rows
-    from workbench.view.study import decision_table, extremes_table, quantile_table, run_table
-
+def _print(study: Study, place: ResultFolder) -> None:
     rows = read_rows(place.folder)
     if len(rows) <= MOST_IN_TABLE:
-        print_table(run_table(rows))
+        print_table(view.run_table(rows))
     else:
-        print_table(quantile_table(rows))
+        print_table(view.quantile_table(rows))
         click.echo()
-        print_table(extremes_table(rows, swept_axes(rows)))
+        print_table(view.extremes_table(rows, swept_axes(rows)))
         click.echo(f"Each of the {len(rows)} runs has its line in the index.")
     # A study that is there already is shown as it is: nothing is run.
     kept = read_answer(place.folder)
     made = decisions(rows, study.machine, study.scenario.decide, kept.beside if kept is not None else ())
-    if (decision := decision_table(made[-1])) is not None:
+    if (decision := view.decision_table(made[-1])) is not None:
         click.echo()
         print_table(decision)
     print_text(["", *(answer(study, rows, simulate=False) if kept is None else kept.sentences), ""])
@@ -119,7 +94,58 @@ def _report(study: Study, place: ResultFolder) -> None:
         click.echo(f"{place.folder} holds this very study already; nothing was run.")
     if place.note:
         click.echo(place.note)
-    page = place.folder / "study.html"
-    if page.is_file():
+    if (page := place.folder / "study.html").is_file():
         click.echo(f"Figure: {page}")
     click.echo(f"Index:  {place.folder / 'index.parquet'}")
+
+
+@command("report")
+def report(results: Path, *, out: Path | None = None) -> None:
+    """Write the report of RESULTS, a folder written by `workbench study`: one HTML file that needs no network.
+
+    out: The page to write. Default: report.html in RESULTS.
+    """
+    result, path = read_finished(results), out or results / "report.html"
+    view.write_study_report(result, path)
+    print_text([*view.conclusions(result), ""])
+    click.echo(f"Report: {path}")
+
+
+@command("size")
+def size(
+    file: Path,
+    *,
+    json_file: Annotated[Path | None, "--json"] = None,
+) -> int:
+    """Size motor, gear ratio, inverter, brake, resistor and wire for the duty cycle in FILE.
+
+    Every drive runs the scenario's moves in the closed loop of `workbench study`. Exit status 1: none passes.
+
+    json_file: Write all drives and checks to this file.
+    """
+    if json_file is not None:
+        check_replaceable(json_file, "size")
+    sizing = size_drive(file)
+    tables = [size_view.candidates_table(sizing)]
+    if sizing.taken is not None:
+        tables += [size_view.checks_table(sizing.taken), size_view.s1_table(sizing)]
+    for table in tables:
+        print_table(table)
+        click.echo()
+    print_text(size_view.sentences(sizing))
+    if json_file is not None:
+        replace_json(json_file, size_view.as_json(sizing), "size")
+    return 0 if sizing.taken is not None else 1
+
+
+@command("schema")
+def schema(kind: Literal["scenario", "machine", "runs"] = "scenario") -> None:
+    """Print the JSON Schema of a scenario file (or of machine.yaml, or of a campaign's runs.yaml).
+
+    Editors with a YAML language server take it from the file's first line:
+
+    \b
+        workbench schema scenario > scenario.schema.json
+        # yaml-language-server: $schema=scenario.schema.json
+    """
+    click.echo(json.dumps(json_schema(kind), indent=1, ensure_ascii=False))

@@ -5,10 +5,12 @@ hoist_of_session(key)       the same for a page that is for hoists only
 chosen_machine(key)         a machine for this page alone. Call inside `guarded()`.
 choose_machine(name)        the session's machine from the next run of a page on
 keep_machine(name, machine) makes a machine choosable on every page of this session; kept_machines() lists them
+keep_button(key, ...)       a button that does so
 chosen_campaign(key)        a select box: the server's own campaigns, those this visitor has uploaded, and an upload;
                             returns the campaign. Call inside `guarded()`.
 campaign_or_none(key)       the same, None as long as files are to be uploaded
 last_campaign()             the campaign chosen last on any page, None before; last_name(): what the box calls it
+sent_to_job(campaign)       what a job needs to read it: its folder as an argument, and what is copied
 
 A browser chooses among names; no path that it sends is ever opened. An uploaded campaign lies in the visitor's own
 folder, which the address names: a reload finds it again. Memory holds the one campaign that is worked on.
@@ -18,14 +20,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 
 import streamlit as st
 from streamlit.runtime.scriptrunner import get_script_run_ctx
 
 from workbench.core.errors import InputError
-from workbench.dashboard import session
-from workbench.dashboard.uploads import Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
+from workbench.dashboard import session, uploads
+from workbench.dashboard.jobs import INPUTS
+from workbench.dashboard.uploads import Uploaded
 from workbench.dashboard.widgets import held, plain, problem
 from workbench.effects import check
 from workbench.logs import Campaign, read_campaign
@@ -86,6 +90,14 @@ def keep_machine(name: str, machine: Hoist | Axis) -> str:
     return free
 
 
+def keep_button(key: str, name: str, machine: Callable[[], Hoist | Axis]) -> None:
+    def keep() -> None:  # runs before the page, whose lists of machines then hold it
+        st.toast(f"Kept as {plain(keep_machine(name, machine()))}", icon=":material/check:")
+
+    st.button("Keep the machine", key=key, icon=":material/save:", on_click=keep, width="stretch",
+              help="It can then be chosen on the other pages.")  # fmt: skip
+
+
 def choose_machine(name: str) -> None:
     session.put(_CHOSEN, name)
 
@@ -116,6 +128,16 @@ def session_machine(key: str, takes: Takes = looped, expected: str = LOOPED) -> 
 def hoist_of_session(key: str) -> Hoist:
     machine = studied(session_machine(key, studied, STUDIED))
     assert machine is not None
+    return machine
+
+
+def chosen_machine(key: str) -> Hoist | Axis:
+    """The machine that the select box `key` names. InputError for a file that is not one."""
+    offered = _offered(looped)
+    choice = st.selectbox("Machine", [*offered, UPLOADED], key=held(key, DEFAULT, [*offered, UPLOADED]))
+    machine = offered.get(choice) or _uploaded(key, looped, LOOPED)
+    if machine is None:
+        st.stop()
     return machine
 
 
@@ -150,16 +172,6 @@ def _uploaded(key: str, takes: Takes, expected: str) -> Hoist | Axis | None:
     return machine
 
 
-def chosen_machine(key: str) -> Hoist | Axis:
-    """The machine that the select box `key` names. InputError for a file that is not one."""
-    offered = _offered(looped)
-    choice = st.selectbox("Machine", [*offered, UPLOADED], key=held(key, DEFAULT, [*offered, UPLOADED]))
-    machine = offered.get(choice) or _uploaded(key, looped, LOOPED)
-    if machine is None:
-        st.stop()
-    return machine
-
-
 # ---- campaigns ----------------------------------------------------------------------------------------------------
 
 
@@ -178,14 +190,13 @@ def offered() -> dict[str, Path]:
 def uploaded() -> dict[str, Path]:
     """Name -> folder of each campaign that this visitor has uploaded."""
     workspace, folders = session.work_folder(), dict[str, Path]()
-    for folder in [] if workspace is None else stored_campaigns(workspace):
-        folders[free_name(f"{name_of(folder)} (uploaded)", folders)] = folder
+    for folder in [] if workspace is None else uploads.stored_campaigns(workspace):
+        folders[free_name(f"{uploads.name_of(folder)} (uploaded)", folders)] = folder
     return folders
 
 
 def last_campaign() -> Campaign | None:
-    campaign = session.get(_READ, dict, {}).get(last_name())
-    return campaign if isinstance(campaign, Campaign) else None
+    return session.get(_READ, dict, {}).get(last_name())
 
 
 def last_name() -> str:
@@ -196,10 +207,13 @@ def choose_campaign(name: str) -> None:
     session.put(_LAST, name)
 
 
-def is_own(campaign: Campaign) -> bool:
-    """Whether it was uploaded: a job gets a copy of it."""
+def sent_to_job(campaign: Campaign) -> tuple[str, dict[str, Path]]:
+    """The folder that a job reads it from, and what is copied for it: an uploaded one, which may go meanwhile; the
+    server's own stay where they are."""
     workspace = session.work_folder()
-    return workspace is not None and campaign.path.is_relative_to(workspace)
+    if workspace is not None and campaign.path.is_relative_to(workspace):
+        return f"{INPUTS}/campaign", {"campaign": campaign.path}
+    return str(campaign.path.resolve()), {}
 
 
 def chosen_campaign(key: str) -> Campaign:
@@ -221,13 +235,13 @@ def campaign_or_none(key: str) -> Campaign | None:
         _upload(key)
         return None
     choose_campaign(choice)
-    known = session.get(_READ, dict, {}).get(choice)
-    folder = here.get(choice) or own[choice]
-    if isinstance(known, Campaign) and known.path == folder:
+    known, folder = last_campaign(), here.get(choice) or own[choice]
+    if known is not None and known.path == folder:
         return known
     session.put(_READ, {})  # the one before is let go first: campaigns can be large
     with st.spinner("Reading the logs"):
-        campaign = read_stored(folder) if choice in own else read_campaign(folder, confined=True, check_effects=check)
+        reads = uploads.read_stored if choice in own else partial(read_campaign, confined=True, check_effects=check)
+        campaign = reads(folder)
     session.put(_READ, {choice: campaign})
     return campaign
 
@@ -252,7 +266,7 @@ def _upload(key: str) -> None:
 def arrived(files: list[Uploaded]) -> None:
     """The campaign in these files becomes this visitor's own, and the one that all pages work on. InputError for what
     is none."""
-    campaign = read_uploaded(files, session.new_work_folder())
+    campaign = uploads.read_uploaded(files, session.new_work_folder())
     name = next(name for name, folder in uploaded().items() if folder == campaign.path)
     session.put(_READ, {name: campaign})
     choose_campaign(name)

@@ -58,6 +58,7 @@ LONGEST, MOST_BYTES = 6000, 100_000  # characters of the address; of the YAML in
 PAYLOADS = (0.0, 1500.0, 3000.0, 4500.0, 6000.0, 7500.0, 9000.0)
 PLANTS = {"lumped": "lumped", "multibody": "multi-body"}
 LOADED, NONE = "study file", "choose one"
+THINNED = {"signals": "thinned", "every_s": 0.002}
 
 # The page's first question, that of scenarios/payloads.yaml.
 START = Scenario(
@@ -103,8 +104,8 @@ def usual_desk(machine: Hoist | Axis) -> Desk:
     kind = kind_of(machine)
     if kind.payload:
         loop = (2.5, 1.0)
-        kp, ki = rigid_gains(shaft_inertia_kg_m2(cast(Hoist, machine)), *loop)
-        controller = START.controller.model_copy(update=dict(zip(START.controller.GAINS, (kp, ki), strict=True)))
+        gains = rigid_gains(shaft_inertia_kg_m2(cast(Hoist, machine)), *loop)
+        controller = START.controller.model_copy(update=dict(zip(START.controller.GAINS, gains, strict=True)))
         return desk_of(changed(START, {"controller": controller.model_dump()}), machine, loop)
 
     def short(value: float) -> float:
@@ -113,20 +114,17 @@ def usual_desk(machine: Hoist | Axis) -> Desk:
     inertia, unit = kind.looped.total_inertia(machine, 0.0), kind.moved.unit
     speed = 0.6 * kind.looped.speed_scale(machine)
     ramp = max(0.2, 3.0 * speed * inertia / kind.looped.input_limit(machine))
-    limits = (short(speed), short(speed / ramp), short(1.5 * speed / ramp**2))
+    limits = (speed, speed / ramp, 1.5 * speed / ramp**2)
     usual = Scenario.model_validate(
         {
-            "name": START.name,
-            key_in(unit, "start_position_m"): 0.0,
+            "name": START.name, key_in(unit, "start_position_m"): 0.0,
             "moves": _there_and_back(unit, short(3.0 * speed * ramp), 0.5),
-            "limits": {key_in(unit, name): value for name, value in zip(LIMITS.values(), limits, strict=True)},
+            "limits": {key_in(unit, key): short(value) for key, value in zip(LIMITS.values(), limits, strict=True)},
             "references": (BASELINE, "ruckig", "ruckig_equal_time"),
             "controller": usual_cascade(cast(Axis, machine)).model_dump(),
-            "lead_s": 0.2,
-            "settle_s": 0.8,
-            "outputs": {"signals": "thinned", "every_s": 0.002},
+            "lead_s": 0.2, "settle_s": 0.8, "outputs": THINNED,
         }
-    )
+    )  # fmt: skip
     return desk_of(usual, machine)
 
 
@@ -192,7 +190,7 @@ def opened(scenario: Scenario, machine: Hoist | Axis) -> Scenario:
     if scenario.start is None or not scenario.moves or (kind.payload and scenario.payloads_kg is None):
         raise InputError(f"expected {'payloads_kg, ' * bool(kind.payload)}{key_in(unit, 'start_position_m')} and moves")
     up, down = (_limits(scenario.limits, way, unit, 0.8 if kind.payload else None) for way in ("hoisting", "lowering"))
-    signals = START.outputs if kind.payload else {"signals": "thinned", "every_s": 0.002}
+    signals = START.outputs if kind.payload else THINNED
     return changed(
         scenario,
         {
@@ -224,22 +222,15 @@ def fastest_m_s(machine: Hoist) -> float:
 def fields_of(machine: Hoist | Axis, scenario: Scenario, start: float | None = None) -> dict[str, Field]:
     """The numbers of this kind of machine, by name, with their ranges. start: of the move, for the way's range."""
     kind, settings = kind_of(machine), scenario.controller
-    unit, split = kind.moved.unit, bool(scenario.limits.lowering.given())
-    ahead = type(settings.feed_forward).model_fields
+    unit, ahead = kind.moved.unit, type(settings.feed_forward).model_fields
     at, (kp, ki) = (key_in(unit, "start_position_m"),), (("controller", name) for name in settings.GAINS)
-    limit = {name: ("limits", key_in(unit, key)) for name, key in LIMITS.items()}
-    fields = {
-        "weight": Field("Set-point weight (–)", ("controller", "set_point_weight"), 0.0, 1.0, 0.05),
-        **{
-            f"ff {name}": Field(
-                "… that knows the wire (–)" if name == "wire" else f"Feed-forward of {name} (–)",
-                ("controller", "feed_forward", name), 0.0, 1.0, 0.05,
-            )
-            for name in ahead
-        },
-    }  # fmt: skip
+    keys = {name: ("limits", key_in(unit, key)) for name, key in LIMITS.items()}
+    fields = {"weight": Field("Set-point weight (–)", ("controller", "set_point_weight"), 0.0, 1.0, 0.05)}
+    for name in ahead:
+        called = "… that knows the wire (–)" if name == "wire" else f"Feed-forward of {name} (–)"
+        fields[f"ff {name}"] = Field(called, ("controller", "feed_forward", name), 0.0, 1.0, 0.05)
     if (hoist := studied(machine)) is not None and kind.payload:
-        low, high, fastest = hoist.rail.lowest_position_m, hoist.highest_position_m, fastest_m_s(hoist)
+        low, high = hoist.rail.lowest_position_m, hoist.highest_position_m
         up = high - (scenario.start or 0.0 if start is None else start)
         fields |= {
             "start": Field("Start height (m)", at, low, high - ROOM_M, 0.5),
@@ -249,38 +240,33 @@ def fields_of(machine: Hoist | Axis, scenario: Scenario, start: float | None = N
             "kp": Field("kp (N m s/rad)", kp, 2.0, 80.0, 0.5, "%.4g", most=1e6),
             "ki": Field("ki (N m/rad)", ki, 0.0, 600.0, 1.0, "%.4g", most=1e6),
         }
-        for before, way, block in (("", "hoisting " * split, ()), ("down ", "lowering ", ("lowering",))):
-            keys = {name: ("limits", *block, key) for name, key in LIMITS.items()}
-            fields |= {
-                f"{before}speed": Field(f"Limit {way}speed (m/s)", keys["speed"], 0.1, fastest, 0.01),
-                f"{before}acceleration": Field(f"Limit {way}acceleration (m/s²)", keys["acceleration"], 0.1, 1.5, 0.05,
-                                               most=20.0),
-                f"{before}jerk": Field(f"Limit {way}jerk (m/s³)", keys["jerk"], 0.1, 5.0, 0.1,
-                                       tip="The trapezoid has none.", most=1e3),
-            }  # fmt: skip
+        hoisting = "hoisting " * bool(scenario.limits.lowering.given())
+        ranges = {"speed": (fastest_m_s(hoist), 0.01, None, ""), "acceleration": (1.5, 0.05, 20.0, ""),
+                  "jerk": (5.0, 0.1, 1e3, "The trapezoid has none.")}  # fmt: skip
+        for before, way, block in (("", hoisting, ()), ("down ", "lowering ", ("lowering",))):
+            for (name, (top, step, most, tip)), per in zip(ranges.items(), ("m/s", "m/s²", "m/s³"), strict=True):
+                key = ("limits", *block, LIMITS[name])
+                fields[before + name] = Field(f"Limit {way}{name} ({per})", key, 0.1, top, step, tip=tip, most=most)
         return fields
-    top = kind.looped.top_speed(machine).speed
 
     def wide(words: str, key: tuple[str, ...], began: float, tip: str = "", most: float = MOST) -> Field:
         about = float(f"{began:.1g}") if began > 0.0 else 1.0  # a range of a few times what it began with
         return Field(words, key, 0.0, min(4.0 * about, most), about / 50.0, "%.4g", tip, most)
 
-    usual = usual_desk(machine).scenario
+    usual, top = usual_desk(machine).scenario, kind.looped.top_speed(machine).speed
     rule, given = cast(Cascade, usual.controller), usual.limits.given()
+    speed, acceleration, jerk = (given[key] for key in LIMITS.values())
     return fields | {
         "start": Field(f"Start position ({unit})", at, -1e6, 1e6, slides=False),
         "way": Field(f"There and back by ({unit})", ("moves",), -1e6, 1e6, slides=False),
         "dwell": Field("Rest (s)", ("moves",), 0.0, 600.0, slides=False),
-        "speed": wide(f"Limit speed ({unit}/s)", limit["speed"], given[LIMITS["speed"]],
-                      most=top if math.isfinite(top) else MOST),
-        "acceleration": wide(f"Limit acceleration ({unit}/s²)", limit["acceleration"],
-                             given[LIMITS["acceleration"]]),
-        "jerk": wide(f"Limit jerk ({unit}/s³)", limit["jerk"], given[LIMITS["jerk"]],
-                     "The trapezoid has none."),
+        "speed": wide(f"Limit speed ({unit}/s)", keys["speed"], speed, most=top if math.isfinite(top) else MOST),
+        "acceleration": wide(f"Limit acceleration ({unit}/s²)", keys["acceleration"], acceleration),
+        "jerk": wide(f"Limit jerk ({unit}/s³)", keys["jerk"], jerk, "The trapezoid has none."),
         "kv": wide("kv (1/s)", ("controller", "kv_per_s"), rule.kv_per_s or 10.0, "0 is a speed loop alone."),
         "kp": wide(f"kp ({settings.UNITS[0]})", kp, rule.kp),
         "ki": wide(f"ki ({settings.UNITS[1]})", ki, rule.ki or rule.kp),
-    }  # fmt: skip
+    }
 
 
 def value_of(name: str, field: Field, scenario: Scenario) -> float:
@@ -301,20 +287,16 @@ def edited(scenario: Scenario, machine: Hoist | Axis, values: Mapping[str, Any])
     does not fit, under the scenario's key."""
     data, fields = scenario.model_dump(), fields_of(machine, scenario)
     way, dwell = there_and_back(scenario.moves) or (12.0, 3.0)
+    if {"way", "dwell"} & set(values):
+        unit = kind_of(machine).moved.unit
+        data["moves"] = _there_and_back(unit, values.get("way", way), values.get("dwell", dwell))
     for name, value in values.items():
-        field = fields.get(name)
-        if field is None:
-            data[name] = value
-        elif field.key != ("moves",):
-            *blocks, last = field.key
+        *blocks, last = fields[name].key if name in fields else (name,)
+        if last != "moves":
             block = data
             for part in blocks:
                 block = block[part]
             block[last] = value
-    if {"way", "dwell"} & set(values):
-        data["moves"] = _there_and_back(
-            kind_of(machine).moved.unit, values.get("way", way), values.get("dwell", dwell)
-        )  # fmt: skip
     return changed(scenario, data)
 
 
@@ -452,23 +434,22 @@ def _payloads(now: Sequence[float], bad: list[InputError]) -> tuple[float, ...]:
 def _decide(scenario: Scenario, machine: Hoist | Axis) -> dict[str, dict[str, float]]:
     """Limit and weight of each criterion; an empty field leaves the usual one, which stands in it in grey."""
     judged = set_of(kind_of(machine).name)
-    heaviest = max(scenario.payloads_kg or (0.0,))
-    usual = criteria_for(judged, machine, heaviest, {})
+    usual = criteria_for(judged, machine, max(scenario.payloads_kg or (0.0,)), {})
     st.caption("Who breaks a limit is out; of the rest the least weighted sum of shares is taken.")
     decide: dict[str, dict[str, float]] = {}
     for criterion in usual:
-        metric, name = criterion.metric, criterion.name
-        reserve = name == judged.peak and criterion.most is not None
-        least = reserve or metric.better == "higher"
-        name = RESERVE if reserve else name
-        scale, unit = (1.0, "%") if reserve else (metric.scale, metric.shown_unit)
+        metric, name, title = criterion.metric, criterion.name, criterion.metric.heading
+        known, scale, unit = criterion.most, metric.scale, metric.shown_unit or "–"
+        side = "least" if metric.better == "higher" else "most"
+        if side == "least":
+            known = criterion.least
+        if name == judged.peak and criterion.most is not None:  # said as what the peak leaves
+            name, title, side, known, scale, unit = RESERVE, "Reserve at the peak", "least", 10.0, 1.0, "%"
         given = scenario.decide.get(name, CriterionBlock())
-        limit = given.least if least else given.most
-        known = 10.0 if reserve else criterion.least if least else criterion.most
-        title = "Reserve at the peak" if reserve else metric.heading
+        limit = getattr(given, side)
         left, right = st.columns([2.0, 1.0], vertical_alignment="bottom")
         limit = left.number_input(
-            f"{title}, at {'least' if least else 'most'} ({unit or '–'})", value=None, step=None, format="%.4g",
+            f"{title}, at {side} ({unit})", value=None, step=None, format="%.4g",
             key=held(f"study.limit {name}", None if limit is None else scale * limit),
             placeholder="no limit" if known is None else f"{scale * known:.4g}",
         )  # fmt: skip
@@ -476,41 +457,34 @@ def _decide(scenario: Scenario, machine: Hoist | Axis) -> dict[str, dict[str, fl
             "weight", 0.0, 100.0, value=None, step=None, key=held(f"study.weight {name}", given.weight),
             placeholder=f"{criterion.weight:g}", format="%.3g",
         )  # fmt: skip
-        block = {"weight": weight, "least" if least else "most": None if limit is None else limit / scale}
-        if own := {key: value for key, value in block.items() if value is not None}:
-            decide[name] = own
-    return {key: block.model_dump() for key, block in scenario.decide.items()
-            if key not in decide and key not in {RESERVE, *(c.name for c in usual)}} | decide  # fmt: skip
+        block = {"weight": weight, side: None if limit is None else limit / scale}
+        decide[name] = {key: value for key, value in block.items() if value is not None}
+    others = {key: block.model_dump() for key, block in scenario.decide.items() if key not in decide}
+    return others | {name: block for name, block in decide.items() if block}
 
 
 def _file(name: str, machine: Hoist | Axis) -> str:
     """The study's name. A scenario file that is chosen anew sets the controls; one that cannot be read leaves them."""
     with st.expander("Scenario file", icon=":material/description:"):
         name = st.text_input("Name of the study", key=held("study.name", name), max_chars=64)
-
-        def take() -> None:
-            session.put(LOADED, ("ships", None))
-
-        ships = st.selectbox("One that ships", [NONE, *shipped_scenarios()], key="study ships", on_change=take)
-        if session.get(LOADED, tuple, ("", None)) == ("ships", None) and ships != NONE:
-            session.put(LOADED, ("", None))
-            try:
-                set_desk(*shipped_desk(ships, machine))
-                st.rerun()
-            except InputError as refused:
-                problem(refused)
+        ships = st.selectbox("One that ships", [NONE, *shipped_scenarios()], key="study ships")
         upload = st.file_uploader("Load a scenario", type=["yaml", "yml"], key="study upload", max_upload_size=1)
-        before, error = session.get(LOADED, tuple, ("", None))
-        if upload is not None and upload.file_id != before:
+        asked = (ships, upload.file_id if upload is not None else "")
+        before, error = session.get(LOADED, tuple, ((NONE, ""), None))
+        if asked != before:  # chosen anew: one of both
+            error = None
             try:
-                desk, error = read_desk(load(session.stored(upload, "scenario.yaml")), machine), None
+                if asked[1] and asked[1] != before[1]:
+                    assert upload is not None
+                    set_desk(read_desk(load(session.stored(upload, "scenario.yaml")), machine), machine)
+                elif ships not in (NONE, before[0]):
+                    set_desk(*shipped_desk(ships, machine))
             except InputError as refused:
                 error = refused
-            session.put(LOADED, (upload.file_id, error))
+            session.put(LOADED, (asked, error))
             if error is None:
-                set_desk(desk, machine)
                 st.rerun()  # the name stands above and is drawn already
-        if upload is not None and error is not None:
+        if error is not None:
             problem(error)
     return name
 
@@ -564,12 +538,12 @@ def scenario_file(scenario: Scenario, machine: Hoist | Axis, file: str = "") -> 
     return dumps({key: value for key, value in data.items() if value not in ({}, "")})
 
 
-def files_of(scenario: Scenario, machine: Hoist | Axis) -> dict[str, tuple[str, str]]:
-    """Button -> (file name, text): the scenario, and the axis that it names where that does not ship."""
-    files = {"Save scenario": (f"{scenario.name}.yaml", scenario_file(scenario, machine))}
-    if kind_of(machine).payload or shipped_as(machine):
-        return files
-    return files | {"Save machine": (f"{scenario.name}_machine.yaml", machine_text(machine))}
+def files_of(scenario: Scenario, machine: Hoist | Axis) -> list[tuple[str, str, str]]:
+    """Button, file name, text: the scenario, and the axis that it names where that does not ship."""
+    files = [("Save scenario", f"{scenario.name}.yaml", scenario_file(scenario, machine))]
+    if not kind_of(machine).payload and not shipped_as(machine):
+        files.append(("Save machine", f"{scenario.name}_machine.yaml", machine_text(machine)))
+    return files
 
 
 def read_desk(document: Document, machine: Hoist | Axis) -> Desk:

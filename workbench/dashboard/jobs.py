@@ -21,7 +21,6 @@ that was reloaded finds it:
 from __future__ import annotations
 
 import atexit
-import contextlib
 import fcntl
 import importlib
 import json
@@ -35,11 +34,11 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeGuard, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import streamlit as st
 from pydantic import TypeAdapter, ValidationError
@@ -52,15 +51,13 @@ from workbench.dashboard.widgets import plain, problem
 INPUTS = "{inputs}"  # in an argument: the folder of the inputs' copies
 FOLDER, VIEW = "jobs", "view.json"
 KEEP_S = 7 * 24 * 3600.0
-GRACE_S = 10.0  # from Ctrl-C to the kill
-ENDS_WITHIN_S = 3.0  # the same when the server itself ends
 MOST_RUNNING, MOST_RUNNING_IN_ALL = 2, 8  # of one workspace at a time; of all
 NICER = 10  # the page and its sliders go first
 BAD_INPUT, INTERRUPTED = 2, 130
 LAST_BYTES = 20_000  # of a file that is read for its last line
 TOLD_EVERY_S, LOOKS_EVERY_S = 0.2, 0.5  # by the worker; by a page's card
 COLOURS = {"running": "blue", "stopping": "orange", "done": "green", "stopped": "gray", "failed": "red"}
-State = Literal["running", "stopping", "done", "stopped", "failed"]
+KILLED = "The worker ended without a word: it was killed, or the computer ran out of memory."
 T = TypeVar("T")
 
 _ID = re.compile(r"[A-Za-z0-9_-]{16,64}")
@@ -72,16 +69,24 @@ _mutex = threading.Lock()
 class Job:
     """kind: the page that it belongs to. call: "module:function". begun_s: since the epoch."""
 
-    id: str
+    folder: Path
     kind: str
     title: str
-    folder: Path
     call: str
     arguments: Mapping[str, Any]
     begun_s: float
 
+    @property
+    def id(self) -> str:
+        return self.folder.name
+
     def file(self, name: str) -> Path:
         return self.folder / name
+
+    def write(self) -> None:
+        self.file("inputs").mkdir(parents=True, mode=0o700)
+        record = {key: value for key, value in asdict(self).items() if key != "folder"}
+        self.file("job.json").write_text(json.dumps(record), encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,7 @@ class Progress:
     sentence: the latest line, or why it ended. rate_per_s: 0 where it is not known. running_s: since it was started.
     """
 
-    state: State = "running"
+    state: str = "running"
     stage: str = ""
     done: int = 0
     total: int = 0
@@ -110,13 +115,12 @@ class Progress:
         return min(max(self.done / self.total, 0.0), 1.0) if self.total > 0 else 0.0
 
 
-@dataclass
 class Teller:
     """The worker's side: writes progress a few times a second, and always a stage's beginning and end."""
 
-    path: Path
-    said: dict[str, Any] = field(default_factory=dict)
-    next_s: float = 0.0
+    def __init__(self, path: Path) -> None:
+        self.path, self.next_s = path, 0.0
+        self.said: dict[str, Any] = {}
 
     def __call__(self, stage: str, done: int = 0, total: int = 0, failed: int = 0, rate_per_s: float = 0.0) -> None:
         now = time.monotonic()
@@ -149,26 +153,27 @@ def start(
     arguments: Mapping[str, Any],
     workspace: Path,
     title: str = "",
-    inputs: Mapping[str, Path] | None = None,
+    inputs: Mapping[str, Path | str] | None = None,
 ) -> Job:
     """Starts work in a process group of its own. arguments: what JSON can hold. inputs: the page's own name -> file or
-    folder, of which the job gets a copy: it may outlive the session. InputError when too much is running already."""
+    folder, of which the job gets a copy, for it may outlive the session; or a text. InputError when too much is running
+    already."""
     with _mutex:
         _check_room(workspace)
         clean(workspace)
-        number = new_id()
-        folder = workspace.resolve() / FOLDER / number
+        folder = workspace.resolve() / FOLDER / new_id()
         placed = {
             name: value.replace(INPUTS, str(folder / "inputs")) if isinstance(value, str) else value
             for name, value in arguments.items()
         }
-        job = Job(number, kind, title or kind, folder, call, placed, time.time())
+        job = Job(folder, kind, title or kind, call, placed, time.time())
         try:
-            (folder / "inputs").mkdir(parents=True, mode=0o700)
+            job.write()
             for name, source in (inputs or {}).items():
-                copy = shutil.copytree if source.is_dir() else shutil.copyfile
-                copy(source, folder / "inputs" / name)
-            write_record(job)
+                if isinstance(source, str):
+                    (folder / "inputs" / name).write_text(source, encoding="utf-8")
+                else:
+                    (shutil.copytree if source.is_dir() else shutil.copyfile)(source, folder / "inputs" / name)
         except OSError as error:
             shutil.rmtree(folder, ignore_errors=True)
             raise InputError(f"no job can be started there: {error.strerror or error}", file=workspace) from error
@@ -176,30 +181,18 @@ def start(
     return job
 
 
-def write_record(job: Job) -> None:
-    text = json.dumps({key: value for key, value in asdict(job).items() if key not in ("id", "folder")})
-    job.file("job.json").write_text(text, encoding="utf-8")
-
-
-def read_job(workspace: Path, job_id: object) -> Job | None:
-    """The job of that id in a workspace; None where there is none, whatever the id holds."""
-    if is_id(job_id):
-        folder = workspace.resolve() / FOLDER / job_id
-        with contextlib.suppress(InputError, OSError, ValueError, TypeError):
-            return Job(job_id, folder=folder, **json.loads(read_input(folder / "job.json", "json")))
-    return None
-
-
 def jobs_of(workspace: Path | None, kind: str | None = None) -> list[Job]:
     """The jobs of a workspace, the newest first."""
-    paths = [] if workspace is None else workspace.glob(f"{FOLDER}/*")
-    jobs = [job for path in paths if workspace and (job := read_job(workspace, path.name)) is not None]
+    jobs = []
+    for folder in [] if workspace is None else workspace.resolve().glob(f"{FOLDER}/*"):
+        with suppress(InputError, OSError, ValueError, TypeError):
+            jobs.append(Job(folder, **json.loads(read_input(folder / "job.json", "json"))))
     return sorted((job for job in jobs if kind in (None, job.kind)), key=lambda job: -job.begun_s)
 
 
 def is_alive(job: Job) -> bool:
     """Whether the worker lives: it holds a lock that the system lets go of when it dies, however it dies."""
-    with contextlib.suppress(FileNotFoundError), job.file("alive").open("rb") as file:
+    with suppress(FileNotFoundError), job.file("alive").open("rb") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -218,23 +211,14 @@ def restart(job: Job) -> None:
         _launch(job)
 
 
-def stop(job: Job, grace_s: float = GRACE_S) -> None:
-    """Asks it to stop as Ctrl-C does, so that it keeps what can be resumed; ends it when it does not."""
-    if not is_alive(job):
-        return
-    job.file("stopping").touch()
-    group = job.file("alive").read_text()
-
-    def send(number: signal.Signals) -> None:
-        """To that worker only: a job may have been started again meanwhile."""
-        with contextlib.suppress(OSError, ValueError):
-            if job.file("alive").read_text() == group and is_alive(job):
-                os.killpg(int(group), number)
-
-    send(signal.SIGINT)
-    timer = threading.Timer(grace_s, send, (signal.SIGKILL,))
-    timer.daemon = True
-    timer.start()
+def stop(job: Job) -> None:
+    """Asks it to stop as Ctrl-C does, so that it keeps what can be resumed; asked again it is ended, with what it has
+    started."""
+    if is_alive(job):
+        asked = job.file("stopping").exists()
+        job.file("stopping").touch()
+        with suppress(OSError, ValueError):
+            os.killpg(int(job.file("alive").read_text()), signal.SIGKILL if asked else signal.SIGINT)
 
 
 def remove(job: Job) -> None:
@@ -255,32 +239,27 @@ def clean(workspace: Path, older_than_s: float = KEEP_S) -> int:
     return gone
 
 
-def result_folder(job: Job) -> Path | None:
-    """What the work made; None as long as it is not done."""
-    return job.file("result") if job.file("result").is_dir() and poll(job).state == "done" else None
-
-
 def poll(job: Job) -> Progress:
     """How far it is, or how it ended."""
     alive = is_alive(job)  # asked first: the exit status is the last that a living worker writes
-    said: dict[str, Any] = {}
+    told: dict[str, Any] = {}
     for line in _lines(job.file("said.jsonl")):
-        with contextlib.suppress(ValueError):  # a line that is being written
-            said = json.loads(line)
+        with suppress(ValueError):  # a line that is being written
+            told = json.loads(line)
     # Where the server keeps a job is its own affair.
-    errors = [line.replace(f"{job.file('inputs')}/", "").replace(f"{job.folder}/", "")
-              for line in _lines(job.file("stderr.txt"))]  # fmt: skip
-    last, asked, status = errors[-1] if errors else "", job.file("stopping").exists(), said.pop("ended", None)
+    last = next(iter(_lines(job.file("stderr.txt"))[-1:]), "")
+    for folder in (f"{job.file('inputs')}", f"{job.folder}", str(job.arguments.get("folder", job.folder))):
+        last = last.replace(f"{folder}/", "").replace(folder, Path(folder).name)
+    asked, status = job.file("stopping").exists(), told.pop("ended", None)
     began_s = job.file("alive").stat().st_mtime if job.file("alive").exists() else job.begun_s
-    now = Progress(**{"running_s": max(said.pop("at_s", time.time()) - began_s, 0.0)} | said)
+    now = Progress(**{"running_s": max(told.pop("at_s", time.time()) - began_s, 0.0)} | told)
     if alive:
         return replace(now, state="stopping" if asked else "running", sentence=last or now.stage)
     if status == 0:
         return replace(now, state="done", sentence="Done.")
     if asked or status == INTERRUPTED:
         return replace(now, state="stopped", sentence="Stopped.")
-    killed = "The worker ended without a word: it was killed, or the computer ran out of memory."
-    why = killed if status is None else last.removeprefix("error: ") or f"It ended with exit status {status}."
+    why = KILLED if status is None else last.removeprefix("error: ") or f"It ended with exit status {status}."
     return replace(now, state="failed", sentence=why)
 
 
@@ -328,15 +307,10 @@ def child_environment() -> dict[str, str]:
 @atexit.register
 def _stop_all() -> None:
     """A server that ends takes its workers along; a batch keeps what it has done."""
-    for number, seconds in ((signal.SIGINT, ENDS_WITHIN_S), (signal.SIGKILL, 1.0)):
-        left = [process for process in _running if process.poll() is None]
-        for process in left:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(process.pid, number)
-        end = time.monotonic() + seconds
-        for process in left:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(max(end - time.monotonic(), 0.0))
+    for process in _running:
+        if process.poll() is None:
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGINT)
 
 
 # ---- in the worker's process --------------------------------------------------------------------------------------
@@ -354,17 +328,6 @@ def read_view(kind: type[T], job: Job) -> T:
         return TypeAdapter(kind).validate_json(job.file(VIEW).read_bytes())
     except (OSError, ValidationError) as error:
         raise InputError("this result is damaged; compute it again", file=job.file(VIEW)) from error
-
-
-@contextmanager
-def without_folder(folder: str) -> Iterator[None]:
-    """An InputError inside comes out without the campaign's folder, which is the server's own."""
-    try:
-        yield
-    except InputError as error:
-        file = None if error.file is None else Path(error.file).name
-        said = error.problem.replace(f"{folder}/", "")
-        raise InputError(said, file=file, line=error.line, place=error.place) from error
 
 
 def work(job: Job, tell: Teller) -> int:
@@ -388,8 +351,7 @@ def main(folder: Path) -> int:
     # A server that a shell has put into the background ignores Ctrl-C, and its children inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.nice(NICER)
-    job, tell, status = read_job(folder.parents[1], folder.name), Teller(folder / "said.jsonl"), 1
-    assert job is not None
+    job, tell, status = Job(folder, **json.loads((folder / "job.json").read_bytes())), Teller(folder / "said.jsonl"), 1
     try:
         # A Ctrl-C that came before the line above may have been lost.
         status = INTERRUPTED if job.file("stopping").exists() else work(job, tell)
@@ -426,11 +388,28 @@ def _card(job: Job, progress: Progress, open_key: str, unit: str, stages: Sequen
     today = time.strftime("%j %Y", begun) == time.strftime("%j %Y")
     said = f"started {time.strftime('%H:%M' if today else '%d %b %H:%M', begun)}"
     said += "" if progress.state == "failed" else f" · {counts(progress, unit)}"
+    again = "Resume" if progress.done else "Try again"
+    opened = bool(open_key) and st.session_state.get(open_key) == job.id
+    buttons = {  # word: (when, key, icon, what it does, whether it is off)
+        "End now" if progress.state == "stopping" else "Stop": (
+            not progress.ended, "stop", "stop", lambda: stop(job), False),
+        "Open": (bool(open_key) and progress.state == "done", "open", "bar_chart",
+                 lambda: st.session_state.update({open_key: job.id}), opened),
+        again: (progress.state in ("stopped", "failed"), "resume", "resume", lambda: restart(job), False),
+        "Remove": (progress.ended, "remove", "delete", lambda: remove(job), False),
+    }  # fmt: skip
     with st.container(horizontal=True, horizontal_alignment="distribute", vertical_alignment="center"):
         badge = f":{COLOURS[progress.state]}-badge[{progress.state}]"
         st.markdown(f"**{plain(job.title)}** {badge} :small[{plain(said)}]", width="content")
         with st.container(horizontal=True, width="content"):
-            _buttons(job, progress, open_key)
+            for word, (there, key, icon, action, off) in buttons.items():
+                if there and st.button(word, key=f"{key} {job.id}", disabled=off, icon=f":material/{icon}:"):
+                    try:
+                        action()
+                    except InputError as error:
+                        problem(error)
+                    else:
+                        st.rerun()
     if not progress.ended or (progress.state == "stopped" and progress.total):
         st.progress(progress.share)
     if not progress.ended and stages:
@@ -442,45 +421,18 @@ def _card(job: Job, progress: Progress, open_key: str, unit: str, stages: Sequen
         problem(InputError(progress.sentence))
 
 
-def _buttons(job: Job, progress: Progress, open_key: str) -> None:
-    def button(word: str, icon: str, action: Callable[[], object], disabled: bool = False, tip: str = "") -> None:
-        if not st.button(word, key=f"{word.lower().replace('try again', 'resume')} {job.id}", disabled=disabled,
-                         icon=f":material/{icon}:", help=tip or None):  # fmt: skip
-            return
-        try:
-            action()
-        except InputError as error:
-            problem(error)
-        else:
-            st.rerun()
-
-    if not progress.ended:
-        button("Stop", "stop", lambda: stop(job), progress.state == "stopping", "What is done is kept.")
-    if open_key and progress.state == "done":
-        opened = st.session_state.get(open_key) == job.id
-        button("Open", "bar_chart", lambda: st.session_state.update({open_key: job.id}), opened)
-    if progress.state in ("stopped", "failed"):
-        button("Resume" if progress.done else "Try again", "resume", lambda: restart(job))
-    if progress.ended:
-        button("Remove", "delete", lambda: remove(job))
-
-
 def counts(progress: Progress, unit: str = "") -> str:
     """`1,024 of 1,280 runs, 3 failed, 410 runs/s, 2 s to go`; the stage where nothing is counted in a unit."""
-    running_s = f"{progress.running_s:,.0f} s"
+    running = f", {progress.running_s:,.0f} s" if progress.running_s else ""
     if not unit or progress.total <= 1:
         said = progress.stage or (not progress.ended and progress.sentence) or "getting ready"
-        return f"{said}, {running_s}" if progress.running_s and not progress.ended else said
-    whole = progress.done == progress.total and progress.ended
-    parts = [f"{progress.total:,} {unit}" if whole else f"{progress.done:,} of {progress.total:,} {unit}"]
-    if progress.failed:
-        parts.append(f"{progress.failed:,} failed")
-    if progress.rate_per_s and not progress.ended:
-        parts.append(f"{progress.rate_per_s:,.0f} {unit}/s")
-        parts.append(f"{(progress.total - progress.done) / progress.rate_per_s:,.0f} s to go")
-    elif progress.running_s:
-        parts.append(running_s)
-    return ", ".join(parts)
+        return said if progress.ended else f"{said}{running}"
+    of = "" if progress.ended and progress.done == progress.total else f"{progress.done:,} of "
+    said = f"{of}{progress.total:,} {unit}" + (f", {progress.failed:,} failed" if progress.failed else "")
+    if progress.ended or not progress.rate_per_s:
+        return said + running
+    left_s = (progress.total - progress.done) / progress.rate_per_s
+    return f"{said}, {progress.rate_per_s:,.0f} {unit}/s, {left_s:,.0f} s to go"
 
 
 if __name__ == "__main__":

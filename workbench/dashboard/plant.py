@@ -1,17 +1,16 @@
-"""A plant of this session, as a thin client of `workbench.serve`, in a process of its own that ends with the session.
+"""A plant of this session: `workbench.serve` in a process of its own, which ends with the session.
 
-    process = PlantProcess({"machine": text, "wish": {...}})      # or "attach": a port of this computer
-    process.ask({"order": {"set": {"payload_kg": 9000}}, "note": "payload"})
+    plant = PlantProcess(machine, Wish(...))            # or a UDP port of this computer in place of the wish
+    plant.ask("order", {"set": {"payload_kg": 9000}}, "payload")
 
-`python -m workbench.dashboard.plant` is that process: the first line in is what to serve or to attach to; then a
-line of JSON for every question, and one for its answer. Whatever is asked of a plant is an order of `Session.order`.
+What is asked for is a method of `Recorder`, called in the plant's process. An order is one of `Session.order`.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import select
+import math
+import multiprocessing
 import socket
 import subprocess
 import sys
@@ -20,23 +19,22 @@ import time
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from workbench.control import PiSettings, full_pi, loop_values, refuse
 from workbench.core.errors import InputError
-from workbench.core.yaml_strict import loads
-from workbench.effects import check
+from workbench.dashboard.jobs import child_environment
 from workbench.engine.stepped import Step as ControllerStep
-from workbench.machines import HOIST, Hoist, load_of, machine_from, studied
+from workbench.machines import HOIST, Hoist, load_of
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
-from workbench.serve.points import FLAGS, TORQUE
 from workbench.serve.serve import Wish, serve
-from workbench.serve.session import Session
+from workbench.serve.session import FLAGS, TORQUE, Session
 from workbench.serve.udp import MOST_BYTES
 from workbench.simulate.loop import LoopCase, case_limits
 
@@ -54,6 +52,7 @@ BEGINS = {
     "is_watchdog": "watchdog", "is_slack": "slack wire", "is_off_rail": "off the rail", "is_diverged": "diverged",
     "is_overload": "wire overloaded",
 }  # fmt: skip
+BUILT_IN = "the built-in client"
 Numbers = Mapping[str, float]
 Order = Callable[[Mapping[str, Any]], dict[str, Any]]  # to a plant; InputError for what it refuses, or where none is
 
@@ -66,25 +65,24 @@ _running: weakref.WeakSet[PlantProcess] = weakref.WeakSet()
 class PlantProcess:
     """Started at once; `greeting()` is None until the plant is there, for its step may have to be compiled.
 
-    spec: `machine` (YAML) with either `wish`, the fields of `serve.Wish`, or `attach`, a port of this computer.
-    InputError when too many are running.
+    what: how to serve the machine, or a port of this computer at which it is served. InputError when too many run.
     """
 
-    def __init__(self, spec: Mapping[str, Any]) -> None:
-        from workbench.dashboard.jobs import child_environment
-
+    def __init__(self, machine: Hoist, what: Wish | int) -> None:
         if sum(plant.alive for plant in _running) >= MOST_IN_ALL:
             raise InputError("this computer already serves the plants of others; try again in a while")
+        self._line, other_end = multiprocessing.Pipe()
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "workbench.dashboard.plant"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL, env=child_environment(), start_new_session=True, bufsize=0,
+            [sys.executable, "-P", "-m", "workbench.dashboard.plant", str(other_end.fileno())],
+            pass_fds=[other_end.fileno()], env=child_environment(), start_new_session=True,
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        self._rest = b""
+        other_end.close()
         self._one_at_a_time = threading.Lock()
         self._greeting: dict[str, Any] | None = None
-        self._end = weakref.finalize(self, _ended, self._process)
+        self._end = weakref.finalize(self, _ended, self._process, self._line)
         _running.add(self)
-        self._write(spec)
+        self._line.send((machine, what))
 
     @property
     def alive(self) -> bool:
@@ -93,17 +91,17 @@ class PlantProcess:
     def greeting(self, within_s: float = 0.0) -> dict[str, Any] | None:
         """Port, the machine's name, names of the points; None until it is there. InputError where it failed."""
         with self._one_at_a_time:
-            self._greeting = self._greeting or self._read(within_s)
-            if self._greeting is None and not self.alive:
-                raise InputError("the plant's process ended without a word")
+            if self._greeting is None:
+                self._greeting = self._read(within_s)
             return self._greeting
 
-    def ask(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """See `Desk.answer`. InputError for what is refused, and for a plant that has gone."""
+    def ask(self, method: str, *arguments: Any) -> Any:
+        """What the method of `Recorder` answers. InputError for what is refused, and for a plant that has gone."""
         if self.greeting() is None:
             raise InputError("the plant is not there yet")
         with self._one_at_a_time:
-            self._write(question)
+            with suppress(OSError):  # one that has gone is said below
+                self._line.send((method, arguments))
             answer = self._read(ANSWERS_WITHIN_S)
         if answer is None:
             self.end()  # an answer that comes late would be taken for another question's
@@ -113,34 +111,23 @@ class PlantProcess:
     def end(self) -> None:
         self._end()
 
-    def _write(self, words: Mapping[str, Any]) -> None:
-        assert self._process.stdin is not None
+    def _read(self, within_s: float) -> Any:
+        """None where no answer comes in time. InputError where it is one."""
         try:
-            self._process.stdin.write(json.dumps(words).encode() + b"\n")
-        except (OSError, ValueError) as error:
-            raise InputError("the plant has ended; start it again") from error
-
-    def _read(self, within_s: float) -> dict[str, Any] | None:
-        """One line; None where none comes in time. InputError where it is one."""
-        out = self._process.stdout
-        assert out is not None
-        while b"\n" not in self._rest:
-            if not select.select([out], [], [], within_s)[0] or not (part := os.read(out.fileno(), 1 << 20)):
+            if not self._line.poll(within_s):
                 return None
-            self._rest += part
-        line, _, self._rest = self._rest.partition(b"\n")
-        answer: dict[str, Any] = json.loads(line)
-        if "error" in answer:
-            raise InputError(answer["error"]["problem"], place=answer["error"]["place"])
+            error, answer = self._line.recv()
+        except (OSError, EOFError) as gone:
+            raise InputError("the plant has ended; start it again") from gone
+        if error is not None:
+            raise InputError(error[0], place=error[1])
         return answer
 
 
-def _ended(process: subprocess.Popen[bytes]) -> None:
+def _ended(process: subprocess.Popen[bytes], line: Connection[Any, Any]) -> None:
     """Its sockets and files are the system's to close."""
     process.kill()
-    for stream in (process.stdin, process.stdout):
-        if stream is not None:
-            stream.close()
+    line.close()
     process.wait()
 
 
@@ -210,7 +197,11 @@ class Controller:
         if braked:
             return hold
         if self.wanted.heights_m is not None:
-            self.reference_rad_s = self._next(seen["position_carriage_m"])
+            value = next(self._way, None)
+            if value is None:
+                self._way = self._stroke(seen["position_carriage_m"])
+                value = next(self._way, 0.0)
+            self.reference_rad_s = value
         self._n += 1
         return self._pi(self.reference_rad_s, self._n * self.dt, seen["speed_motor_rad_s"], seen["angle_motor_rad"])
 
@@ -226,16 +217,8 @@ class Controller:
         p = SimpleNamespace(**numbers, **case_limits(case))
         return ControllerStep(controller, p, controller.start(p, hold, seen["angle_motor_rad"]), self.dt)
 
-    def _next(self, height_m: float) -> float:
-        """The reference's motor speed at this sample, rad/s."""
-        value = next(self._way, None)
-        if value is None:
-            self._way = self._stroke(height_m)
-            value = next(self._way, 0.0)
-        return value
-
     def _stroke(self, height_m: float) -> Iterator[float]:
-        """From here to the other end of the way, then a pause: a speed of the motor for each sample."""
+        """From here to the other end of the way, then a pause: a speed of the motor for each sample, rad/s."""
         machine, wanted = self.machine, self.wanted
         assert wanted.heights_m is not None and wanted.limits is not None
         by = wanted.heights_m[1 if self._upwards else 0] - height_m
@@ -284,22 +267,21 @@ class Client:
             self.ended = str(error)
 
 
-class Desk:
+class Recorder:
     """What a page may ask of a plant: orders, a built-in client, and what the plant did lately, taken in a thread.
 
-    Rows have a running number, so that a page asks for those that it has not seen. A plant whose time stands adds no
-    rows; one that was reset begins anew. control: orders of the built-in client, which yields to any other client.
+    A plant whose time stands adds no rows; one that was reset begins anew. control: orders of the built-in client,
+    which yields to any other client.
     """
 
     def __init__(self, order: Order, machine: Hoist, said: deque[str], control: Order | None = None) -> None:
-        self.order, self.control, self.machine, self.said = order, control or order, machine, said
+        self._order, self._control, self.machine, self.said = order, control or order, machine, said
         self.client: Client | None = None
         self.problem = ""
         self.status: dict[str, Any] = {}
         self._lock = threading.Lock()
-        self._rows: deque[list[float]] = deque(maxlen=round(KEPT_S / EVERY_S))
-        self._count = self._generation = 0
         self._now: dict[str, float] = {}
+        self._rows: deque[list[float]] = deque(maxlen=round(KEPT_S / EVERY_S))
         self._events: deque[tuple[float, str]] = deque(maxlen=MOST_EVENTS)
 
     def record(self) -> None:
@@ -307,124 +289,94 @@ class Desk:
         while True:
             time.sleep(EVERY_S)
             try:
-                self.take(self.order({"get": list(READ), "status": True}))
+                self.take()
                 self.problem = ""
             except InputError as error:
                 self.problem = str(error)
 
-    def take(self, answer: Mapping[str, Any]) -> None:
-        """One row, from the answer to an order for `READ` and the status, and the client's reference."""
-        client, read, before_status = self.client, answer["get"], self.status
+    def take(self) -> None:
+        """One row of `READ` and the client's reference; the status."""
+        answer, client, before_status = self._order({"get": list(READ), "status": True}), self.client, self.status
         self.status = answer["status"]
         refused = [status.get("counts", {}).get("refused_second_client", 0) for status in (before_status, self.status)]
         if client is not None and client.at_work and refused[1] > refused[0]:
             client.stop("another client commands this plant; the built-in one has let go")
-        at_work = client is not None and client.at_work
-        now = {
-            **read,
-            "speed_reference_rad_s": client.controller.reference_rad_s if client and at_work else float("nan"),
-        }
+        reference = client.controller.reference_rad_s if client is not None and client.at_work else math.nan
+        now = {**answer["get"], "speed_reference_rad_s": reference}
         with self._lock:
             before, self._now = self._now, now
             if before and now["time_s"] < before["time_s"]:
                 self._rows.clear()
                 self._events.clear()
-                self._generation, self._count = self._generation + 1, 0
             begun = [words for name, words in BEGINS.items() if now[name] > before.get(name, 0.0)]
             self._events.extend((now["time_s"], words) for words in begun)
             if not before or now["time_s"] != before["time_s"]:
-                self._rows.append([round(value, 6) for value in now.values()])
-                self._count += 1
+                self._rows.append(list(now.values()))
 
-    def answer(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """`order`: to the plant; `note`: words of it for the events; `client`: null ends it; `rows`: [generation,
-        number], for those from that number on, or all of them where the plant was reset since."""
-        answer: dict[str, Any] = {}
-        if "order" in question:
-            answer["order"] = self.order(question["order"])
-            if question.get("note"):
-                with self._lock:
-                    self._events.append((self._now.get("time_s", 0.0), str(question["note"])))
-        if "client" in question:
-            if self.client is not None:
-                self.client.stop()
-            wanted = question["client"]
-            self.client = None if wanted is None else Client(self.control, self.machine, wanted_of(wanted))
-        if "rows" in question:
-            (generation, number), client = question["rows"], self.client
+    def order(self, question: Mapping[str, Any], note: str = "") -> dict[str, Any]:
+        """The plant's answer. note: words of the order for the events."""
+        answer = self._order(question)
+        if note:
             with self._lock:
-                skip = max(0, number - self._count + len(self._rows)) if generation == self._generation else 0
-                answer |= {
-                    "generation": self._generation, "next": self._count, "columns": list(self._now),
-                    "rows": list(self._rows)[skip:], "now": self._now, "events": list(self._events),
-                    "problem": self.problem, "status": self.status, "said": list(self.said),
-                    "client": {"at_work": bool(client and client.at_work), "ended": client.ended if client else ""},
-                }  # fmt: skip
+                self._events.append((self._now.get("time_s", 0.0), note))
         return answer
 
+    def use(self, wanted: Wanted | None) -> bool:
+        """A built-in client that does this in place of the one before; None for none."""
+        if self.client is not None:
+            self.client.stop()
+        self.client = None if wanted is None else Client(self._control, self.machine, wanted)
+        return True
 
-def wanted_of(given: Mapping[str, Any]) -> Wanted:
-    """What the client does, from JSON: settings; heights_m, reference and limits where it moves."""
-    settings = PiSettings.model_validate(given["settings"])
-    if given.get("heights_m") is None:
-        return Wanted(settings)
-    low, high = given["heights_m"]
-    return Wanted(settings, (float(low), float(high)), str(given["reference"]), Limits(*given["limits"]))
+    def seen(self) -> dict[str, Any]:
+        """The last minute: `columns` name -> (n,), events, and how things stand now."""
+        client = self.client
+        with self._lock:
+            table = np.array(self._rows, dtype=float).reshape(len(self._rows), len(self._now))
+            return {
+                "columns": {name: table[:, i] for i, name in enumerate(self._now)}, "now": dict(self._now),
+                "events": list(self._events), "problem": self.problem, "status": self.status, "said": list(self.said),
+                "client_at_work": bool(client and client.at_work), "client_ended": client.ended if client else "",
+            }  # fmt: skip
 
 
-def main() -> int:
+def main(line: Connection[Any, Any]) -> None:
+    """Serves or attaches, and answers until nobody asks any more."""
     sys.setswitchinterval(SWITCH_S)
-    spec = json.loads(sys.stdin.readline())
+    machine, what = line.recv()
     stop, said = threading.Event(), deque[str](maxlen=MOST_SAID)
 
-    def begin(desk: Desk, greeting: Mapping[str, Any]) -> threading.Thread:
-        _say(greeting)
-        threading.Thread(target=desk.record, name="recorder", daemon=True).start()
-        answers = threading.Thread(target=_answer_all, args=(desk, stop), name="answers", daemon=True)
-        answers.start()
-        return answers
+    def refused(error: InputError) -> None:
+        line.send(((error.problem, error.place), None))
+
+    def answers(recorder: Recorder, greeting: Mapping[str, Any]) -> None:
+        line.send((None, greeting))
+        threading.Thread(target=recorder.record, name="recorder", daemon=True).start()
+        with suppress(EOFError, OSError):  # the page's end has gone
+            while True:
+                method, arguments = line.recv()
+                try:
+                    line.send((None, getattr(recorder, method)(*arguments)))
+                except InputError as error:
+                    refused(error)
+        stop.set()
+
+    def ready(session: Session, port: int) -> None:
+        recorder = Recorder(session.order, machine, said, lambda order: session.order(order, BUILT_IN))
+        greeting = {"port": port, "name": machine.name, **session.order({"points": True})}
+        threading.Thread(target=answers, args=(recorder, greeting), name="answers", daemon=True).start()
 
     try:
-        hoist = studied(machine_from(loads(spec["machine"], "machine.yaml"), check_effects=check))
-        assert hoist is not None
-        if "attach" in spec:
-            port = int(spec["attach"])
-            order = udp_order(port)
+        if isinstance(what, Wish):
+            serve(machine, what, said.append, stop, ready=ready)
+        else:
+            order = udp_order(what)
             there = order({"status": True, "points": True})
-            greeting = {"port": port, "name": there["status"]["machine"], "points": there["points"]}
-            begin(Desk(order, hoist, said), greeting).join()
-            return 0
-
-        def ready(session: Session, port: int) -> None:
-            assert hoist is not None
-            greeting = {"port": port, "name": hoist.name, **session.order({"points": True})}
-            begin(Desk(session.order, hoist, said, lambda order: session.order(order, "the built-in client")), greeting)
-
-        wish = TypeAdapter(Wish).validate_python({**spec["wish"], "ready": tuple(spec["wish"].get("ready", ()))})
-        serve(hoist, wish, said.append, stop, ready=ready)
+            greeting = {"port": what, "name": there["status"]["machine"], "points": there["points"]}
+            answers(Recorder(order, machine, said), greeting)
     except InputError as error:
-        _say({"error": {"problem": error.problem, "place": error.place}})
-        return 2
-    return 0
-
-
-def _say(words: Mapping[str, Any]) -> None:
-    print(json.dumps(words), flush=True)
-
-
-def _answer_all(desk: Desk, stop: threading.Event) -> None:
-    """Until nobody asks any more."""
-    try:
-        for line in sys.stdin:
-            try:
-                answer = desk.answer(json.loads(line))
-            except InputError as error:
-                answer = {"error": {"problem": error.problem, "place": error.place}}
-            _say(answer)
-    except OSError:
-        pass  # the page's end has gone
-    stop.set()
+        refused(error)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main(Connection(int(sys.argv[1])))

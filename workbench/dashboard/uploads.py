@@ -40,27 +40,18 @@ class Uploaded:
     content: bytes
 
 
-@dataclass(frozen=True)
-class Sent:
-    """What was sent: names, a file's bytes by name. nested: names are paths beside runs.yaml, else base names."""
-
-    campaign: str
-    names: Sequence[str]
-    read: Callable[[str], bytes]
-    nested: bool
-
-
 def read_uploaded(uploads: Sequence[Uploaded], workspace: Path) -> Campaign:
     """The campaign in the uploaded files, kept below `workspace`. Only InputError comes out of it."""
     folder: Path | None = None
     try:
         files = _checked(uploads)
-        zips = [name for name in files if name.lower().endswith(".zip")]
-        if zips:
-            folder = _from_zip(zips[0], files[zips[0]], workspace)
+        name, content = next(iter(files.items()))
+        if name.lower().endswith(".zip"):
+            folder = _from_zip(name, content, workspace)
         else:
-            name = _machine_name(files.get(MACHINE, b""))
-            folder = _stored(Sent(name, sorted(files), files.__getitem__, nested=False), workspace)
+            said = re.search(rb"^name:[ \t]*(.+)$", files.get(MACHINE, b"")[: 10 * _CHUNK], re.MULTILINE)
+            called = said[1].decode("utf-8", errors="replace").strip(" '\"\r") if said else ""  # as their machine
+            folder = _stored(called, sorted(files), files.__getitem__, workspace, nested=False)
         return read_stored(folder)
     except InputError as error:
         if folder is not None:
@@ -104,13 +95,6 @@ def _checked(uploads: Sequence[Uploaded]) -> dict[str, bytes]:
     return files
 
 
-def _machine_name(content: bytes) -> str:
-    """What files without a folder are called: as their machine."""
-    said = re.search(rb"^name:[ \t]*(.+)$", content[: 10 * _CHUNK], re.MULTILINE)
-    name = said[1].decode("utf-8", errors="replace").strip(" '\"\r") if said else ""
-    return safe_name(name) or "uploaded"
-
-
 def safe_name(name: str) -> str:
     """A name without what leads to another folder, at most 60 characters; it may be empty."""
     return _NAME.sub("_", name)[:60].strip(" .") if name.strip(".") else ""
@@ -144,8 +128,7 @@ def _from_zip(name: str, content: bytes, workspace: Path) -> Path:
                         parts.append(chunk)
                 return b"".join(parts)
 
-            called = safe_name(name[:-4]) or "uploaded"
-            return _stored(Sent(called, sorted(members), read, nested=True), workspace)
+            return _stored(name[:-4], sorted(members), read, workspace, nested=True)
     except InputError:
         raise
     except Exception as error:  # a damaged zip makes the library raise almost anything
@@ -174,26 +157,29 @@ def _members(archive: zipfile.ZipFile, zip_name: str) -> dict[str, zipfile.ZipIn
     return {name.removeprefix(roots[0]): info for name, info in members.items() if name.startswith(roots[0])}
 
 
-def _stored(sent: Sent, workspace: Path) -> Path:
-    """Writes machine.yaml, runs.yaml and the logs that it names into a new folder, and nothing else."""
+def _stored(called: str, names: Sequence[str], read: Callable[[str], bytes], workspace: Path, *, nested: bool) -> Path:
+    """Writes machine.yaml, runs.yaml and the logs that it names into a new folder, and nothing else.
+
+    nested: names are paths beside runs.yaml, else base names.
+    """
     for needed in (MACHINE, RUNS):
-        if needed not in sent.names:
-            raise InputError(f"is missing; {nearest(needed, sent.names[:20])}", file=needed)
-    runs = sent.read(RUNS)
-    folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{sent.campaign}-", dir=workspace))
+        if needed not in names:
+            raise InputError(f"is missing; {nearest(needed, names[:20])}", file=needed)
+    runs = read(RUNS)
+    folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{safe_name(called) or 'uploaded'}-", dir=workspace))
     try:
         (folder / RUNS).write_bytes(runs)
-        (folder / MACHINE).write_bytes(sent.read(MACHINE))
+        (folder / MACHINE).write_bytes(read(MACHINE))
         for path, place, document in _logs(runs):
-            log = str(path) if sent.nested else path.name
-            if log not in sent.names:
-                logs = [known for known in sent.names if known not in (MACHINE, RUNS)]
+            log = str(path) if nested else path.name
+            if log not in names:
+                logs = [known for known in names if known not in (MACHINE, RUNS)]
                 hint = nearest(log, logs[:20]) if logs else "no logs were uploaded"
                 raise _wrong(f"'{log}' was not uploaded; {hint}", place, document)
             target = folder / path
             target.parent.mkdir(parents=True, exist_ok=True)
             with target.open("xb") as stream:
-                stream.write(sent.read(log))
+                stream.write(read(log))
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
         if isinstance(error, OSError):  # two names that differ by capitals only, a file where another needs a folder

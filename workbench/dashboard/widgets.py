@@ -136,16 +136,17 @@ def numbers(row: Sequence[Number]) -> None:
             alone = text(number.value, number.digits)
             both = f"{alone} {number.unit}".strip()
             fits = len(both) <= WIDEST_NUMBER  # else the unit goes into the heading, or the value would be cut
-            st.metric(
-                number.label if fits else f"{number.label} ({number.unit})",
-                both if fits else alone,
-                delta,
-                delta_color=colour,
-                delta_arrow="off" if delta and delta.startswith("±") else "auto",
-                help=number.help,
-                border=True,
-                height="stretch",  # a number without a delta is as tall as its neighbours
-            )
+            head, value = (number.label, both) if fits else (f"{number.label} ({number.unit})", alone)
+            arrow: Any = "off" if delta and delta.startswith("±") else "auto"
+            # Stretched: a number without a delta is as tall as its neighbours.
+            st.metric(head, value, delta, colour, help=number.help, border=True, height="stretch", delta_arrow=arrow)
+
+
+def downloads(key: str, files: Sequence[tuple[str, Any, str, str]], width: Any = "content") -> None:
+    """A button a file: what it says, the content (or what makes it, asked for at the click), its name, its type."""
+    for words, content, name, kind in files:
+        st.download_button(words, content, name, kind, on_click="ignore", key=f"{key} {words}", width=width,
+                           icon=":material/download:")  # fmt: skip
 
 
 def table(shown: Table) -> None:
@@ -244,22 +245,17 @@ def number(field: Field, value: float, key: str) -> float:
         now = min(max(now, field.low), field.high)
     st.session_state[key] = now
     if not field.slides:
-        shown = st.number_input(field.words, field.low, field.high, key=key, step=None, format="%.4g")
-        return float(shown)
+        return float(st.number_input(field.words, field.low, field.high, key=key, step=None, format="%.4g"))
     low, high = min(field.low, now), max(field.high, now)
     if low == high:  # nothing to slide
         return low
     typed = f"{key} typed"
     st.session_state[typed] = now
-
-    def take() -> None:
-        st.session_state[key] = float(st.session_state[typed])
-
     left, right = st.columns([1.4, 1.0], vertical_alignment="bottom")
     least = field.low if field.most is None or field.steps else 0.0
     right.number_input(
         f"{field.words}, typed", least, max(high, field.most or high), key=typed, step=None, format="%.4g",
-        on_change=take, label_visibility="collapsed",
+        on_change=lambda: st.session_state.update({key: float(st.session_state[typed])}), label_visibility="collapsed",
     )  # fmt: skip
     if field.steps:  # as the field beside it shows it: 121300, not 1.213e+05
         form = lambda value: f"{float(f'{value:.4g}'):.10g}"  # noqa: E731
@@ -279,36 +275,29 @@ def form(kind: Any, values: Mapping[str, Any], key: str, only: Mapping[str, str]
 
 
 def _form(
-    schema: Mapping[str, Any],
-    known: Mapping[str, Any],
-    values: Mapping[str, Any],
-    key: str,
+    schema: Mapping[str, Any], known: Mapping[str, Any], values: Mapping[str, Any], key: str,
     only: Mapping[str, str] | None,
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     made = dict(values)
     for name, spec in schema.get("properties", {}).items():
-        if (only is not None and name not in only) or name not in values:
+        if name not in values or (only is not None and name not in only):
             continue
         options = [known[s["$ref"].rpartition("/")[2]] if "$ref" in s else s for s in spec.get("anyOf", [spec])]
         spec = {**spec, **next((s for s in options if s.get("type") != "null"), {})}
-        unit, own, now = unit_of(name), f"{key} {name}", values[name]
-        label = words_of(name) if not unit else f"{words_of(name)} ({unit})"
-        label = only[name] if only is not None else label[:1].upper() + label[1:]
+        unit, own, now, kind = unit_of(name), f"{key} {name}", values[name], spec.get("type")
+        label = f"{words_of(name).capitalize()} ({unit})" if unit else words_of(name).capitalize()
+        label = label if only is None else only[name]
         if spec.get("properties") and isinstance(now, Mapping):
             with st.expander(label):
                 made[name] = _form(spec, known, now, own, None)
         elif len(spec.get("enum", ())) > 1:
             made[name] = st.selectbox(label, spec["enum"], key=held(own, now, spec["enum"]))
-        elif spec.get("type") == "boolean":
+        elif kind == "boolean":
             made[name] = st.toggle(label, key=held(own, now))
-        elif spec.get("type") in ("number", "integer"):
-            whole = spec["type"] == "integer"
-            low, high = spec.get("minimum"), spec.get("maximum")
-            cast = int if whole else float
-            bounds = [None if bound is None else cast(bound) for bound in (low, high)]
-            start = None if now is None else cast(now)
-            form: Any = {"step": 1, "format": "%d"} if whole else {"step": None, "format": "%.6g"}
-            made[name] = st.number_input(label, min_value=bounds[0], max_value=bounds[1], key=held(own, start), **form)
-        elif spec.get("type") == "string" and "const" not in spec:
+        elif kind in ("number", "integer"):
+            cast, step, shown = (int, 1, "%d") if kind == "integer" else (float, None, "%.6g")
+            low, high, start = (None if v is None else cast(v) for v in (spec.get("minimum"), spec.get("maximum"), now))
+            made[name] = st.number_input(label, low, high, key=held(own, start), step=step, format=shown)
+        elif kind == "string" and "const" not in spec:
             made[name] = st.text_input(label, key=held(own, now))
     return made

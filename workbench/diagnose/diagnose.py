@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Run
@@ -28,7 +28,6 @@ from workbench.diagnose.readiness.condition import Condition, condition
 from workbench.diagnose.readiness.noise import informative_band, motion_noise
 from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.residual_tests import ResidualTest, residual_tests
-from workbench.diagnose.unknown import Unknown, explain, explained_machine
 from workbench.diagnose.verdict.answer import Candidate, Left, ReasonKind, Remainder, Verdict, shared
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged_to_help, steps
 from workbench.effects import Effect, effects_for
@@ -38,6 +37,9 @@ from workbench.simulate.motion import own_impacts
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.study.consequences import Consequences, consequences_of
 from workbench.study.load import Study
+
+if TYPE_CHECKING:
+    from workbench.diagnose.unknown import Explained, Unknown
 
 MOSTLY = {
     "speed": "with speed",
@@ -269,8 +271,11 @@ def diagnose(
     say(Progress(Stage.SHRINK))
     unlisted = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.UNLISTED_EXPLAINS_MORE]
     fits = [search.fits[names] for names in unlisted if names in search.fits]
-    unknown = explain(problem, search.within_tolerances, fits) if judged.word == "unknown" else None
-    if unknown is not None:
+    unknown: Explained | None = None
+    if judged.word == "unknown":
+        from workbench.diagnose.unknown import explain, explained_machine
+
+        unknown = explain(problem, search.within_tolerances, fits)
         corrected = explained_machine(problem, unknown)
     replayed = refitted_replay
     if corrected is not refitted:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import t as student
@@ -17,9 +18,11 @@ from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_o
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.machines import machine_of
-from workbench.diagnose.unknown import Explained
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.replay import ReplayResult, replay_runs
+
+if TYPE_CHECKING:
+    from workbench.diagnose.unknown import Explained
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Is anything left? Whether the residual of the delivered machine is white, and with what it goes together, per run."""
+"""Is anything left? Whether the residual of the delivered machine is white, and with what it correlates, per run."""
 
 from __future__ import annotations
 

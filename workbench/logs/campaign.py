@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,6 @@ import numpy as np
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Run
 from workbench.core.shown import Shown
-from workbench.core.yaml_strict import Document
 from workbench.logs.formats.opening import expect
 from workbench.logs.reading import read_run
 from workbench.logs.runs_file import Entry, read_runs
@@ -69,20 +69,17 @@ def read_campaign(
     runs_file, document = read_runs(runs_yaml, machine, kind_of(machine).signals.names)
     entries = _selected(runs_file.runs, select, runs_yaml)
     expect((folder / entry.file for entry in entries), uploaded=uploaded)
-    notes = _entry_notes(entries, folder)
     runs: list[Run] = []
     ignored: dict[str, list[str]] = {}
     faults: dict[str, InputError] = {}
-    chosen = {entry.name for entry in entries}
-    for index, entry in enumerate(runs_file.runs):
-        if entry.name not in chosen:
-            continue
-        place = ("runs", index, "file")
+    for entry in entries:
+        line = document.line(("runs", runs_file.runs.index(entry), "file"))
+        file = folder / entry.file
         try:
-            file = _log_path(folder, entry, document, place, confined=confined)
-            read, unused = read_run(
-                entry, file, machine, runs_file.columns, document.line(place), runs_yaml, uploaded=uploaded
-            )
+            if confined and not _inside(file, folder):
+                problem = f"'{entry.file}' lies outside the campaign's folder"
+                raise InputError(problem, file=document.file, line=line, place=entry.name)
+            read, unused = read_run(entry, file, machine, runs_file.columns, line, runs_yaml, uploaded=uploaded)
         except InputError as error:
             faults[entry.name] = error
             continue
@@ -93,8 +90,8 @@ def read_campaign(
         raise RunsError([*faults.values()], [entry.name for entry in entries if entry.name not in faults])
     if len({run.name for run in runs}) < len(runs):
         raise InputError("a run has the name of a stretch of another one, such as 'lift_2'; rename it", file=runs_yaml)
-    notes += _ignored_notes(ignored, len(runs)) + _same_samples(runs)
-    return Campaign(folder.resolve().name, folder, machine, tuple(runs), tuple(notes))
+    notes = (*_notes(entries, folder, runs), *_ignored_notes(ignored, len(runs)))
+    return Campaign(folder.resolve().name, folder, machine, tuple(runs), notes)
 
 
 class RunsError(InputError):
@@ -139,61 +136,38 @@ def _selected(entries: Sequence[Entry], select: Sequence[str] | str | None, file
     return [entry for entry in entries if entry.name in names]
 
 
-def _log_path(folder: Path, entry: Entry, document: Document, place: tuple[str | int, ...], *, confined: bool) -> Path:
-    file = folder / entry.file
-    if confined:
-        try:
-            inside = file.resolve().is_relative_to(folder.resolve())
-        except (OSError, ValueError):
-            inside = False
-        if not inside:
-            line = document.line(place)
-            raise InputError(
-                f"'{entry.file}' lies outside the campaign's folder", file=document.file, line=line, place=entry.name
-            )
-    return file
+def _inside(file: Path, folder: Path) -> bool:
+    try:
+        return file.resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError):
+        return False
 
 
-def _entry_notes(entries: Sequence[Entry], folder: Path) -> list[str]:
-    """The same file under two names; runs that do not say when they began."""
-    notes = []
+def _notes(entries: Sequence[Entry], folder: Path, runs: Sequence[Run]) -> Iterator[str]:
+    """The same file, or the very same samples, under two names; runs that do not say when they began."""
     first: dict[str, str] = {}
     for entry in entries:
         file = os.path.normpath(folder / entry.file)
         if file in first:
-            notes.append(f"runs '{first[file]}' and '{entry.name}' are the same file, {entry.file}")
+            yield f"runs '{first[file]}' and '{entry.name}' are the same file, {entry.file}"
         first.setdefault(file, entry.name)
     silent = [entry.name for entry in entries if entry.start_time_s is None]
     if silent and len(entries) > 1:
         who = "no run says" if len(silent) == len(entries) else f"{', '.join(silent)} do not say"
-        notes.append(
-            f"{who} when it began (start_time_s); taken as 0 s, so warming up over the campaign cannot be seen"
-        )
-    return notes
+        yield f"{who} when it began (start_time_s); taken as 0 s, so warming up over the campaign cannot be seen"
+    known: dict[str, Run] = {}
+    for run in runs:
+        content = hashlib.sha256(str(sorted(run.signals)).encode())
+        for name in sorted(run.signals):
+            content.update(np.ascontiguousarray(run[name]).data)
+        same = known.setdefault(content.hexdigest(), run)
+        if same.source != run.source:
+            yield f"runs '{same.name}' and '{run.name}' hold the same samples"
 
 
-def _ignored_notes(ignored: dict[str, list[str]], runs: int) -> list[str]:
+def _ignored_notes(ignored: Mapping[str, Sequence[str]], runs: int) -> list[str]:
     """Columns that are no signals, grouped by the runs that have them."""
     groups: dict[str, list[str]] = {}
     for column, names in ignored.items():
         groups.setdefault("all runs" if len(names) == runs else ", ".join(names), []).append(column)
     return [f"ignored columns in {where}: {', '.join(columns)}" for where, columns in groups.items()]
-
-
-def _same_samples(runs: Sequence[Run]) -> list[str]:
-    """Runs of different files that hold the very same samples."""
-    notes = []
-    for index, run in enumerate(runs):
-        for other in runs[:index]:
-            if run.source != other.source and _equal(run, other):
-                notes.append(f"runs '{other.name}' and '{run.name}' hold the same samples")
-                break
-    return notes
-
-
-def _equal(run: Run, other: Run) -> bool:
-    return (
-        len(run.time_s) == len(other.time_s)
-        and run.signals.keys() == other.signals.keys()
-        and all(np.array_equal(run[name], other[name]) for name in run.signals)
-    )

@@ -38,7 +38,8 @@ NOISES_APART = 3.0
 STEPS_APART = 0.02
 # Of one log over another's, as recorders have.
 RATES = (1.0, 2.0, 2.5, 3.0, 4.0, 5.0, 8.0, 10.0, 16.0, 20.0, 50.0, 100.0)
-JUMP = 5.0  # times the step that 98 % keep below, and the largest step of other runs
+BESIDE = 4  # samples either side of a break
+BROKEN, SOUND = 7.0, 3.5  # times the noise of a break, and what other runs may have before it takes more
 ROWS = 10  # that are the same in two places: no noisy log repeats itself
 OFF_START = 0.2  # m or rad between the stated and the logged start
 
@@ -318,19 +319,29 @@ def _noise(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
 
 
 def _jumps(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
-    """A step of the motion from one sample to the next that no machine of this inertia makes."""
+    """A break in the motion that no machine of this inertia makes: lines through a few samples before and after it do
+    not meet. In units of what they miss each other by elsewhere in the run, which is its noise.
+    """
     name = kind.plant.speeds[0]
-    having = [run for run in runs if name in run]
-    all_steps = [np.abs(np.diff(run[name])) for run in having]
-    sizes = [float(steps.max()) / max(float(np.percentile(steps, 98.0)), 1e-300) for steps in all_steps]
-    for k, (run, steps) in enumerate(zip(having, all_steps, strict=True)):
-        others = [*sizes[:k], *sizes[k + 1 :]]
-        if sizes[k] > JUMP * max(1.0, max(others, default=1.0)):
-            at = int(np.argmax(steps))
+    having = [run for run in runs if name in run and len(run.time_s) > 8 * BESIDE]
+    breaks = [_breaks(run[name]) for run in having]
+    sizes = [float(size.max()) for size in breaks]
+    for k, run in enumerate(having):
+        if sizes[k] > BROKEN * max(1.0, max([*sizes[:k], *sizes[k + 1 :]], default=0.0) / SOUND):
+            at = int(np.argmax(breaks[k])) + BESIDE
             yield (
-                f"{run.name}: {name} jumps by {steps[at]:.3g} at {seconds(run.time_s[at + 1])}, {sizes[k]:.2g} times "
-                "the step that it keeps below otherwise; check whether rows are missing, replaced or out of order there"
+                f"{run.name}: {name} breaks at {seconds(run.time_s[at])}, {sizes[k]:.2g} times its noise between lines "
+                "through the samples before and after; check whether rows are missing, replaced or out of order there"
             )
+
+
+def _breaks(column: Array) -> Array:
+    """(n - 2 BESIDE + 1,) between samples i + BESIDE - 1 and i + BESIDE, half a step from either."""
+    t = np.arange(BESIDE) - 0.5 * (BESIDE - 1)
+    mean = np.convolve(column, np.full(BESIDE, 1.0 / BESIDE), mode="valid")
+    way = np.convolve(column, t[::-1] / (t @ t), mode="valid") * 0.5 * BESIDE
+    apart = np.abs((mean - way)[BESIDE:] - (mean + way)[:-BESIDE])
+    return np.asarray(apart / max(1.4826 * float(np.median(apart)), 1e-300))
 
 
 def _starts(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:

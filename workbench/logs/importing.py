@@ -85,7 +85,7 @@ _WORDS = {
 _WISHED = re.compile(r"soll|set ?point|setpoint|\bref|_ref|reference|cmd|command|target|wanted|demand", re.IGNORECASE)
 _NOT = re.compile(r"error|fehler|abweich|deviation|limit|grenz|max|min\b|temp|status", re.IGNORECASE)
 NOMINAL = "%nominal"
-PLAUSIBLE = (0.1, 3.0)  # times the nominal value: what a log of a machine at work reaches
+POSSIBLE = (0.01, 3.0)  # times the nominal value: what a log of a machine at work reaches
 UNSAID = ("rpm", "knm", "kn", "mm/s")  # units that logs often leave out, beside per cent of nominal
 LEAST = 2  # of the score, that a proposal takes
 
@@ -124,32 +124,37 @@ def propose(
     """
     wanted = kind_of(machine).signals
     signals = [name for name in wanted.names if name != TIME]
-    chosen = {p.signal: p for p in _mapped(machine, mapped, signals, channels)}
+    chosen = {p.signal: p for p in (_mapped(machine, word, signals, channels) for word in mapped)}
     taken = {proposal.column for proposal in chosen.values()}
     left = [channel for channel in channels if channel.name not in taken]
     signals = [name for name in signals if name not in chosen]
     # Of a torque of each motor and of all together, those of each are looked for first.
     for signal in sorted(signals, key=lambda name: (_number(name) is None, signals.index(name))):
-        ranked = sorted(
-            ((score(signal, channel), -i, channel) for i, channel in enumerate(left)), key=lambda e: (-e[0], -e[1])
-        )
-        fitting = [(points, channel) for points, _, channel in ranked if points >= LEAST]
-        if not fitting:
+        scored = [(score(signal, channel), channel) for channel in left]
+        points, best = max(scored, key=lambda one: one[0], default=(0.0, None))
+        if best is None or points < LEAST:
             continue
-        points, best = fitting[0]
-        alike = tuple(channel.name for other, channel in fitting[1:] if other == points)
+        left.remove(best)
+        alike = tuple(channel.name for other, channel in scored if other == points and channel is not best)
         chosen[signal] = by_size(machine, _proposal(signal, best, alike), best)
-        left = [channel for channel in left if channel is not best]
     for group in wanted.needed:
         if not any(all(name == TIME or name in chosen for name in alternative) for alternative in group):
             needed = " or ".join(" and ".join(alternative) for alternative in group)
-            columns = ", ".join(f"{c.name} [{c.unit}]" if c.unit else c.name for c in channels)
+            columns = ", ".join(titled(channel.name, channel.unit) for channel in channels)
             raise InputError(f"no column looks like {needed}; the file has: {columns}")
     for word in scales:
-        signal, factor = _scale(word, chosen)
+        signal, _, text = word.partition("=")
+        if signal not in chosen:
+            raise InputError(f"unknown or unmapped signal '{signal}'; {nearest(signal, chosen)}", place="scales")
+        try:
+            factor = float(text)
+        except ValueError:
+            factor = 0.0
+        if factor == 0.0 or not math.isfinite(factor):
+            raise InputError(f"'{word}', expected SIGNAL=FACTOR with a finite number other than 0", place="scales")
         chosen[signal] = replace(chosen[signal], factor=factor, guessed_unit=False)
-    order = [name for name in wanted.names if name in chosen]
-    return Proposed(tuple(chosen[name] for name in order), tuple(channel.name for channel in left))
+    ordered = tuple(chosen[name] for name in wanted.names if name in chosen)
+    return Proposed(ordered, tuple(channel.name for channel in left))
 
 
 def _proposal(signal: str, channel: Channel, others: tuple[str, ...] = ()) -> Proposal:
@@ -158,86 +163,61 @@ def _proposal(signal: str, channel: Channel, others: tuple[str, ...] = ()) -> Pr
 
 
 def by_size(machine: Hoist | Axis, proposal: Proposal, channel: Channel) -> Proposal:
-    """The proposal in the one unit in which the column's values are what the machine does, where the file names none
-    and SI is not that: 99 % of them within PLAUSIBLE, in nominal torque, force or speed."""
-    if not proposal.guessed_unit or not np.isfinite(channel.values).any():
-        return proposal
-    try:
-        nominal = _nominal(machine, proposal.signal)
-    except InputError:
+    """The proposal in the only unit in which the column's values are what the machine can do, where the file names
+    none and SI is not that: 99 % of them within POSSIBLE, in nominal torque, force or speed."""
+    nominal = _nominal(machine, proposal.signal)
+    if not proposal.guessed_unit or not nominal or not np.isfinite(channel.values).any():
         return proposal
     size = float(np.nanquantile(np.abs(channel.values), 0.99)) / nominal
     quantity = quantity_of(proposal.signal)
     factors = {unit: UNITS[unit][1] for unit in UNSAID if UNITS[unit][0] == quantity}
     factors |= {NOMINAL: nominal / 100.0, "": 1.0}
-    fitting = {factor: unit for unit, factor in factors.items() if PLAUSIBLE[0] <= factor * size <= PLAUSIBLE[1]}
-    if 1.0 in fitting or len(fitting) != 1:
+    fitting = [unit for unit, factor in factors.items() if POSSIBLE[0] <= factor * size <= POSSIBLE[1]]
+    if "" in fitting or len(fitting) != 1:
         return proposal
-    ((factor, unit),) = fitting.items()
-    return replace(proposal, factor=factor, by_size=unit)
+    return replace(proposal, factor=factors[fitting[0]], by_size=fitting[0])
 
 
-def _mapped(
-    machine: Hoist | Axis, words: Sequence[str], signals: Sequence[str], channels: Sequence[Channel]
-) -> list[Proposal]:
+def _mapped(machine: Hoist | Axis, word: str, signals: Sequence[str], channels: Sequence[Channel]) -> Proposal:
+    """What a user maps. InputError for a signal, column or unit that there is not."""
     named = {channel.name: channel for channel in channels}
-    chosen = []
-    for word in words:
-        signal, mark, column = word.partition("=")
-        if not mark:
-            raise InputError(f"'{word}', expected SIGNAL=COLUMN or SIGNAL=COLUMN:UNIT", place="mapped")
-        if signal not in signals:
-            raise InputError(f"unknown signal '{signal}'; {nearest(signal, signals)}", place="mapped")
-        unit = ""
-        if column not in named and ":" in column:
-            column, _, unit = column.rpartition(":")
-        if column not in named:
-            raise InputError(f"no column '{column}'; {nearest(column, named)}", place="mapped")
-        proposal = _proposal(signal, named[column])
-        if unit:
-            proposal = replace(proposal, factor=_factor(machine, signal, unit), guessed_unit=False)
-        chosen.append(proposal)
-    return chosen
-
-
-def _factor(machine: Hoist | Axis, signal: str, unit: str) -> float:
-    """To SI, of a unit that the user names for a signal."""
+    signal, mark, column = word.partition("=")
+    if not mark:
+        raise InputError(f"'{word}', expected SIGNAL=COLUMN or SIGNAL=COLUMN:UNIT", place="mapped")
+    if signal not in signals:
+        raise InputError(f"unknown signal '{signal}'; {nearest(signal, signals)}", place="mapped")
+    unit = ""
+    if column not in named and ":" in column:
+        column, _, unit = column.rpartition(":")
+    if column not in named:
+        raise InputError(f"no column '{column}'; {nearest(column, named)}", place="mapped")
+    proposal, known, quantity = _proposal(signal, named[column]), unit_of(unit), quantity_of(signal)
+    if not unit:
+        return proposal
     if unit.replace(" ", "") == NOMINAL:
-        return _nominal(machine, signal) / 100.0
-    known, quantity = unit_of(unit), quantity_of(signal)
+        if not (nominal := _nominal(machine, signal)):
+            raise InputError(f"machine.yaml states no nominal value of {signal}; give its scale", place="mapped")
+        return replace(proposal, factor=nominal / 100.0, guessed_unit=False)
     if known is None or known[0] != quantity:
         valid = [name for name, (of, _) in UNITS.items() if of == quantity] + [NOMINAL]
         raise InputError(f"'{unit}' is no unit of {signal}; {nearest(unit.lower(), valid)}", place="mapped")
-    return known[1]
+    return replace(proposal, factor=known[1], guessed_unit=False)
 
 
 def _nominal(machine: Hoist | Axis, signal: str) -> float:
-    """What a signal is given in per cent of, SI: one motor's torque, all motors', the drive's force, or the speed."""
+    """What a signal is given in per cent of, SI: one motor's torque, all motors', the drive's force, or the speed; 0
+    where machine.yaml states none."""
     kind = kind_of(machine)
     limits = kind.limits(machine) if kind.limits is not None else None
+    drive = None if limits is not None else machine.drive
     value: float | None = None
     if signal in kind.drive.parts and kind.motor_torque is not None:
         value = kind.motor_torque(machine)
     elif signal == kind.plant.input:
-        value = limits.nominal_input if limits is not None else getattr(machine.drive, "nominal", None)
+        value = getattr(drive, "nominal", None) if limits is None else limits.nominal_input
     elif quantity_of(signal) == quantity_of(kind.plant.speeds[0]):
-        value = limits.nominal_speed if limits is not None else getattr(machine.drive, "top_speed", None)
-    if not value:
-        raise InputError(f"machine.yaml states no nominal value of {signal}; give its scale", place="mapped")
-    return float(value)
-
-
-def _scale(word: str, chosen: Mapping[str, Proposal]) -> tuple[str, float]:
-    signal, _, text = word.partition("=")
-    if signal not in chosen:
-        raise InputError(f"unknown or unmapped signal '{signal}'; {nearest(signal, chosen)}", place="scales")
-    try:
-        factor = float(text)
-    except ValueError:
-        factor = 0.0
-    if factor == 0.0 or not math.isfinite(factor):
-        raise InputError(f"'{word}', expected SIGNAL=FACTOR with a finite number other than 0", place="scales")
-    return signal, factor
+        value = getattr(drive, "top_speed", None) if limits is None else limits.nominal_speed
+    return float(value or 0.0)
 
 
 def for_all(values: Sequence[float], files: int, place: str) -> list[float | None]:
@@ -255,18 +235,13 @@ def score(signal: str, channel: Channel) -> float:
         return 0.0
     if channel.name == signal:
         return 100.0
-    name = channel.name.lower()
-    points = 2.0 if known is not None else 0.0
-    points += 2.0 if re.search(_WORDS.get(quantity, r"$^"), name) else 0.0
-    wished = bool(_WISHED.search(name))
-    if wished != ("reference" in signal):
+    name, number = channel.name.lower(), _number(signal)
+    if bool(_WISHED.search(name)) != ("reference" in signal):
         return 0.0
-    if _NOT.search(name):
-        points -= 3.0
-    number = _number(signal)
+    points = 2.0 * (known is not None) + 2.0 * bool(re.search(_WORDS.get(quantity, r"$^"), name))
+    points -= 3.0 * bool(_NOT.search(name))
     if number is not None:
-        numbers = re.findall(r"\d+", name)
-        points += 1.0 if str(number) in numbers else -3.0
+        points += 1.0 if str(number) in re.findall(r"\d+", name) else -3.0
     elif re.search(r"motor_?\s?[12]\b|\b[12]$", name) and "torque" in signal:
         points -= 3.0
     return points
@@ -286,21 +261,20 @@ _TIMES = ("time", "t", "zeit", "timestamp", TIME)
 
 def read_channels(file: Path) -> list[Channel]:
     """InputError for a file that is not there, not read, or holds no channels over a time."""
-    channels = read_drive_csv(file) if file.suffix.lower() in TEXT else _by_format(file)
-    if any(len(channel.time_s) and np.isnan(channel.time_s).all() for channel in channels):
-        raise InputError(f"no column is a time; expected one named {', '.join(_TIMES)}", file=file)
-    return channels
-
-
-def _by_format(file: Path) -> list[Channel]:
+    problem = f"no column is a time; expected one named {', '.join(_TIMES)}"
+    if file.suffix.lower() in TEXT:
+        channels = read_drive_csv(file)
+        if any(len(channel.time_s) and np.isnan(channel.time_s).all() for channel in channels):
+            raise InputError(problem, file=file)
+        return channels
     with open_log(file) as log:
         table = log.read(log.names)
     titles = {name: split_unit(name) for name in log.names}
-    times = [name for name, (plain, _) in titles.items() if plain.lower() in _TIMES]
-    if not times:
-        raise InputError(f"no column is a time; expected one named {', '.join(_TIMES)}", file=file)
-    time_s = TIME_UNITS.get(titles[times[0]][1].lower(), 1.0) * table[times[0]]
-    return [Channel(plain, unit, time_s, table[name]) for name, (plain, unit) in titles.items() if name != times[0]]
+    time = next((name for name, (plain, _) in titles.items() if plain.lower() in _TIMES), None)
+    if time is None:
+        raise InputError(problem, file=file)
+    time_s = TIME_UNITS.get(titles[time][1].lower(), 1.0) * table[time]
+    return [Channel(plain, unit, time_s, table[name]) for name, (plain, unit) in titles.items() if name != time]
 
 
 @dataclass(frozen=True)
@@ -359,6 +333,9 @@ def in_si(proposal: Proposal, imported: Imported) -> tuple[Array, Array]:
 def write_campaign(machine: Path, logs: Sequence[Imported], proposed: Proposed, folder: Path) -> Campaign:
     """Writes the folder whole or not at all, and returns it as it is read back. InputError where it cannot be read as a
     campaign: then nothing is written."""
+    import pyarrow as pa
+    import pyarrow.parquet
+
     names = [log.name for log in logs]
     if len(set(names)) < len(names):
         raise InputError(f"two files are called {next(n for n in names if names.count(n) > 1)}; rename one")
@@ -367,7 +344,8 @@ def write_campaign(machine: Path, logs: Sequence[Imported], proposed: Proposed, 
         (hidden / "runs").mkdir()
         shutil.copyfile(machine, hidden / "machine.yaml")
         for log in logs:
-            _write_parquet(log.columns(), hidden / "runs" / f"{log.name}.parquet")
+            arrays = {name: pa.array(values, mask=np.isnan(values)) for name, values in log.columns().items()}
+            pyarrow.parquet.write_table(pa.table(arrays), hidden / "runs" / f"{log.name}.parquet")
         (hidden / "runs.yaml").write_text(runs_yaml(logs, proposed), encoding="utf-8")
         try:
             campaign = read_campaign(hidden)
@@ -387,19 +365,6 @@ def runs_yaml(logs: Sequence[Imported], proposed: Proposed) -> str:
         columns[p.signal] = title if p.factor == 1.0 else {"column": title, "scale": float(p.factor)}
     runs = []
     for log in logs:
-        entry: dict[str, object] = {"name": log.name, "file": f"runs/{log.name}.parquet"}
-        if log.payload_kg is not None:
-            entry["payload_kg"] = float(log.payload_kg)
-        for key in SAID[1:]:
-            if (value := getattr(log, key)) is not None:
-                entry[key] = float(value)
-        runs.append(entry)
+        said = {key: float(value) for key in SAID if (value := getattr(log, key)) is not None}
+        runs.append({"name": log.name, "file": f"runs/{log.name}.parquet", **said})
     return dumps({"columns": columns, "runs": runs})
-
-
-def _write_parquet(columns: dict[str, Array], file: Path) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet
-
-    arrays = {name: pa.array(values, mask=np.isnan(values)) for name, values in columns.items()}
-    pyarrow.parquet.write_table(pa.table(arrays), file)

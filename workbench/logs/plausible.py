@@ -22,6 +22,7 @@ HEAVY_PAYLOAD = 20.0  # times the carriage's mass
 OFF_RAIL = 0.1  # of the segment length that the integrated speed may leave the rail by
 TORQUE_RATIO = (0.2, 5.0)  # mean torque while moving over what holds the load: outside, the unit is wrong
 TORQUE_RATIO_NOTE = (0.6, 1.6)
+HARDLY = 0.02  # of the top speed or the limit: a machine at work reaches more
 FAR = 2.0  # of two signals of one motion: beyond it, or below its inverse, one is in another unit
 ALIKE = 0.9  # correlation: below, they do not show the same motion
 OFF = 20.0  # times what the nominal machine takes for this motion, or a part of it
@@ -199,15 +200,16 @@ def _check_one_motion(run: RawRun) -> None:
 
 
 def _fits(factor: float, signal: str, *, below: bool = False) -> str:
-    """a scale of 0.001 (mm …) would fit: the usual factor next to the one that is needed, or the largest below it."""
-    units = ANGLES if "_rad" in signal else UNITS
+    """a scale of 0.001 (milli) would fit: the usual factor next to the one that is needed; below: every usual one that
+    keeps below twice the one that is needed, and moves the machine at all."""
+    units = ANGLES if "_rad" in signal else UNITS if signal.endswith("_m_s") else UNITS[:3]
     if below:
-        scale, unit = max(((s, u) for s, u in units if s <= TOO_FAST * factor), default=(factor, ""))
+        fitting = [(s, u) for s, u in units if HARDLY * factor <= s <= TOO_FAST * factor]
     else:
-        scale, unit = min(units, key=lambda one: abs(math.log(abs(factor) / one[0])))
-        if abs(math.log(abs(factor) / scale)) > math.log(3.0):
-            scale, unit = abs(factor), ""
-    return f"a scale of {math.copysign(scale, factor):.6g}{f' ({unit})' if unit else ''} would fit"
+        fitting = [min(units, key=lambda one: abs(math.log(abs(factor) / one[0])))]
+        fitting = [(s, u) for s, u in fitting if abs(math.log(abs(factor) / s)) < math.log(3.0)]
+    named = [f"{math.copysign(scale, factor):.6g} ({unit})" for scale, unit in fitting] or [f"{factor:.6g}"]
+    return f"a scale of {' or '.join(named)} would fit"
 
 
 def drop_wrong_scale(run: RawRun) -> None:

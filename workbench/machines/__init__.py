@@ -40,14 +40,17 @@ from workbench.machines.files import (  # isort: skip, it reads the kinds
     RECORDS,
     SHIPPED,
     default_hoist,
+    get_value,
     load_machine,
     machine_from,
     machine_text,
     save_machine,
     shipped,
     shipped_hoist,
+    value_names,
+    with_correction,
+    with_values,
 )
-from workbench.machines.values import get_value, value_names, with_correction, with_values
 
 Machine = Hoist | Axis
 # A machine of any kind, where what is a kind's own is asked of its record or by that kind's code alone.

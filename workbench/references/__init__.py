@@ -34,37 +34,3 @@ from workbench.references.plan import (
 )
 from workbench.references.recorded import RecordedPlan
 from workbench.references.shape import Shape
-
-__all__ = [
-    "BASELINE",
-    "LimitPair",
-    "Limits",
-    "MotionPlan",
-    "Move",
-    "Plan",
-    "PlannedKind",
-    "Profile",
-    "Ramp",
-    "RecordedKind",
-    "RecordedPlan",
-    "ReferenceKind",
-    "Shape",
-    "Step",
-    "StoppedPlan",
-    "add",
-    "allowed_carriage_speed_m_s",
-    "by_name",
-    "digests_of",
-    "forget_added",
-    "motion_time_s",
-    "motor_speed_rad_s",
-    "move_shape",
-    "move_time_s",
-    "plan_motion",
-    "planned",
-    "planned_kind",
-    "planned_kinds",
-    "ramp_shape",
-    "recorded_kinds",
-    "usual_kinds",
-]

@@ -1,4 +1,6 @@
-"""Commands in, signals out: who controls, the latest torque, watchdog, faults, counts, and how late the steps began."""
+"""A plant in the hands of one client: what may be read and written (name, unit, range, meaning; every protocol's
+addresses are made from that table), who controls, the latest torque, watchdog, faults, counts, and how late steps are.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +11,130 @@ import time
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal, cast
 
 from workbench.core.errors import InputError, nearest, one_line
-from workbench.serve import points as tables
-from workbench.serve.plant import LiveMachine
+from workbench.core.names import unit_of
+from workbench.serve.plant import LiveMachine, LivePlant
+
+TORQUE, BRAKE, RESET = "torque_motor_nm", "brake_closed", "reset"
+MOST_BRAKE_LATE_S = 10.0
+OF_AXES = ("watchdog", "waiting", "diverged", "skipped")  # flags that an axis may have
+FLAGS: tuple[tuple[str, str], ...] = (
+    ("brake_closed", "the brake holds the motor shaft"),
+    ("motor_lost", "one motor gives no torque"),
+    ("watchdog", "the client is silent: torque is zero"),
+    ("limited", "the torque asked for is more than the drive gives"),
+    ("slack", "a fall of wire carries nothing"),
+    ("off_rail", "the carriage left the rail; the plant stands until reset"),
+    ("waiting", "no command yet: time stands still"),
+    ("diverged", "the state grew without bound; the plant stands until reset"),
+    ("skipped", "the computer was too late: time of the plant was left out since the start; see skipped_s"),
+    ("overload", "a fall of wire carried more than its breaking load since the start"),
+)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One value. kind: number or switch (0 or 1). lowest, highest: what the machine can bear of it, physically."""
+
+    name: str
+    kind: Literal["number", "switch"]
+    meaning: str
+    read: Callable[[Session], float]
+    write: Callable[[Session, float], object] | None = None
+    lowest: float = -math.inf
+    highest: float = math.inf
+    fits: Callable[[float], None] | None = None  # raises InputError for what is out of range in another way
+
+    @property
+    def unit(self) -> str:
+        return unit_of(self.name) if self.kind == "number" else ""
+
+    def check(self, value: object) -> float:
+        """The value as a number. InputError where it is none, or out of range."""
+        try:
+            number = float(value) if isinstance(value, bool | int | float) else math.nan
+        except OverflowError:  # a whole number of more than 308 digits
+            number = math.inf
+        if not math.isfinite(number):
+            raise InputError(f"{str(value)[:40]!r}, expected a finite number", place=self.name)
+        if self.kind == "switch" and number not in (0.0, 1.0):
+            raise InputError(f"{number:g}, expected 0 or 1", place=self.name)
+        if not self.lowest <= number <= self.highest:
+            raise InputError(f"{number:g}, expected {self.lowest:.6g} to {self.highest:.6g}", place=self.name)
+        if self.fits is not None:
+            self.fits(number)
+        return number
+
+
+def inputs(session: Session) -> tuple[Point, ...]:
+    """What may be written, in the order of every protocol's addresses; those of effects come last."""
+    plant = session.plant
+    drive, most = plant.kind.drive, plant.most_input()
+    asked = f"{drive.quantity} {'of all motors, hoisting' if drive.parts else 'on the axis, forward'} positive"
+    still = f"1: {'hang' if plant.has_brake else 'stand'} still at the start again, without faults"
+    made = [Point(plant.plant.input, "number", asked, lambda s: s.asked, lambda s, x: s.command(x), -most, most)]
+    if plant.has_brake:
+        hoist = cast(LivePlant, plant)
+        made += [
+            _number("payload_kg", "what the carriage holds", "m_p", 0.0, hoist.most_payload_kg),
+            _number("slack_m", "wire that came off the drum", "slack_m", 0.0, hoist.most_slack_m),
+            Point("brake_late_s", "number", "how late the brake lets go", lambda s: s.brake_late_s,
+                  lambda s, x: setattr(s, "brake_late_s", x), 0.0, MOST_BRAKE_LATE_S),
+            Point(BRAKE, "switch", "the brake is asked to hold", lambda s: float(s.brake_asked),
+                  lambda s, x: s.ask_brake(bool(x))),
+            Point("motor_lost", "switch", "one motor gives no torque", lambda s: float(s.plant.motor_lost),
+                  lambda s, x: s.plant.lose_motor(bool(x))),
+        ]  # fmt: skip
+    made.append(Point(RESET, "switch", still, lambda s: 0.0, lambda s, x: s.reset() if x else None))
+    for effect in plant.effects.values():
+        for name, (symbol, low, high) in plant.effect_parameters(effect.id).items():
+
+            def fits(value: float, effect: Any = effect, name: str = name) -> None:
+                effect.check(name, value, plant.plant.kind)
+
+            made.append(_number(f"effects.{effect.id}.{name}", effect.meaning, symbol, low, high, fits))
+    return tuple(made)
+
+
+def _number(
+    name: str, meaning: str, symbol: str, low: float, high: float, fits: Callable[[float], None] | None = None
+) -> Point:
+    """A number of the plant's equations."""
+    read, write = lambda s: s.plant.value(symbol), lambda s, x: s.plant.put(symbol, x)
+    return Point(name, "number", meaning, read, write, low, high, fits)
+
+
+def _signal(name: str) -> Callable[[Session], float]:
+    return lambda s: s.plant.signal(name)
+
+
+def _flag(bit: int) -> Callable[[Session], float]:
+    return lambda s: float(s.flags >> bit & 1)
+
+
+def outputs(session: Session) -> tuple[Point, ...]:
+    """What may be read, in the order of every protocol's addresses."""
+    plant = session.plant
+    drive = plant.kind.drive
+    behind, left_out = f"{drive.quantity} behind limits and lag", "time of the plant that was left out since the start"
+    rows: list[tuple[str, str, Callable[[Session], float]]] = [
+        ("time_s", "time of the plant", lambda s: s.plant.time_s),
+        (f"{drive.quantity}_at_work_{drive.suffix}", behind, lambda s: s.plant.at_work),
+        *((signal.name, signal.meaning, _signal(signal.name)) for signal in plant.plant.signals),
+        *([("payload_now_kg", "what the carriage holds", lambda s: s.plant.value("m_p"))] if plant.carries else []),
+        ("skipped_s", left_out, lambda s: s.skipped_s),
+    ]
+    flags = [
+        Point(f"is_{name}", "switch", meaning, _flag(bit))
+        for bit, (name, meaning) in enumerate(FLAGS) if plant.has_brake or name in OF_AXES
+    ]  # fmt: skip
+    return (*(Point(name, "number", meaning, read) for name, meaning, read in rows), *flags)
+
 
 SAID_EVERY_S = 5.0  # a complaint of one kind is repeated after that time at the earliest
-TOO_FAST = 1.2  # commands a step, over a second, that are worth a word
 LATE_US = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10000.0)  # upper edges; beyond: the last
 MOST_BEHIND_S = 0.2  # what is caught up; of a longer pause the rest is left out of the plant's time
 
@@ -67,16 +185,11 @@ class Pace:
         """For JSON: counts, the share on time, the histogram of how late steps began."""
         names = [f"<{edge:g} us" for edge in LATE_US] + [f">={LATE_US[-1]:g} us"]
         return {
-            "rate_hz": 1.0 / self.step_s,
-            "steps": self.steps,
-            "on_time": (on_time := self.steps - self.overruns),
-            "on_time_percent": 100.0 * on_time / self.steps if self.steps else 100.0,
-            "overruns": self.overruns,
-            "pauses": self.pauses,
-            "skipped_s": self.skipped_s,
-            "latest_start_ms": 1e3 * self.worst_s,
+            "rate_hz": 1.0 / self.step_s, "steps": self.steps, "on_time": (on_time := self.steps - self.overruns),
+            "on_time_percent": 100.0 * on_time / self.steps if self.steps else 100.0, "overruns": self.overruns,
+            "pauses": self.pauses, "skipped_s": self.skipped_s, "latest_start_ms": 1e3 * self.worst_s,
             "jitter": dict(zip(names, self.late, strict=True)),
-        }
+        }  # fmt: skip
 
 
 def run_at_pace(
@@ -105,15 +218,9 @@ class Session:
     """
 
     def __init__(
-        self,
-        plant: LiveMachine,
-        step_s: float,
-        watchdog_s: float,
-        *,
-        watchdog_brake: bool = True,
-        clock: Callable[[], float],
-        say: Say = lambda line: None,
-    ) -> None:
+        self, plant: LiveMachine, step_s: float, watchdog_s: float, *, watchdog_brake: bool = True,
+        clock: Callable[[], float], say: Say = lambda line: None,
+    ) -> None:  # fmt: skip
         self.plant, self.step_s, self.watchdog_s, self.clock = plant, step_s, watchdog_s, clock
         self._watchdog_brake, self._say_line = watchdog_brake, say
         self.lock = threading.RLock()
@@ -121,7 +228,7 @@ class Session:
         self.counts: Counter[str] = Counter()
         self._said: dict[str, float] = {}
         self.controller: str | None = None
-        self.inputs, self.outputs = tables.inputs(self), tables.outputs(self)
+        self.inputs, self.outputs = inputs(self), outputs(self)
         self._start()
 
     def _start(self) -> None:
@@ -130,13 +237,7 @@ class Session:
         self.brake_late_s: float = 0.0
         self._opens_at: float | None = None  # time of the plant
         self.waits, self.silent, self._halted = True, False, ""
-        self._begin_to_count()
-
-    def _begin_to_count(self) -> None:
-        """What is counted over a second, and the time that was left out, begin with the first command."""
-        self.heard_s = self._since = self.clock()
-        self._commands, self._steps = 0, 0
-        self._skipped_before_s = self.pace.skipped_s
+        self.heard_s, self._skipped_before_s = self.clock(), self.pace.skipped_s
 
     # What a client asks for.
 
@@ -162,10 +263,8 @@ class Session:
                 return False
             self.asked = value
             if self.waits:
-                self.waits = False
-                self._begin_to_count()
+                self.waits, self._skipped_before_s = False, self.pace.skipped_s
             self.counts["commands"] += 1
-            self._commands += 1
             self.heard_s = self.clock()
             if self.silent:
                 self.silent = False
@@ -180,10 +279,6 @@ class Session:
             self.brake_asked = closed
             self._opens_at = None if closed else self.plant.time_s + self.brake_late_s
 
-    def delay_brake(self, late_s: float) -> None:
-        with self.lock:
-            self.brake_late_s = late_s
-
     def reset(self) -> None:
         """Back to the start; the counts go on."""
         with self.lock:
@@ -196,7 +291,7 @@ class Session:
         with self.lock:
             checked = []
             for name, value in values.items():
-                point = tables.point_of((*self.inputs, *self.outputs), str(name))
+                point = self.point(str(name))
                 if point.write is None:
                     raise InputError(f"'{name}' is read only", place=str(name))
                 checked.append((point.write, point.check(value)))
@@ -205,6 +300,13 @@ class Session:
             for write, number in checked:
                 write(self, number)
                 self.counts["orders"] += 1
+
+    def point(self, name: str) -> Point:
+        """InputError, with the nearest name, for one that there is not."""
+        points = {point.name: point for point in (*self.inputs, *self.outputs)}
+        if name not in points:
+            raise InputError(f"unknown point '{name}'; {nearest(name, points)}")
+        return points[name]
 
     def order(self, order: object, who: str | None = None) -> dict[str, Any]:
         """A JSON order: {"set": {name: value}}, {"get": [names]}, {"status": true}, {"points": true}; the answer."""
@@ -216,10 +318,10 @@ class Session:
                 raise InputError(f"unknown order '{key}'; {nearest(str(key), known)}")
         answer: dict[str, Any] = {}
         with self.lock:
-            values, wanted, everything = order.get("set", {}), order.get("get", []), (*self.outputs, *self.inputs)
+            values, wanted = order.get("set", {}), order.get("get", [])
             if not isinstance(values, Mapping):
                 raise InputError("expected names with values", place="set")
-            asked = [tables.point_of(everything, str(x)) for x in (wanted if isinstance(wanted, list) else [wanted])]
+            asked = [self.point(str(x)) for x in (wanted if isinstance(wanted, list) else [wanted])]
             self.set(values, who)
             if values:
                 answer["set"] = sorted(map(str, values))
@@ -271,9 +373,9 @@ class Session:
                 plant.put("brake_closed", 0.0)
             self._move()
             self.counts["steps"] += 1
-            self._steps += 1
-            if now - self._since >= 1.0:
-                self._rate(now)
+            if self.skipped_s > 0.0:
+                left_out = f"{self.skipped_s:.3f} s of the plant's time were left out so far"
+                self._say_rarely("skipped", f"this computer was too late: {left_out}")
 
     def _move(self) -> None:
         """The plant's own step; whatever becomes of it, the session goes on."""
@@ -291,18 +393,6 @@ class Session:
             self.say(f"the carriage left the rail at height {plant.signal('position_carriage_m'):.2f} m{stands}")
         if plant.overloaded and not overloaded:
             self.say(f"a fall of wire carried more than its breaking load, at {plant.time_s:.3f} s of the plant")
-
-    def _rate(self, now: float) -> None:
-        """Once a second: whether the client sends more than is used, or this computer is too late."""
-        if self._commands > TOO_FAST * self._steps:
-            self.counts["superseded"] += self._commands - self._steps
-            rate, takes = self._commands / (now - self._since), f"the plant takes {1.0 / self.step_s:.0f}"
-            last = "the last one before a step counts"
-            self._say_rarely("fast", f"the client sends {rate:.0f} commands a second, {takes}: {last}")
-        if self.skipped_s > 0.0:
-            left_out = f"{self.skipped_s:.3f} s of the plant's time were left out so far"
-            self._say_rarely("skipped", f"this computer was too late: {left_out}")
-        self._since, self._commands, self._steps = now, 0, 0
 
     # What is to be seen.
 
@@ -325,9 +415,7 @@ class Session:
         """Everything at once, for JSON."""
         with self.lock:
             return {
-                "machine": self.plant.machine.name,
-                "controller": self.controller,
+                "machine": self.plant.machine.name, "controller": self.controller,
                 "values": {point.name: point.read(self) for point in self.outputs},
-                "counts": dict(self.counts),
-                "pace": self.pace.record(),
-            }
+                "counts": dict(self.counts), "pace": self.pace.record(),
+            }  # fmt: skip

@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from workbench.control import refuse
+from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.engine.stepped import Step, observe
 from workbench.machines import HOIST, Hoist
@@ -45,6 +46,7 @@ def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: f
         record_every=substeps,
         reactions_every=substeps * record_every,
         start_time_s=case.start_time_s,
+        reach_m=case.events.reach_m(machine.arm.reach_m),
     )
     if result.hanging is None:
         run = replace(result.run, time_s=np.zeros(0), signals={})
@@ -105,7 +107,11 @@ def said(result: MotionResult) -> str:
     return f"{result.outcome.value}, {result.at}"
 
 
-def check_multibody(machine: Hoist) -> None:
-    """InputError where the extra is missing, or for a machine that this model does not take."""
+def check_multibody(machine: Hoist, reach_m: float | None = None) -> None:
+    """InputError where the extra is missing, for a machine that this model does not take, a reach beyond its arm."""
     engine()
     switches_of(machine)
+    arm = machine.arm
+    if reach_m is not None and not arm.shortest_reach_m <= reach_m <= arm.longest_reach_m:
+        expected = f"{arm.shortest_reach_m:g} to {arm.longest_reach_m:g} m, as machine.yaml's arm allows"
+        raise InputError(f"{reach_m:g} m, expected {expected}", place="events.arm_reach_m")

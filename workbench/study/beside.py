@@ -118,14 +118,18 @@ def beyond_the_edge(study: Study, rows: Sequence[Row]) -> list[Row]:
     sweep, axes = study.scenario.sweep, swept_axes(rows)
     grid = {} if sweep is None else dict(sweep.grid)
     knees = [front.knee for front in fronts([row for row in rows if row.ok]) if front.knee is not None]
-    further = {}
+    further: dict[str, tuple[float, ...]] = {}
     for axis in axes if knees else ():
         name, at = axis.columns[0].removeprefix("sweep."), axis.at(knees[-1])
-        if not name.startswith("limits.") or name not in grid or not axis.edge(knees[-1]):
+        if not name.startswith("limits.") or name not in grid or not axis.numeric:
             continue
         values = [float(point[0]) for point in axis.points]
-        last, before = (values[-1], values[-2]) if at == axis.points[-1] else (values[0], values[1])
-        further[name] = tuple(float(f"{last * (last / before) ** k:.4g}") for k in range(1, WIDER + 1))
+        if axis.edge(knees[-1]):
+            last, before = (values[-1], values[-2]) if at == axis.points[-1] else (values[0], values[1])
+            further[name] = tuple(float(f"{last * (last / before) ** k:.4g}") for k in range(1, WIDER + 1))
+        elif len(values) > 2:  # the knee's own value with its neighbours
+            k = values.index(float(at[0]))
+            grid[name] = tuple(values[k - 1 : k + 2])
     if not further:
         return []
     changes = {"sweep": {**grid, "zip": sweep.zip if sweep else {}, **further}, "outputs": {"signals": "none"}}

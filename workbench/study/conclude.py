@@ -136,8 +136,7 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     if slack := [row for row in good if row.get("slack_time_s") > 0.0]:
         worst = max(slack, key=lambda row: row["slack_time_s"])
         said.append(
-            f"The wire goes slack{which(slack)}; longest {worst['slack_time_s']:.2g} s ({run_in_words(worst, axes)}). "
-            "It tightens again with a jerk."
+            f"The wire goes slack{which(slack)}; longest {worst['slack_time_s']:.2g} s ({run_in_words(worst, axes)})."
         )
     if astray := [row for row in good if is_astray(row)]:
         worst = max(astray, key=lambda row: abs(row[judged.end]))
@@ -181,8 +180,7 @@ def variations(rows: Sequence[Row], told: bool = False, beside: Sequence[Row] = 
 def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float, reference: str) -> Iterator[str]:
     """What an axis does at the heaviest payload, of all runs at a value the worst; only of references that read it."""
     own = [row for row in rows if any(reads(row.reference, column) for column in axis.columns)]
-    groups = {point: [row for row in own if axis.at(row) == point] for point in axis.points}
-    groups = {point: members for point, members in groups.items() if members}
+    groups = axis.grouped(own)
     if len(groups) < 2:
         return
     points, judged = list(groups), metrics_of(rows)

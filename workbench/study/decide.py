@@ -14,6 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import numpy as np
+
 from workbench.core.errors import InputError, nearest
 from workbench.machines import Axis, Hoist, kind_of, load_of
 from workbench.metrics import Metric, MetricSet, find, set_with
@@ -143,11 +145,6 @@ class Candidate:
         name = words_of(self.reference)
         return f"{name.removesuffix(' with the same limits')} with {self.setting}" if self.setting else name
 
-    def beats(self, other: Candidate) -> bool:
-        """In no criterion worse, in one better by more than a thousandth."""
-        pairs = [(self.shares[name], other.shares[name]) for name in other.shares]
-        return all(a <= b for a, b in pairs) and any(a < b * (1.0 - NEAR) for a, b in pairs)
-
 
 @dataclass(frozen=True)
 class Decision:
@@ -167,9 +164,14 @@ class Decision:
 
     @property
     def dominated(self) -> list[Candidate]:
-        """Of the study's own those that another one is better than, or as good as, in every criterion."""
+        """Of the study's own those that another one is no worse than in any criterion, and in one better by more than a
+        thousandth."""
         left = self.left[:MOST_COMPARED]
-        return [one for one in left if not one.beside and any(other.beats(one) for other in left)]
+        shares = np.array([list(one.shares.values()) for one in left]).reshape(len(left), -1)
+        no_worse = np.all(shares[None] <= shares[:, None], axis=-1)
+        better = np.any(shares[None] < shares[:, None] * (1.0 - NEAR), axis=-1)
+        return [one for one, beaten in zip(left, np.any(no_worse & better, axis=1), strict=True)
+                if beaten and not one.beside]  # fmt: skip
 
     @property
     def taken(self) -> Candidate | None:
@@ -184,11 +186,12 @@ class Decision:
         """
         if self.taken is None:
             return []
-        longest, best = self.taken.values[TIME] + SAME_TIME_S, []
+        longest, best = self.taken.values[TIME] + SAME_TIME_S, list[Candidate]()
         for reference in dict.fromkeys(one.reference for one in self.left):
             own = [one for one in self.left if one.reference == reference]
             in_time = [one for one in own if one.values[TIME] <= longest]
             best.append(in_time[0] if in_time else min(own, key=lambda one: one.values[TIME]))
+        best.sort(key=lambda one: (one.values[TIME] > longest, one.total))
         known = {one.reference for one in best}
         out = {one.reference: one for one in reversed(self.candidates) if one.reference not in known}
         return [*best, *reversed(out.values())]
@@ -202,8 +205,7 @@ class Decision:
             return None
         others = [one for one in self.at_equal_time if one.reference != self.taken.reference and not one.broken]
         if others:
-            in_time = [one for one in others if one.values[TIME] <= self.taken.values[TIME] + SAME_TIME_S]
-            return (in_time or others)[0]
+            return others[0]
         quickest = min(rest, key=lambda c: (round(c.values[TIME] / SAME_TIME_S), c.total))
         return quickest if quickest.values[TIME] < self.taken.values[TIME] - SAME_TIME_S else rest[0]
 
@@ -259,8 +261,7 @@ def candidates(rows: Sequence[Row], criteria: Sequence[Criterion]) -> Iterator[C
 def _kept(own: Sequence[Row], axis: SweptAxis, criteria: Sequence[Criterion]) -> str:
     """The values of a condition at which all runs keep every limit, in words."""
     kept = []
-    for point in axis.points:
-        here = [row for row in own if axis.at(row) == point]
+    for point, here in axis.grouped(own).items():
         good = [row for row in here if row.ok]
         values = {c.name: float(c.metric.worst([row[c.name] for row in good])) for c in criteria if good}
         if not list(_broken(here, good, values, criteria)):

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 from workbench.metrics import by_name
 from workbench.references import planned_kinds
@@ -66,6 +67,7 @@ def shown(value: float | str) -> str:
     return value.replace("_", " ") if isinstance(value, str) else f"{value:.4g}"
 
 
+@cache
 def field_label(column: str) -> Label:
     """Of a column of the index that a sweep or a sample has set, such as `sweep.limits.jerk_m_s3`."""
     path = re.sub(r"^(sweep|sample)\.", "", column).split(".")
@@ -114,7 +116,7 @@ class SweptAxis:
         """The axis of a figure; of fields that go together the first."""
         return field_label(self.columns[0]).axis
 
-    @property
+    @cached_property
     def words(self) -> str:
         return _together([field_label(column).words for column in self.columns])
 
@@ -125,6 +127,13 @@ class SweptAxis:
     def at(self, row: Row) -> Point:
         return tuple(row.assigned.get(column, "") for column in self.columns)
 
+    def grouped(self, rows: Sequence[Row]) -> dict[Point, list[Row]]:
+        """The rows at each point, points without rows left out."""
+        groups: dict[Point, list[Row]] = {point: [] for point in self.points}
+        for row in rows:
+            groups[self.at(row)].append(row)
+        return {point: own for point, own in groups.items() if own}
+
     def edge(self, row: Row) -> bool:
         """Whether a run, whose reference reads it, stands at an end of three values or more."""
         read = any(reads(row.reference, column) for column in self.columns)
@@ -134,7 +143,7 @@ class SweptAxis:
         """`lowering acceleration 0.4 m/s², lowering jerk 1.2 m/s³`; `feed forward inertia and weight 1`."""
         labels = [field_label(column) for column in self.columns]
         if len(set(point)) == len({label.unit for label in labels}) == 1:
-            return replace(labels[0], words=_together([label.words for label in labels])).of(point[0])
+            return replace(labels[0], words=self.words).of(point[0])
         return ", ".join(label.of(value) for label, value in zip(labels, point, strict=True))
 
     def short(self, point: Point) -> str:

@@ -21,7 +21,6 @@ from workbench.core.shown import Brief
 from workbench.core.yaml_strict import Document, Place, dotted, dumps, load, problem_lines
 from workbench.effects import check
 from workbench.effects.registry import digests_of
-from workbench.logs import read_campaign
 from workbench.machines import (
     LOOPED,
     SHIPPED,
@@ -250,9 +249,15 @@ def plan_study(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[st
         from workbench.simulate.multibody_loop import check_multibody
 
         try:
-            check_multibody(study.machine)
+            check_multibody(study.machine, scenario.events.arm_reach_m)
         except InputError as error:
-            raise InputError(error.problem, place="plant") from error
+            raise InputError(
+                error.problem, place=error.place if error.place == "events.arm_reach_m" else "plant"
+            ) from error
+    elif scenario.events.arm_moves_s is not None:
+        raise InputError(
+            "moves the arm, which only the multi-body machine has; expected plant: multibody", place="events"
+        )
     assert study.specs.duration_s > 0.0  # made here, so that what is wrong is said now
     study.plans  # noqa: B018
     criteria_for(set_of(kind.name), study.machine, 0.0, scenario.decide)
@@ -398,6 +403,8 @@ def read_recording(block: RecordedBlock, folder: Path, layers: Layered, place: P
     if "\0" in block.campaign or not os.path.exists(path):
         raise layers.error(f"no campaign {str(path)!r}; expected a folder, seen from this file", place)
     try:
+        from workbench.logs import read_campaign
+
         campaign = read_campaign(path, select=[block.run])
     except InputError as error:
         if error.file is not None:

@@ -18,8 +18,7 @@ import numpy as np
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.input_file import open_input, read_input, readable_file
-from workbench.core.run import Array
-from workbench.logs.formats.parquet_file import float_array
+from workbench.core.run import Array, float_array
 from workbench.metrics import MetricSet, set_with
 
 

@@ -8,12 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.shown import Shown
-from workbench.logs.signal_files import Labelled
 from workbench.machines import AnyKind, Axis, Hoist, kind_of
 from workbench.metrics import RunFacts, columns, run_metrics, set_of
 from workbench.references import Plan
@@ -21,6 +20,9 @@ from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
 from workbench.study.grid import RunSpec
 from workbench.study.load import Study
 from workbench.study.rows import Row
+
+if TYPE_CHECKING:
+    from workbench.logs.signal_files import Labelled
 
 
 def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tuple[Row, Run | None]]:
@@ -104,8 +106,10 @@ def _sampled(
     plan: Plan, sample_time_s: float, duration_s: float, per_displacement: float, placed: bool
 ) -> tuple[Array, Array | None]:
     """Cached by the plan's identity: equal motions are one plan."""
+    if not placed:
+        return plan.speed_at(plan.times(sample_time_s, duration_s)) * per_displacement, None
     profile = plan.sample(sample_time_s, duration_s)
-    return profile.speed_m_s * per_displacement, profile.position_m * per_displacement if placed else None
+    return profile.speed_m_s * per_displacement, profile.position_m * per_displacement
 
 
 def _finished(spec: RunSpec, plan: Plan, result: LoopResult) -> Row:
@@ -202,6 +206,8 @@ def motor_torque_limit_nm(machine: Hoist) -> float:
 
 def labelled_runs(result: StudyResult) -> list[Labelled]:
     """Each run that kept its signals, with its payload and reference."""
+    from workbench.logs.signal_files import Labelled
+
     return [
         Labelled(
             f"run_{row.reference}_{row.payload_kg:g}kg",

@@ -19,11 +19,13 @@ from workbench.blind.score import Score, Sheet, WithNextRun
 from workbench.core.errors import InputError
 from workbench.core.json_records import plain
 from workbench.core.names import unit_of, words_of
-from workbench.core.table import Column, Table, words
+from workbench.core.table import Column, Table, table_of, words
+from workbench.core.templates import Sentences
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.hypotheses.settings import calibration
+from workbench.view.numbers import NOTHING
 from workbench.view.page import Section, save_page
-from workbench.view.style import BLUE, FAINT, GREY, ORANGE, SKY, TEMPLATE, VERMILLION, heading
+from workbench.view.style import BLUE, FAINT, GREY, ORANGE, VERMILLION, figure
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -32,57 +34,32 @@ WILSON = "In brackets: 95 % Wilson interval, in per cent."
 DIAGNOSIS = "workbench diagnose"
 AMOUNTS = ("parameter error %", "inside their 90 % interval", "shrink over oracle's", "calibration error", "CPU s")
 MOST_OF_A_LINE = 140  # characters of an error
-RIGHT_ANSWER = {"unlisted cause": "unknown"}  # where it has another name than what is in the machine
 ROW = 36  # pixels of the power chart for each effect
 BUYS = 0.9  # of an amount: less with one more run is written beside it
 APART = 0.07  # of the distance of two sizes: measures stand side by side
 
+
+said = Sentences("view/blind_words.j2")
 
 # Sentences
 
 
 def headline(sheet: Sheet) -> str:
     """The score in one line: what is named, what is accused without a gap, what is said to be unknown."""
-    said = {
+    told = {
         "named": "single effects are named", "pair_both": "pairs are named in full",
         "false_alarm": "machines without a gap are given a cause", "unknown_caught": "unlisted causes are caught",
     }  # fmt: skip
-    shares = [(measures.measure(key).share(sheet.rows), text) for key, text in said.items()]
+    shares = [(measures.measure(key).share(sheet.rows), text) for key, text in told.items()]
     return "; ".join(f"{share.count} of {share.of} {text}" for share, text in shares if share.of) + "."
 
 
 def sentences(sheet: Sheet) -> list[str]:
     """When the test was made and opened, how many campaigns have an answer, and what was not blind."""
     several = len(sheet.scores) > 1
-    said = [f"{score.folder.name}: " * several + text for score in sheet.scores for text in _of_folder(score)]
+    told = [f"{one.folder.name}: " * several + text for one in sheet.scores for text in said.each("folder", one)]
     broken = [row["folder"] for row in sheet.rows if row["word"] in ("refused", "failed")]
-    if broken:
-        said.append(f"No diagnosis came of {', '.join(broken)}; counted as wrong.")
-    if all(measures.source_of(row) == "plant" for row in sheet.rows):
-        said.append("All campaigns come from the plant's own equations: this is what the diagnosis can do at best.")
-    return said
-
-
-def _of_folder(score: Score) -> Iterator[str]:
-    yield (
-        f"{len(score.rows)} of {score.cases} campaigns are answered; made {score.manifest.made} by version "
-        f"{score.manifest.version}, answered by version {', '.join(score.versions)}, seal first opened {score.opened}."
-    )
-    yield (
-        f"Seal (SHA-256) {score.manifest.seal_sha256}: labels, manifest, campaigns and answers are as they "
-        f"were. Seed {score.truth.seed}."
-    )
-    if score.compared:
-        yield score.compared
-    if score.again:
-        yield f"Answered more than once, the last answer counts: {', '.join(score.again)}."
-    if score.partial:
-        yield "This is a part of the test: `workbench blind run` goes on with the rest."
-    if score.after_opening:
-        yield (
-            f"{len(score.after_opening)} campaigns were answered after the seal had been opened; they are "
-            "counted, and blind only as far as nothing was changed in between."
-        )
+    return [*told, *said.each("sheet", broken, all(measures.source_of(row) == "plant" for row in sheet.rows))]
 
 
 # Tables
@@ -96,15 +73,14 @@ def by_kind(head: str, table: Callable[[Sequence[Row]], Table], rows: Sequence[R
 
 def sheet_table(rows: Sequence[Row]) -> Table:
     """One row for each measure, one column for each kind and source."""
-    columns, cells, last = [words("measured")], [[measure.line] for measure in MEASURES], ""
-    for name, which in measures.groups(rows).items():
-        kind = name.partition(",")[0]
-        if kind != last:
-            columns.append(Column(f"{kind},\nasked", "%"))
-        columns.append(Column(name.replace(", ", ",\n")))
+    groups = measures.groups(rows)
+    columns, cells = [words("measured")], [[measure.line] for measure in MEASURES]
+    for kind in dict.fromkeys(name.partition(",")[0] for name in groups):
+        columns.append(Column(f"{kind},\nasked", "%"))
+        mine = {name: which for name, which in groups.items() if name.partition(",")[0] == kind}
+        columns += [Column(name.replace(", ", ",\n")) for name in mine]
         for line, measure in zip(cells, MEASURES, strict=True):
-            line += [*([measure.asked_text(kind)] if kind != last else []), measure.share(which).text()]
-        last = kind
+            line += [measure.asked_text(kind), *(measure.share(which).text() for which in mine.values())]
     return Table(columns, [line for line in cells if any("/" in cell for cell in line[1:])], WILSON)
 
 
@@ -114,12 +90,10 @@ def sizes(rows: Sequence[Row]) -> Table:
     lines = [[measure.line, *(measure.share(which).text() for which in groups.values())] for measure in MEASURES]
     counted = [_amounts(which) for which in groups.values()]
     lines += [[name, *(amounts[name].partition(" of ")[0] for amounts in counted)] for name in AMOUNTS[:-1]]
-    note = (
-        "Columns: gap over noise. The gap is what the cause changes in the input, rms while moving; the noise is that "
-        f"of the diagnosis' band. {WILSON}"
+    shown = [line for line in lines if any(cell != NOTHING for cell in line[1:])]
+    return Table(
+        [words("measured"), *(Column(name.replace(", ", ",\n")) for name in groups)], shown, f"{said.sizes()} {WILSON}"
     )
-    shown = [line for line in lines if any(cell != "–" for cell in line[1:])]
-    return Table([words("measured"), *(Column(name.replace(", ", ",\n")) for name in groups)], shown, note)
 
 
 def methods_of(rows: Sequence[Row]) -> dict[str, Sequence[Row]]:
@@ -145,106 +119,89 @@ def methods(rows: Sequence[Row]) -> Table:
 def _amounts(rows: Sequence[Row]) -> dict[str, str]:
     """name of AMOUNTS -> text."""
     n = numbers(rows)
-    calibration = "–"
-    if n.calibration_error is not None:
-        calibration = f"{n.calibration_error:.3f} ({n.calibration_by_chance:.3f})"
+
+    def middle(values: Sequence[float], digits: int) -> str:
+        """As 3.9 (2.7–5.1)."""
+        interval = measures.median_interval(values)
+        shown = "" if interval is None else f" ({interval[0]:.{digits}f}–{interval[1]:.{digits}f})"
+        return f"{median(values):.{digits}f}{shown}" if values else NOTHING
+
     texts = (
-        _median([100.0 * error for error in n.parameter_errors], 1),
+        middle([100.0 * error for error in n.parameter_errors], 1),
         n.covered.text(),
-        f"{_median(n.of_oracle, 2)} of {len(n.of_oracle)}" if n.of_oracle else "–",
-        calibration,
-        f"{median(n.cpu_s):.0f}, {n.cpu_s[-1]:.0f}" if n.cpu_s else "–",
+        f"{middle(n.of_oracle, 2)} of {len(n.of_oracle)}" if n.of_oracle else NOTHING,
+        NOTHING if n.calibration_error is None else f"{n.calibration_error:.3f} ({n.calibration_by_chance:.3f})",
+        f"{median(n.cpu_s):.0f}, {n.cpu_s[-1]:.0f}" if n.cpu_s else NOTHING,
     )
     return dict(zip(AMOUNTS, texts, strict=True))
 
 
-def _median(values: Sequence[float], digits: int) -> str:
-    """As 3.9 (2.7–5.1)."""
-    if not values:
-        return "–"
-    interval = measures.median_interval(values)
-    shown = "" if interval is None else f" ({interval[0]:.{digits}f}–{interval[1]:.{digits}f})"
-    return f"{median(values):.{digits}f}{shown}"
-
-
 def amounts(rows: Sequence[Row]) -> Table:
     """Parameters, shrink, calibration and time, of each group."""
-    lines = [[name, *_amounts(which).values()] for name, which in measures.groups(rows).items()]
     columns = [
         words("kind, source"), Column("parameter\nerror", "%"), Column("inside their\n90 % interval"),
         Column("shrink over\noracle's"), Column("calibration\nerror"), Column("CPU,\nlargest", "s"),
     ]  # fmt: skip
-    note = (
-        "Medians with their 95 % interval between two of the values; CPU time beside the largest. Asked: 85 to 95 % "
-        "inside the interval, shrink at least 0.9 of the oracle's, the true effect fitted to the same runs, "
-        "calibration error at most 0.05; in brackets that which answers would have that are right exactly as often as "
-        "they say."
-    )
-    if missing := numbers(rows).without_oracle:
-        note += f" In {missing} cases the true effect was not among the best fits."
-    return Table(columns, lines, note)
+    note = said.amounts(numbers(rows).without_oracle)
+    return Table(columns, [[name, *_amounts(which).values()] for name, which in measures.groups(rows).items()], note)
 
 
 def reliability_table(rows: Sequence[Row]) -> Table:
     """How often answers of each probability were right."""
-    lines = [[f"{b.low:.2f}–{b.high:.2f}", f"{b.said:.3f}", b.right.text()] for b in measures.reliability(rows)]
-    return Table([words("probability said"), Column("mean"), Column("right")], lines, WILSON)
-
-
-def _told(row: Row) -> str:
-    effects = row["label"]["effects"]
-    told = "two effects" if len(effects) == 2 else "+".join(effects) or "none"
-    return f"{told} (taken out of the library)" if row.get("withheld") else told
-
-
-def _said(row: Row) -> str:
-    if len(row["label"]["effects"]) == 2:
-        return "both" if right(row) else f"{len(set(row['names']) & set(row['label']['effects']))} of them"
-    said = "+".join(sorted(row["names"])) if row["word"] == "named" else row["word"].replace("_", " ")
-    if measures.unlisted(row) and measures.likeliest_place(row):
-        said += f" at {measures.likeliest_place(row)}"
-    return said
+    cells: dict[Column, Callable[[measures.Bin], str]] = {
+        words("probability said"): lambda b: f"{b.low:.2f}–{b.high:.2f}",
+        Column("mean"): lambda b: f"{b.said:.3f}",
+        Column("right"): lambda b: b.right.text(),
+    }
+    return table_of(measures.reliability(rows), cells, WILSON)
 
 
 def confusion_table(rows: Sequence[Row]) -> Table:
-    """One line for each label: how often each answer was given."""
+    """The confusion matrix, one line for each label: how often each answer was given."""
     counts: dict[str, Counter[str]] = {}
     for row in rows:
-        counts.setdefault(_told(row), Counter())[_said(row)] += 1
-    lines = [
-        [told, str(sum(said.values())), ", ".join(f"{answer} {n}" for answer, n in said.most_common())]
-        for told, said in sorted(counts.items())
-    ]
-    return Table([words("in the machine"), Column("cases"), words("answers")], lines)
+        effects, names = row["label"]["effects"], set(row["names"])
+        told = "two effects" if len(effects) == 2 else "+".join(effects) or "none"
+        said = "+".join(sorted(names)) if row["word"] == "named" else row["word"].replace("_", " ")
+        if len(effects) == 2:
+            said = "both" if right(row) else f"{len(names & set(effects))} of them"
+        if measures.unlisted(row) and measures.likeliest_place(row):
+            said += f" at {measures.likeliest_place(row)}"
+        counts.setdefault(f"{told} (taken out of the library)" if row.get("withheld") else told, Counter())[said] += 1
+    cells: dict[Column, Callable[[tuple[str, Counter[str]]], str]] = {
+        words("in the machine"): lambda one: one[0],
+        Column("cases"): lambda one: str(one[1].total()),
+        words("answers"): lambda one: ", ".join(f"{answer} {n}" for answer, n in one[1].most_common()),
+    }
+    return table_of(sorted(counts.items(), key=lambda one: one[0]), cells)
 
 
 def _answer(row: Row) -> str:
     return " + ".join(row["names"]) or row["word"].replace("_", " ")
 
 
-def _probable(row: Row) -> str:
-    """As friction_viscous (0.93)."""
-    return f"{_answer(row)} ({row['ranking'][0][2]:.2f})" if row["ranking"] else _answer(row)
+def _probability(row: Row) -> str:
+    return f"{row['ranking'][0][2]:.2f}" if row["ranking"] else NOTHING
 
 
 def misses(rows: Sequence[Row], most: int | None = None) -> Table:
     """The wrong answers, the largest gap over noise first, each with its reason."""
-    sized = [(measures.size_over_noise(row), row) for row in rows if not right(row)]
-    sized.sort(key=lambda one: (math.isnan(one[0]), -one[0]))
-    lines = [
-        [
-            row["folder"], f"{measures.family_of(row)}, {measures.source_of(row)}",
-            " + ".join(row["label"]["effects"]) or "none", "–" if math.isnan(size) else f"{size:.1f}",
-            _answer(row), f"{row['ranking'][0][2]:.2f}" if row["ranking"] else "–", why(row),
-        ]
-        for size, row in sized[:most]
-    ]  # fmt: skip
-    columns = [
-        words("campaign"), words("family, source"), words("in the machine"), Column("gap over\nnoise"),
-        words("answer"), Column("proba-\nbility"), words("how it came"),
-    ]  # fmt: skip
-    more = f" The first {most} of {len(sized)}." if most is not None and len(sized) > most else ""
-    return Table(columns, lines, f"Largest gaps first.{more}" if lines else "")
+
+    def size(row: Row) -> float:
+        return measures.size_over_noise(row)
+
+    wrong = sorted((row for row in rows if not right(row)), key=lambda row: (math.isnan(size(row)), -size(row)))
+    cells: dict[Column, Callable[[Row], str]] = {
+        words("campaign"): lambda row: str(row["folder"]),
+        words("family, source"): lambda row: f"{measures.family_of(row)}, {measures.source_of(row)}",
+        words("in the machine"): lambda row: " + ".join(row["label"]["effects"]) or "none",
+        Column("gap over\nnoise"): lambda row: NOTHING if math.isnan(size(row)) else f"{size(row):.1f}",
+        words("answer"): _answer,
+        Column("proba-\nbility"): _probability,
+        words("how it came"): why,
+    }
+    more = f" The first {most} of {len(wrong)}." if most is not None and len(wrong) > most else ""
+    return table_of(wrong[:most], cells, f"Largest gaps first.{more}" if wrong else "")
 
 
 def miss_lines(rows: Sequence[Row], most: int) -> list[str]:
@@ -316,20 +273,23 @@ def _against(row: Row) -> str:
 
 def power_table(chart: Power) -> Table:
     """The smallest size of each effect that these runs would have named in nine of ten."""
-    lines = []
-    for effect in chart.effects:
-        more = "–" if effect.one_more is None else _three(effect.one_more)
+
+    def with_more(effect: EffectPower) -> str:
         if effect.amount is None and effect.ratio is not None:
-            more = f"{100.0 * effect.ratio:.0f} % of it"
-        amount = ", ".join(filter(None, (words_of(effect.parameter), unit_of(effect.parameter))))
-        least = f"> {_three(effect.largest_tried)}" if effect.amount is None else _three(effect.amount)
-        interval = "–" if effect.interval is None else "–".join(map(_three, effect.interval))
-        lines.append([effect.effect, effect.share.text(), amount, least, interval, more])
-    columns = [
-        words("effect"), Column("named or\nalike"), words("amount"), Column("named in\n9 of 10 from"),
-        Column("95 % interval"), Column("with one\nmore run"),
-    ]  # fmt: skip
-    return Table(columns, lines, chart.note)
+            return f"{100.0 * effect.ratio:.0f} % of it"
+        return NOTHING if effect.one_more is None else _three(effect.one_more)
+
+    cells: dict[Column, Callable[[EffectPower], str]] = {
+        words("effect"): lambda e: e.effect,
+        Column("named or\nalike"): lambda e: e.share.text(),
+        words("amount"): lambda e: ", ".join(filter(None, (words_of(e.parameter), unit_of(e.parameter)))),
+        Column("named in\n9 of 10 from"): lambda e: (
+            f"> {_three(e.largest_tried)}" if e.amount is None else _three(e.amount)
+        ),
+        Column("95 % interval"): lambda e: NOTHING if e.interval is None else "–".join(map(_three, e.interval)),
+        Column("with one\nmore run"): with_more,
+    }
+    return table_of(chart.effects, cells, chart.note)
 
 
 def _three(value: float) -> str:
@@ -346,37 +306,38 @@ def settled_text(cases: Sequence[WithNextRun], rows: Sequence[Row]) -> str:
     """rows: of the whole sheet."""
     left_open = [row for row in rows if row.get("next_run") and row["label"]["effects"]]
     decided = sum(map(measures.next_run_decides, left_open))
-    return (
-        f"{len(left_open)} cases with a cause are left open. Of {len(left_open) - decided} the diagnosis says that no "
-        f"run on its menu decides. Of those whose recommended run was simulated, {settled(cases).text()} were settled "
-        "by it (asked: 80 %)."
-    )
+    return said.settled(len(left_open), decided, settled(cases).text())
 
 
 def next_runs_table(cases: Sequence[WithNextRun]) -> Table:
     """One row for each open case that was diagnosed again with its recommended run."""
-    lines = []
-    for case in cases:
+
+    def run(case: WithNextRun) -> str:
         asked = case.row["next_run"]
         load = f", {asked['payload_kg']:g} kg" if asked["payload_kg"] else ""
         more = f", logging {', '.join(asked['signals'])}" if asked["signals"] else ""
-        is_settled = "yes" if case.settled else "open still" if right(case.then) else "no"
-        told, run = " + ".join(case.row["label"]["effects"]), f"{asked['profile']}{load}{more}"
-        lines.append([case.row["folder"], told, _probable(case.row), run, _probable(case.then), is_settled])
-    columns = ("campaign", "in the machine", "answer", "recommended run", "answer with it", "settled")
-    return Table([words(name) for name in columns], lines, "Settled: the answer is right, and leaves nothing open.")
+        return f"{asked['profile']}{load}{more}"
+
+    def probable(row: Row) -> str:
+        return f"{_answer(row)} ({_probability(row)})" if row["ranking"] else _answer(row)
+
+    cells: dict[Column, Callable[[WithNextRun], str]] = {
+        words("campaign"): lambda case: str(case.row["folder"]),
+        words("in the machine"): lambda case: " + ".join(case.row["label"]["effects"]),
+        words("answer"): lambda case: probable(case.row),
+        words("recommended run"): run,
+        words("answer with it"): lambda case: probable(case.then),
+        words("settled"): lambda case: "yes" if case.settled else "open still" if right(case.then) else "no",
+    }
+    return table_of(cases, cells, "Settled: the answer is right, and leaves nothing open.")
 
 
 # Figures
 
 
-def _figure(title: str, height: int, data: list[dict[str, Any]], **layout: Any) -> Figure:
-    """The legend stands below the title."""
-    import plotly.graph_objects as go
-
-    legend = {"y": 1.0 - 68.0 / height, "traceorder": "normal"}
-    shared = {"template": TEMPLATE, "legend": legend, "hovermode": "closest", "height": height}
-    return go.Figure({"data": data, "layout": {"title": heading(title, height), **shared, **layout}})
+def _below_the_title(height: int) -> dict[str, Any]:
+    """The legend's place."""
+    return {"y": 1.0 - 68.0 / height, "traceorder": "normal"}
 
 
 def _points(shares: Sequence[Share], **look: Any) -> dict[str, Any]:
@@ -404,41 +365,10 @@ def right_by_size(rows: Sequence[Row], height: int = 400) -> Figure:
         x = [at + APART * (k - 1) for at in shares]
         data.append(_points([*shares.values()], name=measure.line, x=x, **look))
     ticks = {"tickvals": list(range(len(groups))), "ticktext": list(groups), "zeroline": False}
-    return _figure(
+    return figure(
         "Answers that are right, by the size of the gap", height, data,
-        xaxis={"title": {"text": "gap over noise"}, **ticks},
+        legend=_below_the_title(height), xaxis={"title": {"text": "gap over noise"}, **ticks},
         yaxis={"title": {"text": "share (%)"}, "range": [0, 104]},
-    )  # fmt: skip
-
-
-def confusion(rows: Sequence[Row]) -> Figure | None:
-    """A row a label, a column an answer, of single effects, unlisted causes and machines without a gap; right is on
-    the diagonal. A wrong pair is one answer. None where there are only pairs."""
-    counts: dict[str, Counter[str]] = {}
-    for row in rows:
-        if len(row["label"]["effects"]) < 2:
-            told = "unlisted cause" if measures.unlisted(row) else _told(row).replace("none", "no gap")
-            word = row["word"].replace("_", " ")
-            said = (row["names"][0] if len(row["names"]) == 1 else "two effects") if word == "named" else word
-            counts.setdefault(told, Counter())[said] += 1
-    if not counts:
-        return None
-    told_all = sorted(counts, key=lambda name: (name in ("unlisted cause", "no gap"), name))
-    diagonal = [RIGHT_ANSWER.get(name, name) for name in told_all]
-    columns = [*diagonal, *sorted({name for said in counts.values() for name in said if name not in diagonal})]
-    shares = [[counts[told][name] / counts[told].total() for name in columns] for told in told_all]
-    heatmap = {
-        "type": "heatmap", "x": columns, "y": told_all, "z": shares, "zmin": 0, "zmax": 1, "showscale": False,
-        "colorscale": [[0.0, "#F6F6F6"], [1.0, SKY]], "xgap": 1, "ygap": 1, "texttemplate": "%{text}",
-        "text": [[counts[told][name] or "" for name in columns] for told in told_all],
-        "hovertemplate": "%{y}: answered %{x} %{text} times<extra></extra>",
-    }  # fmt: skip
-    axis = {"type": "category", "showgrid": False}
-    return _figure(
-        "What was answered; right is on the diagonal", 240 + 24 * len(counts), [heatmap],
-        margin={"l": 210, "r": 28, "t": 84, "b": 170},
-        xaxis={**axis, "title": {"text": "answer"}, "tickangle": -60},
-        yaxis={**axis, "title": {"text": "in the machine"}, "autorange": "reversed"},
     )  # fmt: skip
 
 
@@ -450,9 +380,9 @@ def reliability(bins: Sequence[measures.Bin], height: int = 420) -> Figure:
     }  # fmt: skip
     look = {"line": {"color": BLUE}, "marker": {"size": 9}}
     measured = _points([b.right for b in bins], name="measured", x=[100.0 * b.said for b in bins], **look)
-    return _figure(
+    return figure(
         "Reliability of the probabilities", height, [diagonal, measured],
-        xaxis={"title": {"text": "probability of the answer (%)"}, "range": [0, 104]},
+        legend=_below_the_title(height), xaxis={"title": {"text": "probability of the answer (%)"}, "range": [0, 104]},
         yaxis={"title": {"text": "right (%)"}, "range": [0, 104]},
     )  # fmt: skip
 
@@ -461,44 +391,43 @@ def power(effects: Sequence[EffectPower], unit: str) -> Figure:
     """The power chart: for each effect the smallest change of the input that is named in 9 of 10 cases, its interval,
     and the same with one more run, each with the effect's own amount above it. An arrow: not within the sizes tried."""
     shown = sorted(effects, key=lambda e: (e.change is None, e.change or e.largest_change_tried), reverse=True)
-    named = [effect for effect in shown if effect.change is not None]
-    beyond = [effect for effect in shown if effect.change is None]
-    more = [effect for effect in named if effect.change_one_more is not None]
+    data = []
 
-    def points(name: str, which: Sequence[EffectPower], x: list[Any], amounts: list[Any], **marker: Any) -> Any:
-        own = [
-            "" if value is None else f"{_three(value)} {unit_of(effect.parameter)}".strip()
-            for effect, value in zip(which, amounts, strict=True)
-        ]
-        return {
-            "type": "scatter", "mode": "markers+text", "name": name, "marker": {"size": 10, **marker}, "text": own,
-            "textposition": "top center", "textfont": {"size": 10, "color": marker["color"]}, "x": x,
-            "y": [effect.effect for effect in which], "hovertemplate": f"%{{text}}, %{{x:.3~g}} {unit}",
-            "cliponaxis": False,
-        }  # fmt: skip
+    def draw(
+        name: str, points: Sequence[tuple[EffectPower, float | None, float | None]], place: str, sign: str = "",
+        reach: Sequence[tuple[float, float]] = (), **marker: Any,
+    ) -> None:  # fmt: skip
+        """points: effect, change, amount; reach: of each change, down and up."""
+        if not points:
+            return
+        text = ["" if own is None else f"{sign}{_three(own)} {unit_of(e.parameter)}".strip() for e, _, own in points]
+        error = {"type": "data", "symmetric": False, "thickness": 1.2, "array": [high for _, high in reach],
+                 "arrayminus": [low for low, _ in reach]}  # fmt: skip
+        data.append({
+            "type": "scatter", "mode": "markers+text", "name": name, "marker": {"size": 10, **marker}, "text": text,
+            "textposition": f"{place} center", "textfont": {"size": 10, "color": marker["color"]},
+            "x": [x for _, x, _ in points], "y": [e.effect for e, *_ in points], "cliponaxis": False,
+            "hovertemplate": f"%{{text}}, %{{x:.3~g}} {unit}", **({"error_x": error} if reach else {}),
+        })  # fmt: skip
 
-    data = [points("these runs", named, [e.change for e in named], [e.amount for e in named], color=BLUE)]
-    reach = [(e.change or 0.0, *(e.change_interval or (e.change or 0.0, e.change or 0.0))) for e in named]
-    data[0]["error_x"] = {
-        "type": "data", "symmetric": False, "thickness": 1.2,
-        "array": [high - change for change, _, high in reach],
-        "arrayminus": [change - low for change, low, _ in reach],
-    }  # fmt: skip
-    if more:
-        buys = [e.one_more if e.one_more and e.amount and e.one_more < BUYS * e.amount else None for e in more]
-        changes = [e.change_one_more for e in more]
-        extra = points("with one more run", more, changes, buys, color=ORANGE, symbol="diamond-open")
-        data.append({**extra, "textposition": "bottom center"})
-    if beyond:
-        changes, largest = [e.largest_change_tried for e in beyond], [e.largest_tried for e in beyond]
-        look = {"color": VERMILLION, "symbol": "triangle-right"}
-        tried = points("not within the sizes tried", beyond, [*changes], largest, **look)
-        data.append({**tried, "text": [f"> {amount}" for amount in tried["text"]]})
-    return _figure(
+    named = [e for e in shown if e.change is not None]
+    spans = [(e.change or 0.0, *(e.change_interval or (e.change or 0.0, e.change or 0.0))) for e in named]
+    reach = [(change - low, high - change) for change, low, high in spans]
+    draw("these runs", [(e, e.change, e.amount) for e in named], "top", "", reach, color=BLUE)
+    more = [
+        (e, e.change_one_more, e.one_more if e.one_more and e.amount and e.one_more < BUYS * e.amount else None)
+        for e in named
+        if e.change_one_more is not None
+    ]
+    draw("with one more run", more, "bottom", color=ORANGE, symbol="diamond-open")
+    beyond = [(e, e.largest_change_tried, e.largest_tried) for e in shown if e.change is None]
+    draw("not within the sizes tried", beyond, "top", "> ", color=VERMILLION, symbol="triangle-right")
+    return figure(
         "The smallest effect that these runs would have named in 9 of 10", 150 + ROW * len(shown), data,
+        legend=_below_the_title(150 + ROW * len(shown)),
         margin={"l": 210, "r": 28, "t": 84, "b": 60},
         xaxis={"title": {"text": f"change of the input, rms while moving ({unit})"}, "type": "log"},
-        yaxis={"categoryorder": "array", "categoryarray": [effect.effect for effect in shown], "gridcolor": FAINT},
+        yaxis={"categoryorder": "array", "categoryarray": [e.effect for e in shown], "gridcolor": FAINT},
     )  # fmt: skip
 
 
@@ -517,29 +446,24 @@ def write_score(sheet: Sheet, folder: Path, power: Power | None = None, next_run
 
 def sections(sheet: Sheet, chart: Power | None = None, next_runs: Sequence[WithNextRun] = ()) -> list[Section]:
     """The sections of the page; those without rows are omitted."""
-    rows = sheet.rows
+    rows, bins = sheet.rows, measures.reliability(sheet.rows)
     parts = [
         Section(tables=[*map(sheet_table, measures.by_kind(rows).values()), amounts(rows)]),
         Section("The seal", points=sentences(sheet)),
     ]
     if chart is not None:
         drawn = [(power(chart.effects, chart.unit), "")]
-        said = chart.sentences
-        parts.append(Section("The power of these runs", sentences=said, tables=[power_table(chart)], figures=drawn))
+        parts.append(Section("The power of these runs", chart.sentences, (), [power_table(chart)], drawn))
     if next_runs:
         text, table = settled_text(next_runs, rows), next_runs_table(next_runs)
-        parts.append(Section("Open cases with the recommended next run", sentences=[text], tables=[table]))
+        parts.append(Section("Open cases with the recommended next run", [text], tables=[table]))
     parts += [Section(head, tables=[table]) for head, table in by_kind("By the size of the gap", sizes, rows)]
     parts[-1] = replace(parts[-1], figures=[(right_by_size(rows), "")])
-    curve = reliability(measures.reliability(rows))
-    parts.append(Section("Probabilities", tables=[reliability_table(rows)], figures=[(curve, "")]))
+    parts.append(Section("Probabilities", tables=[reliability_table(rows)], figures=[(reliability(bins), "")]))
     parts += [Section(head, tables=[table]) for head, table in by_kind("Beside other methods", methods, rows)]
-    matrix = confusion(rows)
-    drawn = [] if matrix is None else [(matrix, "")]
-    parts.append(Section("Answers", tables=[confusion_table(rows)], figures=drawn))
-    if wrong := misses(rows):
-        parts.append(Section("Misses", tables=[wrong]))
-    return parts
+    parts.append(Section("Answers", tables=[confusion_table(rows)]))
+    wrong = misses(rows)
+    return [*parts, *([Section("Misses", tables=[wrong])] if wrong else [])]
 
 
 def _blocks(part: Section) -> Iterator[str]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.run import Array, Run
+from workbench.core.templates import render
 from workbench.machines import HOIST, Hoist
 from workbench.simulate.driven import InverseSimulation
 from workbench.view import arm_parts as parts
@@ -86,41 +87,32 @@ class Scene:
 
 
 def scene_of(machine: Hoist, run: Run) -> Scene:
-    """InputError for a run whose motion cannot be computed."""
-    if not all(name in run for name in SIMULATED):
-        return _measured(machine, run)
+    """Of a simulated run what it has; of a log what it has, the rest from the nominal wire and carriage driven by the
+    measured motor speed. InputError for a run whose motion cannot be computed."""
+    torques, simulated = _torques(machine, run), all(name in run for name in SIMULATED)
+    shown = run if simulated else _driven(machine, run, np.sum(torques, axis=0) * machine.motor.count / len(torques))
+    logged = ("position_carriage_m", "tension_dead_line_n")
+    height, dead = (np.asarray((run if name in run else shown)[name], dtype=float) for name in logged)
+    modelled = "simulated" if simulated else "of the model under the measured motor speed"
+    of = [f"measured at the dead line, {modelled} at the drum", "measured"]
+    tension_of, height_of = (
+        said if name in run and not simulated else modelled for name, said in zip(logged[::-1], of, strict=True)
+    )
     return Scene(
-        run.name, run.payload_kg, run.time_s, run["position_carriage_m"], run["speed_carriage_m_s"],
-        _wound(machine, run, run.start_position_m), _torques(machine, run), run["tension_drum_n"],
-        run["tension_dead_line_n"], run["tension_min_n"] <= 0.0,
+        run.name, run.payload_kg, run.time_s, height, np.asarray(shown["speed_carriage_m_s"], dtype=float),
+        _wound(machine, run, run.start_position_m), torques, np.asarray(shown["tension_drum_n"], dtype=float), dead,
+        np.asarray(shown["tension_min_n"]) <= 0.0, tension_of, height_of,
     )  # fmt: skip
 
 
-def _measured(machine: Hoist, run: Run) -> Scene:
-    """The nominal wire and carriage driven by the measured motor speed; heights and tensions that are logged stay."""
-    plain = machine.model_copy(update={"effects": {}})
-    bench = InverseSimulation(plain, [run])
+def _driven(machine: Hoist, run: Run, torque: Array) -> Mapping[str, Any]:
+    """The plant's outputs along the measured motor speed, without the machine's effects."""
+    bench = InverseSimulation(machine.model_copy(update={"effects": {}}), [run])
     (balance,) = bench.balances()
     motion, states, n = balance.motion, balance.states, len(HOIST.plant.positions)
     start = HOIST.plant.equilibrium(float(states[0, 1]), bench.base[0])[0][0]
     q = [motion.position - motion.position[0] + start, *states[:, : n - 1].T]
-    y = [motion.speed, *states[:, n - 1 :].T]
-    torque = run["torque_motor_nm"] if "torque_motor_nm" in run else np.sum(_torques(machine, run), axis=0)
-    computed = HOIST.plant.outputs(run.time_s, q, y, torque, bench.base[0])
-    logged = [name for name in ("position_carriage_m", "tension_dead_line_n") if name in run]
-
-    def either(name: str) -> Array:
-        return run[name] if name in run else np.asarray(computed[name], dtype=float)
-
-    modelled = "of the model under the measured motor speed"
-    return Scene(
-        run.name, run.payload_kg, run.time_s, either("position_carriage_m"), np.asarray(computed["speed_carriage_m_s"]),
-        _wound(machine, run, run.start_position_m), _torques(machine, run),
-        np.asarray(computed["tension_drum_n"], dtype=float), either("tension_dead_line_n"),
-        np.asarray(computed["tension_min_n"]) <= 0.0,
-        f"measured at the dead line, {modelled} at the drum" if "tension_dead_line_n" in logged else modelled,
-        "measured" if "position_carriage_m" in logged else modelled,
-    )  # fmt: skip
+    return HOIST.plant.outputs(run.time_s, q, [motion.speed, *states[:, n - 1 :].T], torque, bench.base[0])
 
 
 def _torques(machine: Hoist, run: Run) -> tuple[Array, ...]:
@@ -185,82 +177,33 @@ def film_data(machine: Hoist, scenes: Sequence[Scene]) -> dict[str, Any]:
 
 
 def _run(scene: Scene, s: parts.Sizes) -> dict[str, Any]:
-    torque = scene.torques_nm[0]
-    for other in scene.torques_nm[1:]:
-        torque = np.where(np.abs(other) > np.abs(torque), other, torque)
+    torques = np.array(scene.torques_nm)
+    harder = np.argmax(np.abs(torques), axis=0)
+
+    def short(values: Array, digits: int) -> list[float]:
+        return [round(float(value), digits) for value in np.nan_to_num(values)]
+
     return {
         "name": scene.name,
-        "height_m": _short(scene.height_m, 4),
-        "drum_deg": _short(np.degrees(scene.wound_m / s.R), 2),
-        "sheave_deg": _short(np.degrees(-scene.wound_m / (2.0 * s.r)), 2),
-        "speed_m_s": _short(scene.speed_m_s, 4),
-        "torque_nm": _short(torque, 1),
-        "tension_kn": _short(scene.tension_drum_n / 1000.0, 2),
-        "dead_kn": _short(scene.tension_dead_line_n / 1000.0, 2),
+        "height_m": short(scene.height_m, 4),
+        "drum_deg": short(np.degrees(scene.wound_m / s.R), 2),
+        "sheave_deg": short(np.degrees(-scene.wound_m / (2.0 * s.r)), 2),
+        "speed_m_s": short(scene.speed_m_s, 4),
+        "torque_nm": short(np.take_along_axis(torques, harder[None], axis=0)[0], 1),
+        "tension_kn": short(scene.tension_drum_n / 1000.0, 2),
+        "dead_kn": short(scene.tension_dead_line_n / 1000.0, 2),
         "slack": [int(flag) for flag in scene.slack],
     }
 
 
-def _short(values: Array, digits: int) -> list[float]:
-    return [round(float(value), digits) for value in np.nan_to_num(values)]
-
-
 def _stage(machine: Hoist, scene: Scene, look: SimpleNamespace, number: int) -> str:
-    """One machine: what stands still, and groups that the script moves. Up is up: the drawing is flipped as a whole."""
-    s = parts.sizes(machine)
-    half = parts.half_pipe(s, scene.payload_kg, machine.carriage.mass_kg)
-    left, right = s.x_range
-    low, high = s.y_range
-    chords, bracing = parts.mast(s)
-    wheel = parts.joined(parts.circle(s.r), parts.circle(0.2 * s.r, 13))
-    thin, thick = 0.004 * (high - low), 0.009 * (high - low)
-    still = "".join([
-        _path(parts.floor_line(s), look.faint, thin),
-        _path(bracing, look.faint, thin),
-        _path(chords, look.edge, 2.0 * thin),
-        _path(parts.frame(s), look.edge, thin, look.steel),
-        _path(parts.bracket(s), look.edge, thin, look.steel),
-        _path(parts.moved(parts.circle(s.R), s.drum_x, s.top), look.edge, thin, look.wheel),
-    ])  # fmt: skip
-    drum = _path(parts.spokes(s.R, 0.0), look.edge, thin) + _path(_mark(s.R), look.accent, 2.0 * thin)
-    sheave = _path(parts.spokes(s.r, 0.0), look.edge, thin) + _path(_mark(s.r), look.accent, 2.0 * thin)
-    around = _path(parts.circle(s.r, 17, math.pi, 2.0 * math.pi), look.edge, thick, name=f"around{number}")
-    carriage = "".join([
-        _path(parts.arm(s), look.edge, thin, look.steel),
-        _path(parts.pipe(s, half), look.edge, thin, look.pipe) if half else "",
-        _path(parts.gripper(s, half), look.edge, thin, look.arm),
-        _path(parts.carriage(s), look.edge, thin, look.arm),
-        _path(wheel, look.edge, thin, look.wheel),
-        f'<g id="sheave{number}">{sheave}</g>{around}',
-    ])  # fmt: skip
-    falls = "".join(
-        f'<line id="{name}{number}" x1="{x:.4g}" x2="{x:.4g}" y1="{s.top:.4g}" y2="{s.top:.4g}" '
-        f'stroke-width="{thick:.4g}"/>'
-        for name, x in (("fall", -s.r), ("dead", s.r))
-    )
-    return (
-        f'<div class="stage"><h4 style="color:{COLOURS[number % 2]}">{_plain(scene.name)}</h4>'
-        f'<svg viewBox="{left:.4g} {-high:.4g} {right - left:.4g} {high - low:.4g}"><g transform="scale(1,-1)">{still}'
-        f'<g id="drum{number}">{drum}</g>{falls}<g id="carriage{number}">{carriage}</g></g></svg>'
-        f'<div class="numbers" id="numbers{number}"></div></div>'
-    )
-
-
-def _mark(radius: float) -> parts.Outline:
-    return parts.path((0.3 * radius, 0.0), (0.92 * radius, 0.0))
-
-
-def _path(outline: parts.Outline, colour: str, width: float, fill: str = "none", name: str = "") -> str:
-    """An outline; NaN lifts the pen."""
-    commands, pen = [], "M"
-    for x, y in zip(*outline, strict=True):
-        if math.isnan(x):
-            pen = "M"
-            continue
-        commands.append(f"{pen}{x:.4g} {y:.4g}")
-        pen = "L"
-    known = f' id="{name}"' if name else ""
-    return f'<path{known} d="{"".join(commands)}" stroke="{colour}" stroke-width="{width:.4g}" fill="{fill}"/>'
+    """One machine, drawn."""
+    drawing = {name: getattr(parts, name) for name in ("path", "box", "circle", "spokes", "link", "zigzag", "hatch")}
+    half = parts.half_pipe(parts.sizes(machine), scene.payload_kg, machine.carriage.mass_kg)
+    return render(
+        "view/film_stage.j2", s=parts.sizes(machine), half=half, look=look, number=number, title=scene.name,
+        colour=COLOURS[number % 2], f=format, **drawing,
+    )  # fmt: skip
 
 
 def _strips(data: dict[str, Any], look: SimpleNamespace) -> str:
@@ -290,10 +233,6 @@ def _strips(data: dict[str, Any], look: SimpleNamespace) -> str:
 
 def _shown(value: float) -> str:
     return f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
-
-
-def _plain(name: str) -> str:
-    return name.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Signals of runs over time: a row a signal, a line a run, one cursor and one zoom over all rows."""
+"""Signals of runs over time: a row for signals, a line a run, one cursor and one zoom over all rows."""
 
 from __future__ import annotations
 
@@ -59,26 +59,35 @@ def start_of_move(run: Run) -> Stretch | None:
     return Stretch(run, start - BEFORE_S, start + AFTER_S, start)
 
 
-def browser(stretches: Sequence[Stretch], signals: Sequence[str], references: Sequence[str] = ()) -> Figure:
-    """A row for each signal, a line for each run that has it. Long runs are thinned; their peaks stay.
+def browser(
+    stretches: Sequence[Stretch], rows: Sequence[str | Sequence[str]], references: Sequence[str] = ()
+) -> Figure:
+    """A row for each signal, or for several of one unit; a line for each run that has it. Long runs are thinned; their
+    peaks stay.
 
     references: of each run the reference that it followed, whose name and colour it then has.
     """
-    units = {signal: SHOWN_IN.get(unit_of(signal), (unit_of(signal), 1.0)) for signal in signals}
-    heads = [f"{_words(signal)}<br>({units[signal][0] or '–'})" for signal in signals]
+    grouped = [[row] if isinstance(row, str) else list(row) for row in rows]
+    units = [[SHOWN_IN.get(unit_of(signal), (unit_of(signal), 1.0)) for signal in row] for row in grouped]
+    heads = [
+        f"{'<br>'.join(map(_words, row))}<br>({', '.join(dict.fromkeys(unit or '–' for unit, _ in own))})"
+        for row, own in zip(grouped, units, strict=True)
+    ]
     panels = Panels("", heads, one_cursor=True)
     for number, stretch in enumerate(stretches):
-        look = line(references[number], number, 1.5) if references else _look(number)
         name = label(references[number]) if references else stretch.run.name
-        for row, signal in enumerate(signals):
-            if signal in stretch.run:
-                time, values = stretch.cut(signal)
-                panels.line(row, 0, time, units[signal][1] * values, name, look, units[signal][0])
-    return panels.figure(ROW * len(signals) + 130)
+        for row, (signals, own) in enumerate(zip(grouped, units, strict=True)):
+            for k, (signal, (unit, factor)) in enumerate(zip(signals, own, strict=True)):
+                if signal in stretch.run:
+                    look = line(references[number], number, 1.5) if references else _look(number, k)
+                    time, values = stretch.cut(signal)
+                    called = name if k == 0 else f"{name}, {words_of(signal)}"
+                    panels.line(row, 0, time, factor * values, called, look, unit)
+    return panels.figure(ROW * len(grouped) + 130)
 
 
-def _look(number: int) -> dict[str, Any]:
-    dash = DASHES[number // len(COLOURS) % len(DASHES)]
+def _look(number: int, signal: int = 0) -> dict[str, Any]:
+    dash = DASHES[(number // len(COLOURS) + signal) % len(DASHES)]
     return {"color": COLOURS[number % len(COLOURS)], "width": 1.5, "simplify": False, "dash": dash}
 
 

@@ -60,7 +60,11 @@ def checks_table(candidate: Candidate) -> Table:
         used = "–" if check.given is None else f"{100.0 * check.used:.0f}"
         lines.append([check.name, f"{check.asked:.4g}", bound, check.unit, used])
     columns = [words("check"), Column("asked"), Column("given"), words("unit"), Column("used", "%")]
-    return Table(columns, lines, f"{drive(candidate)}. A dash: the file states no bound, the figure is what is needed.")
+    note = (
+        f"{drive(candidate)}. A dash: the file states no bound, the figure is what is needed. The brakes at rest and "
+        "after STO are reckoned, not simulated."
+    )
+    return Table(columns, lines, note)
 
 
 def candidates_table(sizing: Sizing) -> Table:

@@ -176,9 +176,10 @@ def decision_table(decision: Decision) -> Table | None:
     chosen = [c for c in decision.criteria if c.name in (judged.peak, TIME, judged.rms_error, SWING)]
     metrics, lines = [c.metric for c in chosen], []
     for one in compared:
-        mark = f"{BEST} " if one is decision.taken else ""
+        mark, name = f"{BEST} " if one is decision.taken else "", label(one.reference)
+        name = name.removesuffix(", same limits") if one.setting else name
         cells = [metric.text(one.values[metric.name]) for metric in metrics]
-        names = [textwrap.fill(text, WIDEST_NAME) for text in (mark + label(one.reference), one.setting or "as given")]
+        names = [textwrap.fill(text, WIDEST_NAME) for text in (mark + name, one.setting or "as given")]
         lines.append([*names, *cells, "out" if one.broken else f"{one.total:.2f}"])
     where = f"At {decision.payload_kg:g} kg each" if judged.payload else "Each"
     note = (
@@ -387,7 +388,7 @@ def figures_of(result: Result) -> list[Noted]:
     if any(".limits." in column for axis in axes for column in axis.columns):
         note = (
             "Each point is a run; the line joins those that no other run beats in both. The knee is the run farthest "
-            "below the line between the front's ends: beyond it on either side a little of one cost is bought dearly."
+            "below the line between the front's ends."
         )
         every = [*good, *(row for row in beside if row.assigned.keys() == good[0].assigned.keys())]
         names = [name for name in (judged.peak, SWING) if all(name in row.metrics for row in every)]

@@ -93,7 +93,7 @@ def sentences(case: DesignCase, tuned: Tuned, weights: Weights) -> list[str]:
         f"{asked}, at {n} {points}. {drive} "
         f"The widest bandwidth that this allows is {rounded_down(tuned.attainable_hz)} Hz.",
         _objective(tuned, weights),
-        _active(tuned),
+        active_limits(tuned),
         *_compared(tuned),
         f"Chosen of {len(tuned.tried)} candidates: against the shaped gains tracking error "
         f"{_change(start.score.tracking_percent, win.score.tracking_percent)}, {kind.drive.quantity} peak "
@@ -105,7 +105,7 @@ def sentences(case: DesignCase, tuned: Tuned, weights: Weights) -> list[str]:
     loop = kind.looped
     if win.score.peak_percent >= 99.9 * loop.peak_limit(case.machine) / loop.input_scale(case.machine):
         who = "motors reach their torque" if kind.payload else f"drive reaches its {kind.drive.quantity}"
-        lines.append(f"The {who} limit in these moves: slower ramps or a jerk limit help, gains do not.")
+        lines.append(f"The {who} limit in these moves.")
     return lines
 
 
@@ -128,7 +128,7 @@ def _objective(tuned: Tuned, weights: Weights) -> str:
     )
 
 
-def _active(tuned: Tuned) -> str:
+def active_limits(tuned: Tuned) -> str:
     """Which of the limits the winner is at, within 1 %."""
     win, goal, worst = tuned.winner, tuned.goal, weakest(tuned.members).margins
     limits = {f"Ms {worst.ms:.3f} of {goal.ms_limit:g}": worst.ms > 0.99 * goal.ms_limit}
@@ -139,6 +139,9 @@ def _active(tuned: Tuned) -> str:
         limits[f"Mt {worst.mt:.3f} of {goal.ms_limit:g}"] = worst.mt > 0.99 * goal.ms_limit
         limits["the bandwidth asked for"] = win.bandwidth_hz < 1.01 * goal.bandwidth_hz
         limits[f"{WIDER - 1.0:.0%} above it"] = win.bandwidth_hz > 0.99 * WIDER * goal.bandwidth_hz
+        own, most = (of.settings.ki / of.settings.kp for of in (win, tuned.shaped))
+        limits["ki/kp of the shaped gains"] = own > 0.99 * most
+    limits["set-point weight 1"] = win.settings.set_point_weight > 0.99
     active = [name for name, there in limits.items() if there]
     return f"Active limits: {listed(active)}." if active else "No limit is active: the sum itself has its least there."
 

@@ -8,12 +8,11 @@ given; when it is lost, others take them up from their states, which all workers
 from __future__ import annotations
 
 import contextlib
-import os
 import sqlite3
 import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
@@ -29,7 +28,7 @@ from workbench.machines import load_machine
 from workbench.study.cluster import client_on
 from workbench.watch.judge import Rules
 from workbench.watch.opcua import SCHEME, Line, line_of
-from workbench.watch.store import UnwritableError
+from workbench.watch.store import UnwritableError, replace_table
 from workbench.watch.watch import Diagnoser, Say, Watch, patient
 
 STATES = ("failed", "alarm", "learning", "healthy")  # in the order of the table
@@ -205,8 +204,14 @@ class Workers:
             if self._homes.get(plan.name) not in workers:
                 homes = list(self._homes.values())
                 self._homes[plan.name] = min(workers, key=homes.count)
-        futures = [self._asked(look, plan) for plan in plans]
-        return [_answer(plan, future) for plan, future in zip(plans, futures, strict=True)]
+        looked = []
+        for plan, future in [(plan, self._asked(look, plan)) for plan in plans]:
+            try:
+                looked.append(Looked(*future.result(timeout=WORKER_S)))
+            except Exception as error:  # whatever a cluster ends a task with: lost worker, cancelled, no answer
+                reason = f"its worker gave no answer ({type(error).__name__}); it is tried again"
+                looked.append(Looked(Row(plan.name, "failed", trouble=reason)))
+        return looked
 
     def close(self, plan: Plan, report: bool) -> int:
         if self._client is None:
@@ -218,14 +223,6 @@ class Workers:
 
     def _asked(self, what: Callable[..., Any], plan: Plan, *more: Any) -> Any:
         return self._client.submit(what, plan, *more, workers=[self._homes[plan.name]], pure=False, retries=0)
-
-
-def _answer(plan: Plan, future: Any) -> Looked:
-    try:
-        return Looked(*future.result(timeout=WORKER_S))
-    except Exception as error:  # whatever a cluster ends a task with: lost worker, cancelled, no answer
-        reason = f"its worker gave no answer ({type(error).__name__}); it is tried again"
-        return Looked(Row(plan.name, "failed", trouble=reason))
 
 
 def run_fleet(
@@ -261,18 +258,11 @@ def by_state(rows: Sequence[Row]) -> list[Row]:
 
 def write_table(folder: Path, rows: Sequence[Row]) -> None:
     """fleet.parquet and the table `machines` of fleet.sqlite, as they are now, the worst machines first."""
-    import pyarrow as pa
-    import pyarrow.parquet
-
-    data, hints = [asdict(row) for row in by_state(rows)], get_type_hints(Row)
-    kinds = {int: pa.int64(), str: pa.string()}
-    columns = [column.name for column in fields(Row)]
-    schema = pa.schema([(name, kinds.get(hints[name], pa.float64())) for name in columns])
-    hidden = folder / ".fleet.parquet.part"
+    data, kinds = [asdict(row) for row in by_state(rows)], {int: "int64", str: "string"}
+    columns = {name: kinds.get(hint, "float64") for name, hint in get_type_hints(Row).items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        pyarrow.parquet.write_table(pa.Table.from_pylist(data, schema=schema), hidden)
-        os.replace(hidden, folder / "fleet.parquet")
+        replace_table(folder / "fleet.parquet", data, list(columns.items()))
         with contextlib.closing(sqlite3.connect(folder / "fleet.sqlite")) as db, db:
             db.execute(f"CREATE TABLE IF NOT EXISTS machines ({', '.join(columns)})")
             db.execute("DELETE FROM machines")

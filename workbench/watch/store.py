@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, Json, ValidationError
 
 from workbench.core.errors import InputError
 from workbench.core.input_file import open_input, readable_file
@@ -71,7 +71,7 @@ class _Estimate(BaseModel):
 
 
 class _Row(BaseModel):
-    """A row of the table of cycles, as a watch writes it."""
+    """A row of the table of cycles, and of cycles.parquet, as a watch writes it."""
 
     model_config = ConfigDict(strict=True)
 
@@ -85,12 +85,31 @@ class _Row(BaseModel):
     duration_s: Number
     counted: int
     statistic: Number
-    estimate: _Estimate
-    notes: list[str]
+    estimate: Json[_Estimate]
+    notes: Json[list[str]]
+
+    def cycle(self, k: int, keys: tuple[str, ...]) -> Cycle:
+        """ValueError where no watch of these keys has written it as its cycle k."""
+        e, m = self.estimate, len(keys)
+        values, errors, resolution = (np.asarray(x, dtype=float) for x in (e.values, e.errors, e.resolution))
+        if self.number != k:
+            raise ValueError(f"cycle {k} is missing")
+        if tuple(e.keys) != keys or (values.shape, errors.shape, resolution.shape) != ((m,), (m,), (m, m)):
+            raise ValueError("estimates of other parameters")
+        made = Estimate(keys, values, errors, resolution, e.residual_rms, e.noise_rms)
+        of_log = self.digest, self.file, self.start_position_m, tuple(self.notes)
+        return Cycle(self.name, self.payload_kg, self.start_s, self.duration_s, made, *of_log)
 
 
-_COLUMNS = ", ".join(_Row.model_fields)
-_CYCLES = f"SELECT {_COLUMNS} FROM cycles ORDER BY number"
+def _row_of(number: int, cycle: Cycle, judged: Judged) -> dict[str, Any]:
+    e = cycle.estimate
+    estimate = {name: np.asarray(value).tolist() for name, value in vars(e).items()}
+    return {
+        "number": number, "digest": cycle.digest, "name": cycle.name, "file": cycle.file,
+        "payload_kg": cycle.payload_kg, "start_position_m": cycle.start_position_m, "start_s": cycle.start_s,
+        "duration_s": cycle.duration_s, "counted": int(judged.counted), "statistic": judged.statistic,
+        "estimate": json.dumps(estimate), "notes": json.dumps(cycle.notes),
+    }  # fmt: skip
 
 
 class Said(BaseModel):
@@ -100,6 +119,14 @@ class Said(BaseModel):
     diagnosis: Annotated[dict[str, Any], Field(strict=True)] | None = None
     told: bool = False
     reported: bool = False
+
+    @staticmethod
+    def of(diagnosis: Any, told: Any, reported: Any) -> Said:
+        """ValueError, TypeError or KeyError where no watch has written it."""
+        said = Said(diagnosis=None if diagnosis is None else json.loads(diagnosis), told=told, reported=reported)
+        if said.diagnosis is not None and not isinstance(said.diagnosis["sentence"], str):
+            raise TypeError("a diagnosis without a sentence")
+        return said
 
 
 @dataclass(frozen=True)
@@ -123,23 +150,15 @@ class Store:
     watch has it, or what it holds is damaged."""
 
     def __init__(
-        self,
-        folder: Path,
-        machine: Hoist | Axis,
-        rules: Rules,
-        *,
-        wait_s: float = 0.0,
-        say: Callable[[str], None] = lambda line: None,
-        anew: bool = False,
-    ) -> None:
+        self, folder: Path, machine: Hoist | Axis, rules: Rules, *, wait_s: float = 0.0,
+        say: Callable[[str], None] = lambda line: None, anew: bool = False,
+    ) -> None:  # fmt: skip
         """wait_s: how long another watch of this folder is waited for; say: told of that. anew: an empty store beside
         what is there, until `replace`."""
         self.folder, self._settings, self._keys = folder, _settings(machine, rules), watched_keys(machine)
         self._now = folder / (f".{FILE}.part" if anew else FILE)
-        try:
+        with writable(folder):
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot be written: {error.strerror or error}", file=folder) from error
         self._lock = _locked(folder, wait_s, say)
         try:
             if anew:
@@ -165,7 +184,7 @@ class Store:
             kept = dict(self._db.execute("SELECT name, value FROM settings"))
             found = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
         if found != "ok":
-            self._damaged(found)
+            self.damaged(found)
         old = kept.get("format") == BEFORE
         _check_settings(kept | ({"format": str(FORMAT)} if old else {}), self._settings, self.folder)
         if old:
@@ -179,16 +198,12 @@ class Store:
     def replace(self) -> None:
         """A store made anew takes the place of what was there, which stays as watch.sqlite.damaged."""
         self._db.close()
-        try:
+        with contextlib.closing(self._lock), writable(self.folder):
             for end in ("-wal", "-shm"):
                 (self.folder / f"{FILE}{end}").unlink(missing_ok=True)
             if (self.folder / FILE).exists():
                 os.replace(self.folder / FILE, self.folder / DAMAGED)
             os.replace(self._now, self.folder / FILE)
-        except OSError as error:
-            raise UnwritableError(f"cannot be written: {error.strerror or error}", file=self.folder) from error
-        finally:
-            self._lock.close()
 
     @contextmanager
     def _sound(self) -> Iterator[None]:
@@ -196,16 +211,16 @@ class Store:
         try:
             yield
         except sqlite3.Error as error:
-            code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & 0xFF
+            code = _code(error)
             if code in _NOT_WRITTEN:
                 raise UnwritableError(f"cannot be written: {error}", file=self._now) from error
             if code in _IN_USE:
                 raise InputError("is in use by another program; try again when it has ended", file=self._now) from error
-            self._damaged(str(error), error)
+            self.damaged(str(error), error)
         except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
-            self._damaged(f"a row is none that a watch writes: {_reason(error)}", error)
+            self.damaged(f"a row is none that a watch writes: {_reason(error)}", error)
 
-    def _damaged(self, what: str, error: Exception | None = None) -> NoReturn:
+    def damaged(self, what: str, error: Exception | None = None) -> NoReturn:
         remedy = "'rebuild' makes it anew from cycles.parquet and the logs"
         if not (self.folder / "cycles.parquet").is_file():
             remedy = "there is no cycles.parquet to rebuild it from: move it away, and the logs are read again"
@@ -232,15 +247,9 @@ class Store:
 
     def add(self, number: int, cycle: Cycle, judged: Judged) -> None:
         """A cycle and all that it brought, at once."""
-        e, alarm = cycle.estimate, judged.alarm
-        arrays = {name: np.asarray(getattr(e, name)).tolist() for name in ("values", "errors", "resolution")}
-        estimate = {"keys": list(e.keys), **arrays, "residual_rms": e.residual_rms, "noise_rms": e.noise_rms}
-        row = (
-            number, cycle.digest, cycle.name, cycle.file, cycle.payload_kg, cycle.start_position_m, cycle.start_s,
-            cycle.duration_s, int(judged.counted), judged.statistic, json.dumps(estimate), json.dumps(cycle.notes),
-        )  # fmt: skip
+        row, alarm = _row_of(number, cycle, judged), judged.alarm
         with self._sound(), self._whole():
-            self._db.execute(f"INSERT INTO cycles VALUES ({', '.join('?' * len(row))})", row)
+            self._db.execute(f"INSERT INTO cycles VALUES ({', '.join(f':{name}' for name in row)})", row)
             events = [(number, event.kind, event.text) for event in judged.events]
             self._db.executemany("INSERT INTO events VALUES (?, ?, ?)", events)
             if alarm is not None:
@@ -274,15 +283,16 @@ class Store:
 
     def cycles(self) -> list[Cycle]:
         """All cycles in the order in which they were counted."""
-        rows = self._do(_CYCLES)
+        rows = self._do(f"SELECT {', '.join(_Row.model_fields)} FROM cycles ORDER BY number")
         with self._sound():
-            return [_cycle(k, self._keys, _parsed(row)) for k, row in enumerate(rows)]
+            read = (_Row.model_validate(dict(zip(_Row.model_fields, row, strict=True))) for row in rows)
+            return [row.cycle(k, self._keys) for k, row in enumerate(read)]
 
     def said(self, reported: str = "reported") -> dict[int, Said]:
         """By the cycle of each alarm. reported: its column."""
         rows = self._do(f"SELECT cycle, diagnosis, told, {reported} FROM alarms ORDER BY cycle")
         with self._sound():
-            return {int(cycle): _said(*values) for cycle, *values in rows}
+            return {int(cycle): Said.of(*values) for cycle, *values in rows}
 
     def refused(self) -> list[str]:
         """Why logs do not count."""
@@ -290,35 +300,27 @@ class Store:
 
     def write_copies(self, judge: Judge) -> None:
         """cycles.parquet and alarms.parquet as they are now, each replaced as a whole. UnwritableError: a full disk."""
-        import pyarrow as pa
-        import pyarrow.parquet
-
-        said = self.said()
+        cycles = []
+        for k, (cycle, judged) in enumerate(zip(judge.cycles, judge.results, strict=True)):
+            e = cycle.estimate
+            plain = {name: getattr(e, name) for name in ("residual_rms", "noise_rms")}
+            for key, value, error in zip(e.keys, e.values.tolist(), e.errors.tolist(), strict=True):
+                plain |= {key: value, f"{key}.std_error": error}
+            row = _row_of(k, cycle, judged)
+            cycles.append({"cycle": row.pop("number"), **row, "counted": judged.counted, **plain})
+        said, alarms = self.said(), []
+        for a in judge.alarms:
+            known = said[a.cycle]
+            diagnosis = known.diagnosis or {}
+            alarms.append({
+                "cycle": a.cycle, "onset": a.onset, "statistic": a.statistic, "likeliest": a.causes[0].name,
+                "share": float(a.causes[0].share), "again": a.again, "diagnosis": str(diagnosis.get("sentence", "")),
+                "diagnosis_json": json.dumps(diagnosis) if diagnosis else "", "told": known.told,
+                "reported": known.reported,
+            })  # fmt: skip
         settings = {"settings": json.dumps(self._settings)}
-        tables = {
-            "cycles": [_copy(k, *pair) for k, pair in enumerate(zip(judge.cycles, judge.results, strict=True))],
-            "alarms": [
-                {
-                    "cycle": a.cycle, "onset": a.onset, "statistic": a.statistic, "likeliest": a.causes[0].name,
-                    "share": float(a.causes[0].share), "again": a.again,
-                    "diagnosis": str((said[a.cycle].diagnosis or {}).get("sentence", "")),
-                    "diagnosis_json": "" if said[a.cycle].diagnosis is None else json.dumps(said[a.cycle].diagnosis),
-                    "told": said[a.cycle].told, "reported": said[a.cycle].reported,
-                }
-                for a in judge.alarms
-            ],
-        }  # fmt: skip
-        for name, rows in tables.items():
-            hidden, file = self.folder / f".{name}.parquet.part", self.folder / f"{name}.parquet"
-            schema = pa.schema(_ALARMS) if name == "alarms" else None
-            try:
-                table = pa.Table.from_pylist(rows, schema=schema).replace_schema_metadata(settings)
-                pyarrow.parquet.write_table(table, hidden)
-                os.replace(hidden, file)
-            except OSError as error:
-                with contextlib.suppress(OSError):
-                    hidden.unlink(missing_ok=True)
-                raise UnwritableError(f"cannot be written: {error.strerror or error}", file=file) from error
+        replace_table(self.folder / "cycles.parquet", cycles, metadata=settings)
+        replace_table(self.folder / "alarms.parquet", alarms, _ALARMS, settings)
 
 
 _ALARMS = [
@@ -327,30 +329,22 @@ _ALARMS = [
 ]  # fmt: skip
 
 
-def _copy(k: int, cycle: Cycle, judged: Judged) -> dict[str, Any]:
-    """A row of cycles.parquet."""
-    e = cycle.estimate
-    row = {
-        "cycle": k, "name": cycle.name, "payload_kg": cycle.payload_kg, "start_s": cycle.start_s,
-        "duration_s": cycle.duration_s, "counted": judged.counted, "statistic": judged.statistic,
-        "residual_rms": e.residual_rms, "noise_rms": e.noise_rms, "start_position_m": cycle.start_position_m,
-        "digest": cycle.digest, "file": cycle.file, "notes": list(cycle.notes),
-        "resolution": e.resolution.ravel().tolist(),
-    }  # fmt: skip
-    for key, value, error in zip(e.keys, e.values.tolist(), e.errors.tolist(), strict=True):
-        row |= {key: value, f"{key}.std_error": error}
-    return row
+def replace_table(
+    file: Path, rows: Sequence[Mapping[str, Any]], schema: Any = None, metadata: Mapping[str, str] | None = None
+) -> None:  # fmt: skip
+    """A Parquet file, replaced as a whole. UnwritableError: a full disk."""
+    import pyarrow as pa
+    import pyarrow.parquet
 
-
-def _of_copy(keys: tuple[str, ...], row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row of cycles.parquet as one of the table of cycles."""
-    m = len(keys)
-    estimate = {
-        "keys": list(keys), "values": [row[key] for key in keys], "errors": [row[f"{key}.std_error"] for key in keys],
-        "resolution": np.reshape(row["resolution"], (m, m)).tolist(), "residual_rms": row["residual_rms"],
-        "noise_rms": row["noise_rms"],
-    }  # fmt: skip
-    return {**row, "number": row["cycle"], "counted": int(row["counted"]), "estimate": estimate}
+    hidden = file.with_name(f".{file.name}.part")
+    try:
+        with writable(file):
+            table = pa.Table.from_pylist(list(rows), schema=None if schema is None else pa.schema(schema))
+            pyarrow.parquet.write_table(table.replace_schema_metadata(metadata), hidden)
+            os.replace(hidden, file)
+    finally:
+        with contextlib.suppress(OSError):
+            hidden.unlink(missing_ok=True)
 
 
 def read_copies(folder: Path, machine: Hoist | Axis, rules: Rules) -> Copies:
@@ -358,54 +352,26 @@ def read_copies(folder: Path, machine: Hoist | Axis, rules: Rules) -> Copies:
     import pyarrow as pa
     import pyarrow.parquet
 
-    file, keys, again = (
-        folder / "cycles.parquet",
-        watched_keys(machine),
-        "move watch.sqlite away, and the logs are read",
-    )
+    file, keys = folder / "cycles.parquet", watched_keys(machine)
+    again = "move watch.sqlite away, and the logs are read again"
     try:
         cycles: list[Cycle] = []
         with pyarrow.parquet.ParquetFile(file, memory_map=False) as table:
             kept = json.loads((table.schema_arrow.metadata or {}).get(b"settings", b"{}"))
             for batch in table.iter_batches(1000):  # a file of many millions of wrong rows ends at the first one
-                cycles += [_cycle(k, keys, _of_copy(keys, row)) for k, row in enumerate(batch.to_pylist(), len(cycles))]
+                for row in batch.to_pylist():
+                    read = _Row.model_validate({**row, "number": row["cycle"], "counted": int(row["counted"])})
+                    cycles.append(read.cycle(len(cycles), keys))
     except FileNotFoundError as error:
-        raise InputError(f"is not there; {again} again", file=file) from error
+        raise InputError(f"is not there; {again}", file=file) from error
     except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-        raise InputError(f"is damaged too ({_reason(error)}); {again} again", file=file) from error
+        raise InputError(f"is damaged too ({_reason(error)}); {again}", file=file) from error
     _check_settings(kept, _settings(machine, rules), folder)
     said: dict[int, Said] = {}
     with contextlib.suppress(pa.ArrowException, OSError, ValueError, TypeError, KeyError):  # asked and told again
         for row in pyarrow.parquet.read_table(folder / "alarms.parquet", memory_map=False).to_pylist():
-            said[row["cycle"]] = _said(row["diagnosis_json"] or None, row["told"], row["reported"])
+            said[row["cycle"]] = Said.of(row["diagnosis_json"] or None, row["told"], row["reported"])
     return Copies(cycles, said)
-
-
-def _parsed(row: Sequence[Any]) -> dict[str, Any]:
-    """A row of SQLite with its JSON read."""
-    made = dict(zip(_Row.model_fields, row, strict=True))
-    return {**made, "estimate": json.loads(made["estimate"]), "notes": json.loads(made["notes"])}
-
-
-def _cycle(k: int, keys: tuple[str, ...], data: Mapping[str, Any]) -> Cycle:
-    """ValueError, TypeError or KeyError where no watch has written it."""
-    row, m = _Row.model_validate({name: data[name] for name in _Row.model_fields}), len(keys)
-    e = row.estimate
-    values, errors, resolution = (np.asarray(x, dtype=float) for x in (e.values, e.errors, e.resolution))
-    if row.number != k:
-        raise ValueError(f"cycle {k} is missing")
-    if tuple(e.keys) != keys or (values.shape, errors.shape, resolution.shape) != ((m,), (m,), (m, m)):
-        raise ValueError("estimates of other parameters")
-    made = Estimate(keys, values, errors, resolution, e.residual_rms, e.noise_rms)
-    of_log = row.digest, row.file, row.start_position_m, tuple(row.notes)
-    return Cycle(row.name, row.payload_kg, row.start_s, row.duration_s, made, *of_log)
-
-
-def _said(diagnosis: Any, told: Any, reported: Any) -> Said:
-    said = Said(diagnosis=None if diagnosis is None else json.loads(diagnosis), told=told, reported=reported)
-    if said.diagnosis is not None and not isinstance(said.diagnosis["sentence"], str):
-        raise TypeError("a diagnosis without a sentence")
-    return said
 
 
 def _reason(error: Exception) -> str:
@@ -414,6 +380,18 @@ def _reason(error: Exception) -> str:
         first = error.errors(include_url=False)[0]
         return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
     return str(error)
+
+
+def _code(error: sqlite3.Error) -> int:
+    return int(getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR)) & 0xFF
+
+
+@contextmanager
+def writable(place: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise UnwritableError(f"cannot be written: {error.strerror or error}", file=place) from error
 
 
 def _locked(folder: Path, wait_s: float, say: Callable[[str], None]) -> sqlite3.Connection:
@@ -426,10 +404,9 @@ def _locked(folder: Path, wait_s: float, say: Callable[[str], None]) -> sqlite3.
             return lock
         except sqlite3.Error as error:
             lock.close()
-            code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & 0xFF
-            if code in _NOT_WRITTEN:
+            if _code(error) in _NOT_WRITTEN:
                 raise UnwritableError(f"cannot be written: {error}", file=folder / LOCK) from error
-            if code not in _IN_USE:
+            if _code(error) not in _IN_USE:
                 raise InputError(f"is damaged ({error}); delete it", file=folder / LOCK) from error
             if time.monotonic() >= ends:
                 waited = f" after {wait_s:g} s" if wait_s else ""

@@ -30,6 +30,17 @@ function keepZoom(layout) {
 
 const NARROW = 620; // px: below it columns of panels stand one under the other, and the legend below the figure
 
+// A title in as many lines as a width has room for.
+function wrapped(text, width, letter) {
+  const lines = [""], most = Math.floor(width / letter);
+  for (const word of (text ?? "").split(" ")) {
+    const last = lines[lines.length - 1];
+    if (last && last.length + word.length >= most) lines.push(word);
+    else lines[lines.length - 1] = last ? `${last} ${word}` : word;
+  }
+  return lines.join("<br>");
+}
+
 // The layout for a width: a narrow one has the panels in one column, and room for the legend's lines at the bottom.
 function fitting({data, layout}, width) {
   if (width > NARROW) return layout;
@@ -51,13 +62,21 @@ function fitting({data, layout}, width) {
     const heads = (narrow.annotations ?? []).filter(note => note.xref === "paper" && note.yref === "paper" && note.y === 1);
     heads.forEach((note, column) => Object.assign(note, {x: 0.5, y: 1 - column * share - (share - part) / 2}));
   }
+  for (const note of narrow.annotations ?? []) {
+    if (!note.showarrow && note.text) note.text = wrapped(note.text, width - 70, 7);
+  }
+  const title = wrapped(layout.title?.text, width - 30, 9), more = 20 * (title.split("<br>").length - 1);
+  if (more) {
+    narrow.title = {...narrow.title, text: title, font: {...narrow.title.font, size: 15}};
+    narrow.margin = {...narrow.margin, t: (narrow.margin?.t ?? 80) + more};
+  }
   const names = [...new Set(data.filter(t => t.name && t.showlegend !== false).map(t => t.legendgroup || t.name))];
-  if (layout.showlegend === false || names.length < 2) return {...narrow, height};
+  if (layout.showlegend === false || names.length < 2) return {...narrow, height: height + more};
   const across = Math.max(1, Math.floor(width / (60 + 7.5 * Math.max(...names.map(name => name.length)))));
   const lines = 22 * Math.ceil(names.length / across) + 12;
   narrow.legend = {...narrow.legend, x: 0, xref: "container", xanchor: "left", y: 0, yref: "container", yanchor: "bottom"};
   narrow.margin = {...narrow.margin, l: Math.min(narrow.margin?.l ?? 80, 64), r: 12, b: (narrow.margin?.b ?? 52) + lines};
-  return {...narrow, height: height + lines};
+  return {...narrow, height: height + lines + more};
 }
 
 function size(box) {

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import streamlit as st
 
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import Document, dumps, load
-from workbench.dashboard import session
+from workbench.dashboard import jobs, session, widgets
 from workbench.dashboard.chosen import chosen_machine
 from workbench.dashboard.desk import shipped_scenarios
-from workbench.dashboard.jobs import INPUTS, Job, Teller, cards, jobs_of, poll, result_folder, start
-from workbench.dashboard.widgets import Number, chart, held, numbers, plain, points, problem, table
+from workbench.dashboard.jobs import INPUTS, Job, Teller
+from workbench.dashboard.widgets import Number, held, plain, problem, table
 from workbench.machines import save_machine
 from workbench.study.labels import run_in_words, swept_axes
 from workbench.study.load import Study, load_study, read_standalone
-from workbench.study.rows import INDEX, Row, metrics_of, read_table, rows_of
+from workbench.study.rows import INDEX, metrics_of, read_table, rows_of
 from workbench.study.store import Finished, Progress, place_for, read_finished, run_batch
 from workbench.view.style import label
-
-if TYPE_CHECKING:
-    from workbench.view.study import Noted
 
 KIND, OPEN = "batch", "batches open"
 UPLOAD = "upload a scenario"
@@ -36,16 +31,6 @@ SCENARIO, MACHINE, ON_MACHINE = "scenario.yaml", "machine.yaml", "on_machine.yam
 CSV, REPORT = "index.csv", "report.html"
 
 
-@dataclass(frozen=True)
-class Choice:
-    """A study that can be run. file: its scenario as the page sees it: one that ships, or one of the inputs, files that
-    the worker gets copies of."""
-
-    study: Study
-    file: Path
-    inputs: Mapping[str, Path] = field(default_factory=dict)
-
-
 def show() -> None:
     """Draws the page."""
     with st.sidebar:
@@ -53,19 +38,17 @@ def show() -> None:
             _new()
         except InputError as error:  # the batches that run are shown all the same
             problem(error)
-    jobs = jobs_of(session.work_folder(), KIND)
-    opened = next((job for job in jobs if job.id == st.session_state.get(OPEN)), None)
+    own = jobs.jobs_of(session.work_folder(), KIND)
+    opened = next((job for job in own if job.id == st.session_state.get(OPEN)), None)
     if opened is None:  # after a reload: the newest that is done
-        opened = next((job for job in jobs if poll(job).state == "done"), None)
+        opened = next((job for job in own if jobs.poll(job).state == "done"), None)
         session.put(OPEN, opened.id if opened else None)
-    if jobs:
-        cards(jobs, OPEN, "runs")
+    if own:
+        jobs.cards(own, OPEN, "runs")
     else:
-        st.info(
-            "No batch yet. Choose a scenario and start it: it runs in a process of its own and goes on while you "
-            "look at other pages."
-        )
-    if opened is not None:
+        st.info("No batch yet. Choose a scenario and start it: it runs in a process of its own and goes on while you "
+                "look at other pages.")  # fmt: skip
+    if opened is not None and jobs.poll(opened).state == "done":
         try:
             _results(opened)
         except InputError as error:
@@ -99,41 +82,17 @@ def work(out: Path, tell: Teller, scenario: str) -> None:
 
 
 def _new() -> None:
-    """The side bar: a scenario, what it would run, the button that starts it."""
-    choice = _chosen()
-    if choice is None:
-        st.info("Choose a scenario file.", icon=":material/upload:")
-        return
-    study = choice.study
-    if study.scenario.description:
-        st.markdown(plain(study.scenario.description))
-    payloads = len({spec.payload_kg for spec in study.specs[:2000]})
-    kinds = ", ".join(label(kind) for kind in study.scenario.kinds)
-    st.markdown(
-        f"**{len(study.specs):,} runs** of {study.duration_s:.0f} s each: {payloads} "
-        f"payload{'s' if payloads != 1 else ''}, {plain(kinds)}, on {plain(study.machine.name)}."
-    )
-    with st.expander("The scenario's file"):
-        st.code(choice.file.read_text(encoding="utf-8"), language="yaml")
-    if st.button("Start", key="batches start", type="primary", icon=":material/play_arrow:"):
-        file = f"{INPUTS}/{choice.file.name}" if choice.file.name in choice.inputs else str(choice.file)
-        folder = session.new_work_folder()
-        job = start(KIND, f"{__name__}:work", {"scenario": file}, folder, study.scenario.name, choice.inputs)
-        session.put(OPEN, job.id)
-        st.rerun()
-
-
-def _chosen() -> Choice | None:
-    """The study that the controls name; None as long as a file is to be uploaded. InputError for a bad one."""
+    """The side bar: a scenario, what it would run, the button that starts it. InputError for a bad scenario."""
     ships = shipped_scenarios()
     usual = "payloads" if "payloads" in ships else next(iter([*ships, UPLOAD]))
     name = st.selectbox("Scenario", [*ships, UPLOAD], key=held("batches scenario", usual))
-    inputs: dict[str, Path] = {}
+    inputs: dict[str, Path] = {}  # files that the worker gets copies of
     file = ships.get(name)
     if file is None:
         upload = st.file_uploader("scenario.yaml", type=["yaml", "yml"], key="batches upload", max_upload_size=1)
         if upload is None:
-            return None
+            st.info("Choose a scenario file.", icon=":material/upload:")
+            return
         file = inputs[SCENARIO] = session.stored(upload, SCENARIO)
     own = st.toggle("On another machine", key="batches other machine", help="Than the one that the scenario names.")
     machine = chosen_machine("batches machine") if own else None
@@ -143,18 +102,32 @@ def _chosen() -> Choice | None:
         inputs |= extended(document, known)
     if machine is not None:
         save_machine(machine, inputs.setdefault(MACHINE, session.workspace() / MACHINE))
-        over = session.workspace() / ON_MACHINE
         # Beside its copy where the scenario is uploaded, in its own place where it ships.
         base = SCENARIO if name == UPLOAD else str(file)
-        over.write_text(dumps({"extends": base, "machine": MACHINE}), encoding="utf-8")
-        file = inputs[ON_MACHINE] = over
+        file = inputs[ON_MACHINE] = session.workspace() / ON_MACHINE
+        file.write_text(dumps({"extends": base, "machine": MACHINE}), encoding="utf-8")
     # A large study takes a second to be checked: it is read anew only when a file has changed.
     state = [(str(path), path.read_bytes()) for path in (file, *inputs.values())]
     last = session.get("batches study", tuple, ())
     if not last or last[0] != state:
         session.put("batches study", last := (state, load_study(file)))
-    check_size(last[1])
-    return Choice(last[1], file, inputs)
+    study: Study = last[1]
+    check_size(study)
+    if study.scenario.description:
+        st.markdown(plain(study.scenario.description))
+    payloads = len({spec.payload_kg for spec in study.specs[:2000]})
+    kinds = ", ".join(label(kind) for kind in study.scenario.kinds)
+    st.markdown(
+        f"**{len(study.specs):,} runs** of {study.duration_s:.0f} s each: {payloads} "
+        f"payload{'s' if payloads != 1 else ''}, {plain(kinds)}, on {plain(study.machine.name)}."
+    )
+    with st.expander("The scenario's file"):
+        st.code(file.read_text(encoding="utf-8"), language="yaml")
+    if st.button("Start", key="batches start", type="primary", icon=":material/play_arrow:"):
+        asked = {"scenario": f"{INPUTS}/{file.name}" if file.name in inputs else str(file)}
+        job = jobs.start(KIND, f"{__name__}:work", asked, session.new_work_folder(), study.scenario.name, inputs)
+        session.put(OPEN, job.id)
+        st.rerun()
 
 
 def extended(document: Document, known: Mapping[str, Path]) -> dict[str, Path]:
@@ -179,11 +152,9 @@ def check_size(study: Study) -> None:
 
 def _results(job: Job) -> None:
     """Everything about a batch that is done. InputError where its result is damaged."""
-    from workbench.view.study import conclusions, figures_of, what_was_run
+    from workbench.view.study import conclusions, figures_of, run_tables, what_was_run
 
-    folder = result_folder(job)
-    if folder is None:
-        return
+    folder = job.file("result")
     last = session.get("batches result", tuple, ())
     if not last or last[0] != job.id:  # read and drawn once for as long as it is the one that is open
         result = read_finished(folder)
@@ -193,23 +164,37 @@ def _results(job: Job) -> None:
     st.subheader(f"{result.name} · {count:,} run{'s' if count != 1 else ''}")
     _numbers(result)
     with st.container(horizontal=True):
-        for words, path, ending, kind in (
+        files = (
             ("Report", job.file(REPORT), "html", "text/html"),
             ("Index (CSV)", job.file(CSV), "csv", "text/csv"),
             ("Index (Parquet)", folder / INDEX, "parquet", "application/vnd.apache.parquet"),
             ("Scenario", folder / SCENARIO, "yaml", "application/yaml"),
-        ):
-            st.download_button(words, path.read_bytes, f"{result.name}.{ending}", kind, on_click="ignore",
-                               key=f"batches download {words}", icon=":material/download:")  # fmt: skip
+        )
+        shown = [(words, path.read_bytes, f"{result.name}.{ending}", kind) for words, path, ending, kind in files]
+        widgets.downloads("batches download", shown)
     told, drawn, runs, how = st.tabs(["Conclusions", "Figures", "Runs", "What was run"])
     with told:
         if description := str(result.scenario.get("description") or ""):
             st.markdown(plain(description))
-        points(conclusions(result))
+        widgets.points(conclusions(result))
     with drawn:
-        _figures(job, figures)
+        if not figures:
+            st.info("No run succeeded, so there is nothing to draw.")
+        for number, (figure, note) in enumerate(figures):
+            widgets.chart(figure, key=f"batch-{job.id}-{number}", alt=note or None)
+            if note:
+                st.caption(plain(note))
     with runs:
-        _runs(folder, count)
+        index = read_table(folder / INDEX)
+        for run_table in run_tables(rows_of(index)):
+            table(run_table)
+        st.markdown("**Index**")
+        lines = index.drop_columns(["scenario"]).slice(0, MOST_LINES)
+        numeric = [column.name for column in lines.schema if str(column.type) == "double"]
+        config = {name: st.column_config.NumberColumn(format="%.5g") for name in numeric}
+        st.dataframe(lines, hide_index=True, lazy=False, column_config=config)
+        if count > MOST_LINES:
+            st.caption(f"The first {MOST_LINES} of {count} runs; the downloads hold all.")
     with how:
         table(what_was_run(result))
         st.code((folder / SCENARIO).read_text(encoding="utf-8"), language="yaml")
@@ -222,48 +207,25 @@ def _numbers(result: Finished) -> None:
         return
     axes, judged = swept_axes(good), metrics_of(good)
     tracking = next((m for name, m in judged.by_name.items() if name.startswith("tracking_error_max")), None)
-    if tracking is None:
-        wanted = [
-            ("Largest torque peak", max, "peak_torque_percent", 1.0, "%"),
-            ("Largest speed error", max, "speed_error_max_rad_s", 1.0, "rad/s"),
-            ("Least wire tension", min, "min_wire_tension_n", 1e-3, "kN"),
-        ]
-    else:
+    wanted = [
+        ("Largest torque peak", max, "peak_torque_percent", 1.0, "%"),
+        ("Largest speed error", max, "speed_error_max_rad_s", 1.0, "rad/s"),
+        ("Least wire tension", min, "min_wire_tension_n", 1e-3, "kN"),
+    ]
+    if tracking is not None:
         wanted = [
             (f"Largest {judged.input_words} peak", max, judged.peak, 1.0, judged.input_unit),
             (tracking.title, max, tracking.name, tracking.scale, tracking.shown_unit),
         ]
-    ends: list[tuple[str, Row, float, str]] = []
+    cards, where = [], {}
     for what, end, name, scale, unit in [*wanted, ("Shortest move time", min, "move_time_s", 1.0, "s")]:
         row = end(good, key=lambda row: row[name])
-        ends.append((what, row, scale * row[name], unit))
-    numbers([Number(what, value, unit, help="% of nominal torque" if unit == "%" else None)
-             for what, _, value, unit in ends])  # fmt: skip
-    runs = {what: run_in_words(row, axes) for what, row, _, _ in ends}
-    sentence = "; ".join(f"{what.lower()} in {run}" for what, run in runs.items())
-    said = f"{sentence[0].upper()}{sentence[1:]}." if len(set(runs.values())) > 1 else f"All in {runs[ends[0][0]]}."
+        cards.append(Number(what, scale * row[name], unit, help="% of nominal torque" if unit == "%" else None))
+        where[what.lower()] = run_in_words(row, axes)
+    widgets.numbers(cards)
+    if len(set(where.values())) == 1:
+        said = f"All in {next(iter(where.values()))}."
+    else:
+        said = f"{'; '.join(f'{what} in {run}' for what, run in where.items())}."
+        said = said[0].upper() + said[1:]
     st.caption(plain(said))
-
-
-def _figures(job: Job, figures: Sequence[Noted]) -> None:
-    if not figures:
-        st.info("No run succeeded, so there is nothing to draw.")
-    for number, (figure, note) in enumerate(figures):
-        chart(figure, key=f"batch-{job.id}-{number}", alt=note or None)
-        if note:
-            st.caption(plain(note))
-
-
-def _runs(folder: Path, count: int) -> None:
-    from workbench.view.study import run_tables
-
-    index = read_table(folder / INDEX)
-    for run_table in run_tables(rows_of(index)):
-        table(run_table)
-    st.markdown("**Index**")
-    shown = index.drop_columns(["scenario"]).slice(0, MOST_LINES)
-    numeric = [column.name for column in shown.schema if str(column.type) == "double"]
-    config = {name: st.column_config.NumberColumn(format="%.5g") for name in numeric}
-    st.dataframe(shown, hide_index=True, lazy=False, column_config=config)
-    if count > MOST_LINES:
-        st.caption(f"The first {MOST_LINES} of {count} runs; the downloads hold all.")

@@ -8,18 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import streamlit as st
 
 from workbench.control import Cascade
 from workbench.core.errors import InputError
-from workbench.core.run import Run
-from workbench.dashboard import session
+from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import free_name
-from workbench.dashboard.desk import opened, scenario_file, with_gains
-from workbench.dashboard.widgets import SAME, chart, held, plain, problem, text
+from workbench.dashboard.widgets import SAME, held, plain, text
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.load import changed, plan_study
@@ -48,7 +46,7 @@ class Kept:
     def limits(self) -> str:
         """Speed, acceleration and jerk, in the unit of the machine's way."""
         given, unit = self.scenario.limits.given(), kind_of(self.machine).moved.unit
-        each = (("speed_m_s", "/s"), ("acceleration_m_s2", "/s²"), ("jerk_m_s3", "/s³"))
+        each = zip(desk.LIMITS.values(), ("/s", "/s²", "/s³"), strict=True)
         return ", ".join(f"{given[name]:g} {unit}{per}" for name, per in each if name in given)
 
     @property
@@ -107,24 +105,32 @@ def show() -> None:
         try:
             chosen = [study if study is baseline else under_gains(study, baseline) for study in chosen]
         except InputError as error:
-            problem(error)
+            widgets.problem(error)
     offered = [{row.payload_kg for row in one.result.rows if row.ok and row.reference == kind} for one in chosen]
     payloads = sorted(set.intersection(*offered))
     if not payloads:
-        common_ = "payload in common for" if alike.payload else "run in common of"
-        st.info(f"These studies have no {common_} this reference.")
+        st.info(f"These studies have no {'payload' if alike.payload else 'run'} in common for this reference.")
         return
     _table(chosen, baseline, kind, payloads)
-    _figures(chosen, kind, payloads)
+    # The lightest, a middle and the heaviest; against the strictest of the machines' limits, which holds for all.
+    rows = [(study, study.row(kind, payload)) for study in chosen for payload in few(payloads)]
+    drawn = [(study.name, study.result.runs[row.run_id]) for study, row in rows if row.run_id in study.result.runs]
+    if drawn:
+        strictest = min((study.result.study.machine for study in chosen), key=peak_limit)
+        figure = over_time(drawn, strictest, height=740)
+        widgets.chart(figure, "compare over time", "The kept studies' signals over time")
+        if alike.payload:
+            figure = plane(drawn, strictest, 460)
+            widgets.chart(figure, "compare plane", "Torque over speed of one motor, of the kept studies")
 
 
 def under_gains(study: Kept, other: Kept) -> Kept:
     """The study, run again under another one's gains. InputError where they cannot be."""
     loop = other.result.study.scenario.controller
     names = (*loop.GAINS, *(["kv_per_s"] if isinstance(loop, Cascade) else []), "set_point_weight")
-    controller = with_gains(study.scenario.controller, {name: getattr(loop, name) for name in names})
-    scenario = opened(changed(study.scenario, {"controller": controller.model_dump()}), study.machine)
-    return Kept(study.name, scenario, study.machine, run_study(plan_study(scenario, study.machine)))
+    controller = desk.with_gains(study.scenario.controller, {name: getattr(loop, name) for name in names})
+    scenario = desk.opened(changed(study.scenario, {"controller": controller.model_dump()}), study.machine)
+    return replace(study, scenario=scenario, result=run_study(plan_study(scenario, study.machine)))
 
 
 def _list(runs: Mapping[str, Kept]) -> None:
@@ -136,7 +142,7 @@ def _list(runs: Mapping[str, Kept]) -> None:
             said = f"{study.machine.name}: {', '.join([study.limits, *gains])}"
             words.markdown(f"**{plain(name)}** · {plain(said)}")
             saving.download_button(
-                "Save", scenario_file(study.scenario, study.machine), file_name=f"{study.scenario.name}.yaml",
+                "Save", desk.scenario_file(study.scenario, study.machine), file_name=f"{study.scenario.name}.yaml",
                 mime="application/yaml", key=f"compare save {name}", on_click="ignore", width="stretch",
             )  # fmt: skip
             if removing.button("Remove", key=f"compare remove {name}", width="stretch"):
@@ -149,26 +155,22 @@ def machine_told_apart(study: Kept, columns: Sequence[Kept]) -> str:
     own, first = study.result.study.machine, columns[0].result.study.machine
     if own == first or own.name != first.name:
         return own.name
-    mine, others = values_of(own), values_of(first)
+    mine, others = (_numbers(machine.model_dump(exclude={"effects", "identified"})) for machine in (own, first))
     other = [f"{name.replace('_', ' ')} {value:.4g}" for name, value in mine.items() if others.get(name) != value]
     effects = [name for name in own.effects if own.effects[name] != first.effects.get(name)]
     said = ", ".join([*other[:MOST_SAID], *effects[:MOST_SAID]]) or "without effects of the first"
     return f"{own.name}: {said}"
 
 
-def values_of(machine: Hoist | Axis) -> dict[str, float]:
-    """Dotted name -> number, of all but what the machine is identified by."""
-
-    def walk(data: Mapping[str, Any], before: str) -> dict[str, float]:
-        values: dict[str, float] = {}
-        for key, value in data.items():
-            if isinstance(value, Mapping):
-                values |= walk(value, f"{before}{key}.")
-            elif isinstance(value, int | float):
-                values[f"{before}{key}"] = float(value)
-        return values
-
-    return walk(machine.model_dump(exclude={"effects", "identified"}), "")
+def _numbers(data: Mapping[str, Any], before: str = "") -> dict[str, float]:
+    """Dotted name -> number."""
+    values: dict[str, float] = {}
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            values |= _numbers(value, f"{before}{key}.")
+        elif isinstance(value, int | float):
+            values[f"{before}{key}"] = float(value)
+    return values
 
 
 def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence[float]) -> None:
@@ -179,7 +181,6 @@ def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence
             required=True,
         ) or payload  # fmt: skip
     columns = [baseline, *(study for study in chosen if study.name != baseline.name)]
-    heads = [plain(study.name) for study in columns]
     lines = [["machine", *(plain(machine_told_apart(study, columns)) for study in columns)]]
     for what, told in (
         ("limits", [study.limits for study in columns]),
@@ -195,7 +196,8 @@ def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence
             unit = f" ({metric.shown_unit})" if metric.shown_unit else ""
             compared = (text(value) + difference(value, first, metric) for value in others)
             lines.append([plain(f"{metric.title}{unit}"), text(first), *compared])
-    st.table({head: [line[k] for line in lines] for k, head in enumerate(["", *heads])}, hide_index=True)
+    heads = ["", *(plain(study.name) for study in columns)]
+    st.table({head: [line[k] for line in lines] for k, head in enumerate(heads)}, hide_index=True)
     load = f", {payload:g} kg" if kind_of(baseline.machine).payload else ""
     st.caption(f"{label(kind).capitalize()}{load}. In brackets the difference to {plain(baseline.name)}.")
 
@@ -212,16 +214,3 @@ def difference(value: float, base: float, metric: Metric) -> str:
     worse = metric.worse_by(base, value) if metric.better is not None else 0.0
     colour = "red" if worse > 0.0 else "green" if worse < 0.0 else "gray"
     return f" :{colour}[({text(by, 2, sign=True)})]"
-
-
-def _figures(chosen: Sequence[Kept], kind: str, payloads: Sequence[float]) -> None:
-    """The lightest, a middle and the heaviest; against the strictest of the machines' limits, which holds for all."""
-    rows = [(study, study.row(kind, payload)) for study in chosen for payload in few(payloads)]
-    runs: list[tuple[str, Run]] = [
-        (study.name, study.result.runs[row.run_id]) for study, row in rows if row.run_id in study.result.runs
-    ]
-    if runs:
-        strictest = min((study.result.study.machine for study in chosen), key=peak_limit)
-        chart(over_time(runs, strictest, height=740), "compare over time", "The kept studies' signals over time")
-        if kind_of(strictest).payload:
-            chart(plane(runs, strictest, 460), "compare plane", "Torque over speed of one motor, of the kept studies")

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import streamlit as st
 
@@ -14,44 +14,9 @@ from workbench.core.errors import InputError
 from workbench.core.names import powers
 from workbench.core.table import Column, Table
 from workbench.core.table import words as head
-from workbench.dashboard import session
-from workbench.dashboard.chosen import (
-    campaign_or_none,
-    choose_campaign,
-    is_own,
-    keep_machine,
-    last_name,
-    offered,
-    uploaded,
-)
-from workbench.dashboard.jobs import (
-    INPUTS,
-    VIEW,
-    Job,
-    Teller,
-    cards,
-    jobs_of,
-    poll,
-    read_view,
-    result_folder,
-    start,
-    without_folder,
-    write_view,
-)
-from workbench.dashboard.widgets import (
-    Number,
-    beside,
-    chart,
-    held,
-    is_dark,
-    notes,
-    numbers,
-    plain,
-    points,
-    problem,
-    said,
-    table,
-)
+from workbench.dashboard import chosen, jobs, session, widgets
+from workbench.dashboard.jobs import VIEW, Job, Teller
+from workbench.dashboard.widgets import Number, held, plain, points, problem, said
 from workbench.effects import check, effects_for
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import kind_of, load_machine, plant_of
@@ -68,8 +33,8 @@ KIND = "gap"
 LISTED, ALL, OWN = "the listed effects", "all effects, the unlisted too", "my own choice"
 SHOWN, TAB = "gap shown", "gap tab"
 STAGES = (
-    "Read the logs", "Search the effects", "Weigh the verdict", "Find the place", "What can be told apart",
-    "How far it shrinks", "What the study says", "Write the report",
+    "Read the logs", "Search the effects", "Weigh the verdict", "Find the place", "Which effects the runs discriminate",
+    "Residual on held-out runs", "What the study says", "Write the report",
 )  # fmt: skip
 PARTS = 800  # that a diagnosis is counted in
 NEARLY = 0.05  # of the gap: what explains so little less may explain it more plainly
@@ -117,46 +82,36 @@ class View:
     place: str = ""
 
 
-@dataclass(frozen=True)
-class Asked:
-    """name: what the campaign's select box calls it. candidates: None for the listed ones."""
-
-    campaign: Campaign
-    name: str
-    most_effects: int
-    candidates: tuple[str, ...] | None
-
-
 def show() -> None:
     """Draws the page."""
-    jobs = jobs_of(session.work_folder(), KIND)
-    if jobs and not last_name() and jobs[0].title in offered() | uploaded():  # after a reload
-        choose_campaign(jobs[0].title)
-    question: Asked | None = None
-    bad: InputError | None = None
+    own = jobs.jobs_of(session.work_folder(), KIND)
+    if own and not chosen.last_name() and own[0].title in chosen.offered() | chosen.uploaded():  # after a reload
+        chosen.choose_campaign(own[0].title)
     with st.sidebar:
+        campaign, arguments, bad = None, dict[str, Any](), None
         try:
-            question = _asked()
+            campaign = chosen.campaign_or_none("gap campaign")
+            arguments = {} if campaign is None else _asked(campaign)
         except InputError as error:
             bad = error
         wanted = st.button("Diagnose", key="gap start", type="primary", icon=":material/play_arrow:",
-                           width="stretch", disabled=question is None)  # fmt: skip
+                           width="stretch", disabled=campaign is None)  # fmt: skip
     if bad is not None:
         problem(bad)
         return
-    if wanted and question is not None:
+    if wanted and campaign is not None:
         try:
-            begin(question)
+            begin(campaign, arguments)
         except InputError as error:
             problem(error)
-        jobs = jobs_of(session.work_folder(), KIND)
+        own = jobs.jobs_of(session.work_folder(), KIND)
     with st.sidebar:
-        opened = _chosen(jobs)
+        opened = _chosen(own)
     if opened is None:
-        if question is not None:
-            _before(question.campaign)
-    elif poll(opened).state != "done":
-        cards([opened], stages=STAGES)
+        if campaign is not None:
+            _before(campaign)
+    elif jobs.poll(opened).state != "done":
+        jobs.cards([opened], stages=STAGES)
     else:
         try:
             _results(opened)
@@ -164,11 +119,8 @@ def show() -> None:
             problem(error)
 
 
-def _asked() -> Asked | None:
-    """What the controls say; None as long as a campaign is to be uploaded. InputError for a bad campaign."""
-    campaign = campaign_or_none("gap campaign")
-    if campaign is None:
-        return None
+def _asked(campaign: Campaign) -> dict[str, Any]:
+    """What the controls say."""
     most = st.segmented_control(
         "Missing at once, at most", [1, 2], required=True, key=held("gap most effects", 2),
         format_func=lambda count: f"{count} effect{'s' if count > 1 else ''}",
@@ -180,39 +132,33 @@ def _asked() -> Asked | None:
         "Candidates", [LISTED, ALL, OWN], key=held("gap candidates", LISTED),
         help=f"What may be missing: {len(listed)} of the library's {len(effects)} effects are listed.",
     )  # fmt: skip
-    candidates = None if which == LISTED else tuple(effects)
+    candidates = None if which == LISTED else list(effects)
     if which == OWN:
         key = held(f"gap own {campaign.machine.kind}", listed[:1])
-        candidates = tuple(st.multiselect("Effects to weigh", list(effects), key=key))
-    return Asked(campaign, last_name(), int(most or 2), candidates)
+        candidates = st.multiselect("Effects to weigh", list(effects), key=key)
+    return {"most_effects": int(most or 2), "candidates": candidates}
 
 
-def begin(question: Asked) -> Job:
+def begin(campaign: Campaign, arguments: Mapping[str, Any]) -> Job:
     """Starts the diagnosis. InputError where nothing is to be weighed, or too much is running."""
-    if question.candidates == ():
+    if arguments["candidates"] == []:
         raise InputError("choose at least one effect to weigh", place="candidates")
-    campaign, own = question.campaign, is_own(question.campaign)
-    arguments = {
-        "folder": f"{INPUTS}/campaign" if own else str(campaign.path.resolve()),  # the server's own stay where they are
-        "name": campaign.name,
-        "most_effects": question.most_effects,
-        "candidates": None if question.candidates is None else list(question.candidates),
-    }
-    inputs = {"campaign": campaign.path} if own else {}
-    return start(KIND, f"{__name__}:work", arguments, session.new_work_folder(), question.name, inputs)
+    folder, inputs = chosen.sent_to_job(campaign)
+    asked = {"folder": folder, "name": campaign.name, **arguments}
+    return jobs.start(KIND, f"{__name__}:work", asked, session.new_work_folder(), chosen.last_name(), inputs)
 
 
-def _chosen(jobs: Sequence[Job]) -> Job | None:
+def _chosen(own: Sequence[Job]) -> Job | None:
     """The campaign's newest diagnosis, or the one that is chosen of a list, where there are several."""
-    newest = next((job.id for job in jobs if job.title == last_name()), None)
-    known = {job.id: f"{job.title}, {time.strftime('%H:%M', time.localtime(job.begun_s))}" for job in jobs}
+    newest = next((job.id for job in own if job.title == chosen.last_name()), None)
+    known = {job.id: f"{job.title}, {time.strftime('%H:%M', time.localtime(job.begun_s))}" for job in own}
     number = newest
-    if len(jobs) > 1 or (jobs and newest is None):
+    if len(own) > 1 or (own and newest is None):
         number = st.selectbox(
             "Diagnoses", list(known), key=held(SHOWN, newest, [None, *known]), index=None, placeholder="choose one",
             format_func=known.__getitem__,
         )  # fmt: skip
-    return next((job for job in jobs if job.id == number), None)
+    return next((job for job in own if job.id == number), None)
 
 
 def _before(campaign: Campaign) -> None:
@@ -223,27 +169,37 @@ def _before(campaign: Campaign) -> None:
         "how sure that is, and how far the gap shrinks. It takes about a minute, in a process of its own.",
         icon=":material/troubleshoot:",
     )
-    payload = kind_of(campaign.machine).payload
-    columns = [head("run"), *([Column("payload", "kg")] if payload else []), Column("length", "s"), Column("samples")]
-    rows = [
-        [run.name, *([f"{run.payload_kg:g}"] if payload else []), f"{run.duration_s:.1f}", str(len(run.time_s))]
-        for run in campaign.runs
-    ]
-    table(Table(columns, rows))
-    notes(campaign.all_notes)
+    columns = [head("run"), Column("payload", "kg"), Column("length", "s"), Column("samples")]
+    rows = [[run.name, f"{run.payload_kg:g}", f"{run.duration_s:.1f}", str(len(run.time_s))] for run in campaign.runs]
+    if not kind_of(campaign.machine).payload:
+        columns, rows = [columns[0], *columns[2:]], [[row[0], *row[2:]] for row in rows]
+    widgets.table(Table(columns, rows))
+    widgets.notes(campaign.all_notes)
 
 
 def _results(job: Job) -> None:
     """Everything about a diagnosis that is done. InputError where its result is damaged."""
     last = session.get("gap view", tuple, ())
     if not last or last[0] != job.id:  # read once for as long as it is the one that is open
-        session.put("gap view", last := (job.id, read_view(View, job)))
+        session.put("gap view", last := (job.id, jobs.read_view(View, job)))
     view: View = last[1]
+    folder = job.file("result")
     with st.sidebar:
-        _take_away(job, view)
+        st.markdown("**Results**")
+        # The bytes, not a function that reads them: its address would last for one run of the page only, and a click
+        # while the page is drawn anew would be lost.
+        files = [(words, (folder / name).read_bytes(), name, kind) for words, name, kind in FILES]
+        widgets.downloads("gap download", files, "stretch")
+        chosen.keep_button(
+            "gap keep", f"corrected by {view.campaign}",
+            lambda: load_machine(folder / "machine.yaml", check_effects=check),
+        )  # fmt: skip
     with st.container(border=True):
         text, drawing = st.columns([2.4, 1.0]) if view.place else (st.container(), None)
-        of = plain(" · ".join([f"Campaign {view.campaign}", view.machine, *_unusual(job)]))
+        weighed = job.arguments["candidates"]
+        asked = ["one effect at most"] if job.arguments["most_effects"] == 1 else []
+        asked += [] if weighed is None else [f"{len(weighed)} candidate{'s' if len(weighed) != 1 else ''}"]
+        of = plain(" · ".join([f"Campaign {view.campaign}", view.machine, *asked]))
         plainly = f"**In plain words.** {said(' '.join(view.plain))}\n\n" if view.plain else ""
         # One block of words, so that they stand close.
         text.markdown(
@@ -251,14 +207,13 @@ def _results(job: Job) -> None:
             f"{said(' '.join(view.lead))}"
         )
         if drawing is not None:
-            drawing.image(for_dark_ground(view.place) if is_dark() else view.place, width="stretch")
+            drawing.image(for_dark_ground(view.place) if widgets.is_dark() else view.place, width="stretch")
     for warning in view.warnings:
         st.warning(said(warning), icon=":material/warning:")
-    numbers(view.numbers)
+    widgets.numbers(view.numbers)
     parts = {title: names for title, names in TABS.items() if title != "Unknown cause" or "unknown" in view.sections}
     # Only the tab that is looked at is drawn: a page of ten figures would be slow.
-    tabs = st.tabs(list(parts), key=f"{TAB} {job.id}", on_change="rerun")
-    for tab, names in zip(tabs, parts.values(), strict=True):
+    for tab, names in zip(st.tabs(list(parts), key=f"{TAB} {job.id}", on_change="rerun"), parts.values(), strict=True):
         if tab.open:
             with tab:
                 if not names:
@@ -269,39 +224,9 @@ def _results(job: Job) -> None:
                     _section(job, name, view.sections[name])
 
 
-def _unusual(job: Job) -> list[str]:
-    """What was asked other than usually."""
-    weighed = job.arguments["candidates"]
-    return [*(["one effect at most"] if job.arguments["most_effects"] == 1 else []),
-            *([] if weighed is None else [f"{len(weighed)} candidate{'s' if len(weighed) != 1 else ''}"])]  # fmt: skip
-
-
-def _take_away(job: Job, view: View) -> None:
-    """What is downloaded or kept."""
-    folder = result_folder(job)
-    assert folder is not None
-    st.markdown("**Results**")
-    for label, name, kind in FILES:
-        # The bytes, not a function that reads them: its address would last for one run of the page only, and a click
-        # while the page is drawn anew would be lost.
-        st.download_button(
-            label, (folder / name).read_bytes(), name, kind, key=f"gap download {name}", icon=":material/download:",
-            on_click="ignore", width="stretch",
-        )  # fmt: skip
-
-    def keep() -> None:  # runs before the page, whose lists of machines then hold it
-        machine = load_machine(folder / "machine.yaml", check_effects=check)
-        st.toast(f"Kept as {plain(keep_machine(f'corrected by {view.campaign}', machine))}", icon=":material/check:")
-
-    st.button(
-        "Keep the machine", key="gap keep", icon=":material/save:", on_click=keep, width="stretch",
-        help="The corrected machine can then be chosen on the other pages.",
-    )  # fmt: skip
-
-
 def _verdict(job: Job, view: View) -> None:
     ranked, answer = view.sections["verdict"], view.sections["answer"]
-    columns = beside("verdict") if answer.figures else [st.container()]
+    columns = widgets.beside("verdict") if answer.figures else [st.container()]
     for column, (name, section) in zip(columns, (("verdict", ranked), ("answer", answer)), strict=False):
         with column:
             _figures(job, name, section, TALL if answer.figures else None)
@@ -309,23 +234,24 @@ def _verdict(job: Job, view: View) -> None:
     if ranked.points:
         st.markdown(said(ranked.sentences[-1]))
         points(ranked.points)
-    for shown_table in answer.tables:
-        table(shown_table)
+    for shown in answer.tables:
+        widgets.table(shown)
     with st.expander("All candidates"):
-        for shown_table in view.sections["candidates"].tables:
-            table(shown_table)
+        for shown in view.sections["candidates"].tables:
+            widgets.table(shown)
 
 
 def _section(job: Job, name: str, section: Section) -> None:
     """The first sentence, what there is to look at, and then the rest of the words."""
-    head = "**The next run.** " if name == "next_run" else ""
-    sentences = [" ".join(section.sentences)] if head else list(section.sentences)
-    if sentences and name != "isolability":
-        st.markdown(head + said(sentences[0]))
+    sentences = [] if name == "isolability" else list(section.sentences)
+    if name == "next_run":
+        sentences = [f"The next run. {' '.join(sentences)}"]
+    if sentences:
+        st.markdown(said(sentences[0]).replace("The next run.", "**The next run.**", 1))
     _figures(job, name, section)
-    points([*(sentences[1:] if name != "isolability" else []), *section.points])
-    for shown_table in section.tables:
-        table(shown_table)
+    points([*sentences[1:], *section.points])
+    for shown in section.tables:
+        widgets.table(shown)
 
 
 def _figures(job: Job, name: str, section: Section, height: int | None = None) -> None:
@@ -338,7 +264,7 @@ def _figures(job: Job, name: str, section: Section, height: int | None = None) -
                 if part.y is not None:
                     part.y = 1.0 - (1.0 - part.y) * drawn.layout.height / height
             drawn.update_layout(height=height)
-        chart(drawn, f"gap {job.id} {name} {number}", note or None)
+        widgets.chart(drawn, f"gap {job.id} {name} {number}", note or None)
         if note:
             st.caption(said(note))
 
@@ -354,28 +280,24 @@ def work(
     from workbench.diagnose.progress import Progress, Stage
     from workbench.view.diagnosis import progress_words, write_diagnosis
 
-    def said(progress: Progress) -> None:
-        tell(progress_words(progress), round(PARTS * progress.share_done), PARTS)
-
-    def written(sentence: str) -> None:  # the last stage, which a diagnosis leaves to whoever writes it down
-        tell(sentence, round(PARTS * Progress(Stage.WRITE).share_done), PARTS)
+    def told(progress: Progress, sentence: str = "") -> None:
+        tell(sentence or progress_words(progress), round(PARTS * progress.share_done), PARTS)
 
     def diagnosed() -> Diagnosis:
         campaign = replace(read_campaign(folder, confined=True, check_effects=check), name=name)
-        return diagnose(campaign, candidates=candidates, most_effects=most_effects, tell=said)
+        return diagnose(campaign, candidates=candidates, most_effects=most_effects, tell=told)
 
-    with without_folder(folder):
-        found = write_diagnosis(diagnosed, out, written)
-    write_view(view_of(found), out.parent / VIEW)
+    # The last stage is left to whoever writes the diagnosis down.
+    found = write_diagnosis(diagnosed, out, lambda sentence: told(Progress(Stage.WRITE), sentence))
+    jobs.write_view(view_of(found), out.parent / VIEW)
 
 
 def view_of(d: Diagnosis) -> View:
     """The runs are replayed for the figures."""
     from workbench.view import diagnosis as words
-    from workbench.view.diagnosis import sections_of
     from workbench.view.place import marked_machine
 
-    sections = sections_of(d)
+    sections = words.sections_of(d)
     for figure, _ in sections["verdict"].figures:  # for a place of half the page's width
         figure.update_traces(y=[name.replace(" + ", " +<br>") for name in figure.data[0].y]).update_layout(
             title_text="Probability"
@@ -397,29 +319,28 @@ def view_of(d: Diagnosis) -> View:
 
 def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
     """The gap over the one variable that explains it best, for a place of half the page's width."""
-    from workbench.view import diagnosis_figures as diagnose_where
+    from workbench.view import diagnosis_figures as drawn
     from workbench.view.words import direction_names
 
-    profiles = [] if d.where is None else [p for p in d.where.profiles if diagnose_where.worth_a_panel(p)]
+    profiles = [] if d.where is None else [p for p in d.where.profiles if drawn.worth_a_panel(p)]
     if not profiles:
         return []
     most = max(profile.explains for profile in profiles)
     # A mean shows more than a spectrum that explains hardly more.
     best = max(
         (profile for profile in profiles if profile.explains >= most - NEARLY),
-        key=lambda profile: (not diagnose_where.is_spectrum(profile), profile.explains),
+        key=lambda profile: (not drawn.is_spectrum(profile), profile.explains),
     )
-    machine = d.campaign.machine
-    figure = diagnose_where.profiles([best], words_of(machine).unit, direction_names(machine))
+    figure = drawn.profiles([best], words_of(d.campaign.machine).unit, direction_names(d.campaign.machine))
     figure.update_traces(showlegend=False, selector={"legendgroup": "share"})
     figure.update_layout(title_text="How the gap shows", margin_t=92).layout.annotations = ()
-    explains = round(100.0 * best.explains)
-    note = f"{best.label[0].upper()}{best.label[1:]}: explains {explains} % of the gap. Grey: the share of its energy."
+    what = f"{best.label[0].upper()}{best.label[1:]}"
+    note = f"{what}: explains {100.0 * best.explains:.0f} % of the gap. Grey: the share of its energy."
     return [(figure, note)]
 
 
 def _numbers(d: Diagnosis) -> list[Number]:
-    from workbench.view import diagnosis as words
+    from workbench.view.diagnosis import RUN_AWAY
 
     s, w = d.shrink, words_of(d.campaign.machine)
     corrected = d.verdict.word != "no_gap"
@@ -434,12 +355,10 @@ def _numbers(d: Diagnosis) -> list[Number]:
         Number("Noise floor", s.noise, s.unit, help=f"rms of what a machine without a gap would leave, {band}"),
     ]  # fmt: skip
     if corrected:
-        said = f"of the {w.quantity} residual, held out; 95 % interval {low:.3g} to {high:.3g}"
-        numbers.append(Number("Shrinks by", s.factor, "×", help=said))
-    if s.speed_rmse_percent_after <= words.RUN_AWAY:
-        by = s.speed_rmse_percent_after - s.speed_rmse_percent_before
-        said = f"rms of the speed replayed open loop, in % of {w.scale}; adds up every bias from the first sample on"
-        numbers.append(
-            Number("Speed error", s.speed_rmse_percent_after, "%", by if corrected else None, "lower", help=said)
-        )
+        what = f"of the {w.quantity} residual, held out; 95 % interval {low:.3g} to {high:.3g}"
+        numbers.append(Number("Shrinks by", s.factor, "×", help=what))
+    if s.speed_rmse_percent_after <= RUN_AWAY:
+        by = s.speed_rmse_percent_after - s.speed_rmse_percent_before if corrected else None
+        what = f"rms of the speed replayed open loop, in % of {w.scale}; adds up every bias from the first sample on"
+        numbers.append(Number("Speed error", s.speed_rmse_percent_after, "%", by, "lower", help=what))
     return numbers

@@ -15,35 +15,24 @@ from workbench.analysis.tune import STEPS, Goal, Tuned, TuneProgress, Weights, t
 from workbench.analysis.usual import usual_heights, usual_settings
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
-from workbench.dashboard import session
+from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import session_machine
-from workbench.dashboard.desk import controller, current, set_controller, with_gains
-from workbench.dashboard.widgets import (
-    Field,
-    Number,
-    beside,
-    chart,
-    guarded,
-    held,
-    number,
-    numbers,
-    plain,
-    problem,
-    table,
-)
+from workbench.dashboard.widgets import Field, Number, chart, guarded, held, number, plain, problem, table
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.machines.files import machine_text
 from workbench.study.loop_design import MOST, DesignCase
 from workbench.study.loop_design import numbers as numbers_in
 from workbench.view import loop as report
 from workbench.view import tune as tuning_report
-from workbench.view.loop import HZ, RAD_S, bode, gang_of_four, nyquist, steps
+from workbench.view.loop import HZ, RAD_S
 
 MOTIONS: dict[str, Motion] = {"hoisting": "hoisting", "lowering": "lowering", "at rest": "at_rest"}
 STEP = 1.04  # from one step of a gain's slider to the next
 REACH = {"kp": (0.1, 100.0), "ki": (0.03, 3000.0), "kv": (0.1, 30.0)}  # of a slider, times the gain by rule
 BANDWIDTH, REJECTION = "bandwidth", "best rejection of load steps"
 TUNED = "loop tuned"
+ALSO = ("notch", "shaper", "schedule")
+Wanted = tuple[Goal, Weights, tuple[str, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +41,7 @@ class TunedCase:
 
     case: DesignCase
     tuned: Tuned
+    weights: Weights
     machine: str
 
 
@@ -68,8 +58,8 @@ def show() -> None:
         return
     top = st.container()
     if goal is not None:
-        _tune(case, goal)
-    left, right = beside("loop")
+        _tune(case, *goal)
+    left, right = widgets.beside("loop")
     with left:
         settings = _crossover(case)
     case = DesignCase(machine, settings, case.origin, case.payloads_kg, case.heights_m, None)
@@ -79,24 +69,24 @@ def show() -> None:
     with top:
         _numbers(case, members, before)
     with left:  # the colours are Nyquist's, whose legend stands for both
-        figure = bode(members, height=600, unit=unit).update_layout(showlegend=False, margin={"t": 50})
+        figure = report.bode(members, height=600, unit=unit).update_layout(showlegend=False, margin={"t": 50})
         chart(figure, "loop bode", "Bode diagram of the open loop")
     with right:
-        figure = nyquist(members, ms, height=600)
+        figure = report.nyquist(members, ms, height=600)
         below = {"orientation": "h", "x": 0.0, "y": -0.14, "yanchor": "top", "yref": "paper", "font": {"size": 12}}
         figure.update_layout(legend=below, margin={"l": 60, "r": 10, "t": 50})
         chart(figure, "loop nyquist", "Nyquist diagram with the circle of Ms")
     _tuned_before(case)
     st.markdown(plain(" ".join(report.sentences(case, members))))
-    if kind.payload and current(machine).scenario.plant == "multibody":
+    if kind.payload and desk.current(machine).scenario.plant == "multibody":
         st.caption("Study runs on the multi-body machine; this loop is that of the lumped one, which is linearised.")
-    chart(steps(members, height=760), "loop steps", "Step responses of the closed loop")
-    chart(gang_of_four(members, ms, height=640, unit=unit), "loop gang", "Gang of four")
+    chart(report.steps(members, height=760), "loop steps", "Step responses of the closed loop")
+    chart(report.gang_of_four(members, ms, height=640, unit=unit), "loop gang", "Gang of four")
     st.markdown("##### Margins")
     table(report.table(members))
 
 
-def _side_bar(bad: list[InputError]) -> tuple[DesignCase, Motion, Any, float, Goal | None]:
+def _side_bar(bad: list[InputError]) -> tuple[DesignCase, Motion, Any, float, Wanted | None]:
     """Draws every control: the loop, its motion, the unit of frequency, the limit of Ms, what to tune for. bad: takes
     what was entered and cannot be used."""
 
@@ -134,15 +124,23 @@ def _side_bar(bad: list[InputError]) -> tuple[DesignCase, Motion, Any, float, Go
     start, own = (8.0, f" {kind.name}") if kind.looped.position_loop else (4.0, "")
     hertz = st.number_input("Bandwidth (Hz)", 0.2, 500.0, step=0.5, key=held(f"loop hertz{own}", start),
                             disabled=goal != BANDWIDTH)  # fmt: skip
+    with st.expander("What the tuning weighs", icon=":material/balance:"):
+        also = st.pills("Also tune", ALSO, selection_mode="multi", key=held("loop also", [])) if kind.payload else []
+        weights = tuple(
+            st.number_input(f"Weight of {what}", 0.0, 100.0, step=None, format="%.3g", key=held(f"loop {what}", weight))
+            for what, weight in {"tracking error": 1.0, "peak": 2.0, "rms": 1.0}.items()
+        )
+        if not sum(weights):
+            bad.append(InputError("0, 0 and 0, expected at least one above 0", place="Weights"))
     pressed = st.button("Tune", type="primary", width="stretch", icon=":material/tune:", key="loop tune")
-    wanted = Goal(hertz if goal == BANDWIDTH else None, ms) if pressed else None
+    wanted = (Goal(hertz if goal == BANDWIDTH else None, ms), Weights(*weights), tuple(also)) if pressed else None
     case = DesignCase(machine, settings, "on this page", payloads, heights, None)
     return case, MOTIONS[motion], RAD_S if unit == "rad/s" else HZ, ms, wanted
 
 
 def _gains(machine: Hoist | Axis, bad: list[InputError]) -> Settings:
     """The session's one controller, as its sliders stand."""
-    now, rule = controller(machine), rule_settings(machine)
+    now, rule = desk.controller(machine), rule_settings(machine)
     gains = {name: (key, unit) for name, key, unit in zip(("kp", "ki"), rule.GAINS, rule.UNITS, strict=True)}
     if isinstance(now, Cascade):
         gains = {"kv": ("kv_per_s", "1/s"), **gains}
@@ -159,11 +157,11 @@ def _gains(machine: Hoist | Axis, bad: list[InputError]) -> Settings:
         "Sample time (ms)", 0.1, 50.0, step=0.5, key=held("loop sample", 1e3 * now.sample_time_s), format="%g"
     )
     try:
-        settings = with_gains(now, values)
+        settings = desk.with_gains(now, values)
     except InputError as error:
         bad.append(error)
         return now
-    set_controller(settings, machine)
+    desk.set_controller(settings, machine)
     parts = {"a notch": settings.notch is not None, "a low-pass": settings.low_pass_hz is not None,
              "feed-forward": settings.feed_forward != type(settings.feed_forward)()}  # fmt: skip
     if any(parts.values()):
@@ -181,8 +179,8 @@ def _crossover(case: DesignCase) -> Settings:
     factor = wanted / now
     if abs(factor - 1.0) > 1e-3:
         kp, ki = settings.GAINS
-        moved = with_gains(settings, {kp: settings.kp * factor, ki: settings.ki * factor**2})
-        set_controller(moved, case.machine)
+        moved = desk.with_gains(settings, {kp: settings.kp * factor, ki: settings.ki * factor**2})
+        desk.set_controller(moved, case.machine)
         st.rerun()  # the gains stand in the side bar and are drawn already
     return settings
 
@@ -241,7 +239,7 @@ def _numbers(case: DesignCase, members: Sequence[Member], before: Sequence[Membe
 
     slow, slow_before = (min(m.margins.bandwidth_hz for m in members_) for members_ in (members, before))
     up, up_before = (decibels(report.gain_text(m)) for m in (now, then))
-    numbers(
+    widgets.numbers(
         [
             one("Largest Ms", now.ms, then.ms, "", "lower"),
             one("Phase margin", now.phase_deg, then.phase_deg, "°", "higher"),
@@ -255,7 +253,7 @@ def _numbers(case: DesignCase, members: Sequence[Member], before: Sequence[Membe
     st.caption(f"{over}{rule}.")
 
 
-def _tune(case: DesignCase, goal: Goal) -> None:
+def _tune(case: DesignCase, goal: Goal, weights: Weights, also: Sequence[str]) -> None:
     """Tunes for a goal, which sets the session's controller, and draws the page anew."""
     bar, stop = st.empty(), st.empty()
     stop.button("Cancel", icon=":material/cancel:", key="loop cancel")
@@ -266,14 +264,14 @@ def _tune(case: DesignCase, goal: Goal) -> None:
 
     try:
         points = operating_points(case.machine, case.payloads_kg, case.heights_m)
-        tuned = tune(case.machine, case.settings, points, case.trial(), goal, Weights(), tell=told)
+        tuned = tune(case.machine, case.settings, points, case.trial(), goal, weights, also=also, tell=told)
     except InputError as error:  # the loop under the present gains is still worth seeing
         bar.empty()
         stop.empty()
         problem(error)
         return
-    session.put(TUNED, TunedCase(case, tuned, machine_text(case.machine)))
-    set_controller(tuned.winner.settings, case.machine)
+    session.put(TUNED, TunedCase(case, tuned, weights, machine_text(case.machine)))
+    desk.set_controller(tuned.winner.settings, case.machine)
     st.rerun()
 
 
@@ -285,7 +283,7 @@ def _tuned_before(case: DesignCase) -> None:
     with st.expander("What the tuning found", expanded=True, icon=":material/tune:"):
         if last.machine != machine_text(case.machine):
             st.caption("Found for another machine or drive:")
-        st.markdown(plain(" ".join(tuning_report.sentences(last.case, last.tuned, Weights()))))
+        st.markdown(plain(" ".join(tuning_report.sentences(last.case, last.tuned, last.weights))))
         table(tuning_report.table(last.tuned))
         st.download_button(
             "Controller block for scenarios", tuning_report.controller_text(last.tuned.winner.settings),

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from typing import Any
 
-import numpy as np
 import streamlit as st
 
 from workbench.core.errors import InputError
 from workbench.core.names import unit_of, words_of
-from workbench.core.run import Array
-from workbench.dashboard import session
+from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import hoist_of_session
-from workbench.dashboard.desk import controller
-from workbench.dashboard.plant import EVERY_S, KEPT_S, PlantProcess
-from workbench.dashboard.widgets import Number, chart, form, guarded, held, numbers, plain, problem, text
+from workbench.dashboard.plant import PlantProcess, Wanted
+from workbench.dashboard.widgets import Number, held, plain, problem
 from workbench.effects import find, ranges_of
 from workbench.machines import HOIST, Hoist
-from workbench.machines.files import machine_text
-from workbench.references import allowed_carriage_speed_m_s, planned_kinds
+from workbench.references import Limits, allowed_carriage_speed_m_s, planned_kinds
 from workbench.serve.serve import PORTS, Wish, chosen_ready
 from workbench.simulate.loop import torque_limits
 from workbench.view.served import last_seconds, late_starts
@@ -50,32 +45,22 @@ STATES = {
     "off_rail": ("red", "left the rail: stands until reset"),
     "diverged": ("red", "grew without bound: stands until reset"),
 }
-
-
-@dataclass
-class Latest:
-    """Rows of numbers by column, and the rest of the plant's last answer."""
-
-    rows: deque[list[float]] = field(default_factory=lambda: deque(maxlen=round(KEPT_S / EVERY_S)))
-    generation: int = -1
-    next: int = 0
-    answer: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def columns(self) -> dict[str, Array]:
-        """Name -> (n,)."""
-        names = self.answer["columns"]
-        table = np.array(self.rows, dtype=float).reshape(len(self.rows), len(names))
-        return {name: table[:, i] for i, name in enumerate(names)}
+SWITCHES = {"motor_lost": "Motor lost", "brake_closed": "Brake"}
+# words, point, value, largest, step, what the button says
+AMOUNTS = (
+    ("Payload (kg)", "payload_kg", 9000.0, 50_000.0, 500.0, "Pick up"),
+    ("Slack (m)", "slack_m", 0.05, 2.0, 0.05, "Let out"),
+    ("Brake late (s)", "brake_late_s", 0.5, 5.0, 0.1, "Set"),
+)
 
 
 def show() -> None:
     """Draws the page."""
-    with st.sidebar, guarded():
+    with st.sidebar, widgets.guarded():
         machine = _side_bar()
         commands = st.container()
-    process = present()
-    if process is None:
+    plant = present()
+    if plant is None:
         st.markdown("#### A plant in real time")
         st.markdown(
             "Starts the machine's plant in a process of its own on this computer, for a controller or PLC at the other "
@@ -84,7 +69,7 @@ def show() -> None:
         )
         return
     try:
-        greeting = process.greeting()
+        greeting = plant.greeting()
     except InputError as error:
         put_away()
         problem(error)
@@ -92,33 +77,36 @@ def show() -> None:
     if greeting is None:
         _compiles()
         return
-    with commands, guarded():
-        _client(process, machine)
-        _faults(process, greeting["points"], machine)
+    with commands, widgets.guarded():
+        _client(plant, machine)
+        _faults(plant, greeting["points"], machine)
     _served(greeting, machine)
 
 
 @st.fragment(run_every=1.0)
 def _compiles() -> None:
-    """Until the plant has said that it is there."""
-    process = present()
+    """Until the plant has said that it is there, or why not."""
     st.info("The plant's step is compiled; the first time on a computer that takes a while.",
             icon=":material/hourglass_top:")  # fmt: skip
-    if process is None or process.greeting() is not None:
+    plant = present()
+    try:
+        waits = plant is not None and plant.greeting() is None
+    except InputError:
+        waits = False
+    if not waits:
         st.rerun()
 
 
 def present() -> PlantProcess | None:
-    """This session's plant, as long as its process lives."""
-    process = st.session_state.get(PLANT)
-    return process if isinstance(process, PlantProcess) and process.alive else None
+    """This session's plant; one whose process has ended says why it did."""
+    plant = st.session_state.get(PLANT)
+    return plant if isinstance(plant, PlantProcess) else None
 
 
 def put_away() -> None:
     """Ends the plant, and what the page knows of it."""
-    process = st.session_state.pop(PLANT, None)
-    if isinstance(process, PlantProcess):
-        process.end()
+    if (plant := st.session_state.pop(PLANT, None)) is not None:
+        plant.end()
     for key in [str(key) for key in st.session_state if str(key).startswith("plant live")]:
         del st.session_state[key]
 
@@ -133,133 +121,115 @@ def _side_bar() -> Hoist:
             "Stop the plant", icon=":material/stop:", width="stretch", on_click=put_away, key="plant stop",
             help="It goes on while other pages are looked at, and ends with this session.",
         )  # fmt: skip
-        served: Hoist = session.get(STARTED, dict, {})["machine"]
+        served: Hoist = st.session_state[STARTED][0]
         return served
     machine = hoist_of_session("plant machine")
     way = st.segmented_control(
         "Plant", (OWN, ATTACHED), default=OWN, key="plant way", required=True, width="stretch",
         label_visibility="collapsed",
     )  # fmt: skip
+    what: Wish | int
     if way == ATTACHED:
-        spec: dict[str, Any] = {"attach": int(st.number_input("UDP port", 1024, 65535, PORTS["udp"], key="plant port"))}
+        what = int(st.number_input("UDP port", 1024, 65535, PORTS["udp"], key="plant port"))
         st.caption("A plant that `workbench serve` runs on this computer, over UDP. The machine above is the one that "
                    "the built-in client is set for.")  # fmt: skip
     else:
-        usual = Wish(
-            payload_kg=4500.0, watchdog_s=0.2, priority=True, port=0, ready=tuple(chosen_ready("all", machine)),
-            start_position_m=round(0.5 * (machine.rail.lowest_position_m + machine.highest_position_m), 1),
-        )  # fmt: skip
-        spec = {"wish": form(Wish, asdict(usual), "plant", WISHES)}
+        middle = round(0.5 * (machine.rail.lowest_position_m + machine.highest_position_m), 1)
+        usual = Wish(payload_kg=4500.0, watchdog_s=0.2, priority=True, port=0, start_position_m=middle,
+                     ready=tuple(chosen_ready("all", machine)))  # fmt: skip
+        what = Wish(**widgets.form(Wish, asdict(usual), "plant", WISHES))
     if st.button("Attach" if way == ATTACHED else "Start the plant", type="primary", width="stretch",
                  icon=":material/play_arrow:", key="plant start"):  # fmt: skip
-        put_away()
-        session.put(PLANT, PlantProcess({"machine": machine_text(machine), **spec}))
-        session.put(STARTED, {"machine": machine, **spec})
+        session.put(PLANT, PlantProcess(machine, what))
+        session.put(STARTED, (machine, what))
         st.rerun()
     return machine
 
 
-def _client(process: PlantProcess, machine: Hoist) -> None:
+def _client(plant: PlantProcess, machine: Hoist) -> None:
     """The built-in client is told anew whenever its controls, or the gains of Study and Loop, have changed."""
     what = st.segmented_control(
         "Built-in client", (NOBODY, HOLDS, MOVES), required=True, key=held("plant client", NOBODY), width="stretch",
         help="The sampled PI of Study and Loop with the gains that stand there, every 4 ms or slower. Without it the "
         "plant waits for a controller of yours.",
     )  # fmt: skip
-    wanted: dict[str, Any] | None = None
-    if what != NOBODY:
-        wanted = {"settings": controller(machine).model_dump(), "heights_m": None}
-    if wanted is not None and what == MOVES:
+    wanted = None
+    if what == HOLDS:
+        wanted = Wanted(desk.controller(machine))
+    elif what == MOVES:
         low, high = machine.rail.lowest_position_m, machine.highest_position_m
         middle, way = 0.5 * (low + high), 0.25 * (high - low)
         usual = (round(middle - way, 1), round(middle + way, 1))
-        between = st.slider("Between (m)", low, high, step=0.5, key=held("plant between", usual))
-        fastest = 0.95 * allowed_carriage_speed_m_s(
-            machine.motor.nominal_speed_rad_s, machine.gearbox.ratio, machine.winch.drum_diameter_m
-        )
+        between: Any = st.slider("Between (m)", low, high, step=0.5, key=held("plant between", usual))
+        gear, drum = machine.gearbox.ratio, machine.winch.drum_diameter_m
+        fastest = 0.95 * allowed_carriage_speed_m_s(machine.motor.nominal_speed_rad_s, gear, drum)
+        bounds = (("v (m/s)", 0.5, fastest), ("a (m/s²)", 0.6, 5.0), ("j (m/s³)", 0.8, 100.0))
         limits = [
             column.number_input(words, 0.05, most, step=0.05, key=held(f"plant {words[0]}", min(start, most)),
                                 format="%.3g")
-            for column, (words, start, most) in zip(
-                st.columns(3), (("v (m/s)", 0.5, fastest), ("a (m/s²)", 0.6, 5.0), ("j (m/s³)", 0.8, 100.0)),
-                strict=True,
-            )
+            for column, (words, start, most) in zip(st.columns(3), bounds, strict=True)
         ]  # fmt: skip
         kinds = list(planned_kinds())
         reference = st.selectbox("Reference", kinds, format_func=label, key=held("plant reference", kinds[1]))
-        wanted |= {
-            "heights_m": [float(end) for end in np.atleast_1d(between)],
-            "reference": reference,
-            "limits": limits,
-        }
+        wanted = Wanted(desk.controller(machine), tuple(between), reference, Limits(*limits))
     if wanted != st.session_state.get(SENT):
-        asked(process, {"client": wanted})
+        _ask(plant, "use", wanted)
         st.session_state[SENT] = wanted
 
 
-def asked(process: PlantProcess, question: dict[str, Any]) -> None:
+def _ask(plant: PlantProcess, method: str, *arguments: Any) -> None:
     """What is refused stands on the page until something is taken."""
     try:
-        process.ask(question)
+        plant.ask(method, *arguments)
         session.put(PROBLEM, None)
     except InputError as error:
         session.put(PROBLEM, error)
 
 
-def _order(process: PlantProcess, values: Mapping[str, float], words: str) -> None:
+def _set(plant: PlantProcess, values: Mapping[str, float], words: str) -> None:
     """A callback: it runs before the page, which then shows what became of it."""
-    asked(process, {"order": {"set": values}, "note": words})
+    _ask(plant, "order", {"set": values}, words)
 
 
-def _faults(process: PlantProcess, points: list[str], machine: Hoist) -> None:
+def _faults(plant: PlantProcess, points: list[str], machine: Hoist) -> None:
     """Buttons and fields, each of which acts at once."""
     st.markdown("**Faults**")
-    for words, point, value, most, step, button in (
-        ("Payload (kg)", "payload_kg", 9000.0, 50_000.0, 500.0, "Pick up"),
-        ("Slack (m)", "slack_m", 0.05, 2.0, 0.05, "Let out"),
-        ("Brake late (s)", "brake_late_s", 0.5, 5.0, 0.1, "Set"),
-    ):
+    for words, point, value, most, step, button in AMOUNTS:
         left, right = st.columns([1.0, 1.0], vertical_alignment="bottom")
         given = left.number_input(words, 0.0, most, step=step, key=held(f"plant fault {point}", value), format="%g")
         said = f"{words.partition(' (')[0].lower()} {given:g} {unit_of(point)}"
-        right.button(button, on_click=_order, args=(process, {point: given}, said), key=f"plant do {point}",
+        right.button(button, on_click=_set, args=(plant, {point: given}, said), key=f"plant do {point}",
                      width="stretch")  # fmt: skip
-    for column, point, words in zip(
-        st.columns(2), ("motor_lost", "brake_closed"), ("Motor lost", "Brake"), strict=True
-    ):
 
-        def change(point: str = point, words: str = words) -> None:
-            on = bool(st.session_state[f"plant fault {point}"])
-            _order(process, {point: float(on)}, words.lower() if on else f"{words.lower()}: no more")
+    def switch(point: str, words: str) -> None:
+        on = bool(st.session_state[f"plant fault {point}"])
+        _set(plant, {point: float(on)}, words.lower() if on else f"{words.lower()}: no more")
 
-        column.toggle(words, key=held(f"plant fault {point}", False), on_change=change)
-    _effects(process, points, machine)
+    for column, (point, words) in zip(st.columns(2), SWITCHES.items(), strict=True):
+        column.toggle(words, key=held(f"plant fault {point}", False), on_change=switch, args=(point, words))
+    _effects(plant, points, machine)
 
     def reset() -> None:
-        for point in ("motor_lost", "brake_closed"):
-            st.session_state[f"plant fault {point}"] = False
-        _order(process, {"reset": 1}, "reset")
+        st.session_state.update({f"plant fault {point}": False for point in SWITCHES})
+        _set(plant, {"reset": 1}, "reset")
 
     st.button("Reset", icon=":material/restart_alt:", on_click=reset, key="plant reset", width="stretch",
               help="Hanging still at the start, without faults; effects vanish.")  # fmt: skip
 
 
-def _effects(process: PlantProcess, points: list[str], machine: Hoist) -> None:
+def _effects(plant: PlantProcess, points: list[str], machine: Hoist) -> None:
     """The effects that the plant has, with their parameters."""
-    by_effect: dict[str, list[str]] = {}
-    for point in points:
-        if point.startswith("effects."):
-            by_effect.setdefault(point.split(".")[1], []).append(point)
-    if not by_effect:
+    own = [point.split(".") for point in points if point.startswith("effects.")]
+    if not own:
         return
-    name = st.selectbox("Effect", list(by_effect), key="plant effect", format_func=lambda id_: id_.replace("_", " "))
+    names = list(dict.fromkeys(name for _, name, _ in own))
+    name = st.selectbox("Effect", names, key="plant effect", format_func=lambda id_: id_.replace("_", " "))
     effect = find(name, HOIST.plant.kind)
     st.caption(effect.meaning)
     ranges = {ranged.name: ranged for ranged in ranges_of(effect, machine)}
     values, gone = {}, {}
-    for point in by_effect[name]:
-        parameter = point.split(".")[2]
-        ranged, unit = ranges[parameter], unit_of(parameter)
+    for parameter in [parameter for _, of, parameter in own if of == name]:
+        point, ranged, unit = f"effects.{name}.{parameter}", ranges[parameter], unit_of(parameter)
         words = f"{words_of(parameter)} ({unit})" if unit else words_of(parameter)
         values[point] = st.number_input(
             words[0].upper() + words[1:], value=ranged.start, step=abs(ranged.scale) or None, key=f"plant {point}",
@@ -268,9 +238,9 @@ def _effects(process: PlantProcess, points: list[str], machine: Hoist) -> None:
         if ranged.vanishes_at is not None:
             gone[point] = ranged.vanishes_at
     said, (left, right) = name.replace("_", " "), st.columns(2)
-    left.button("Apply", on_click=_order, args=(process, values, said), key="plant effect do", width="stretch")
+    left.button("Apply", on_click=_set, args=(plant, values, said), key="plant effect do", width="stretch")
     if gone:
-        right.button("Take away", on_click=_order, args=(process, gone, f"{said}: no more"), key="plant effect off",
+        right.button("Take away", on_click=_set, args=(plant, gone, f"{said}: no more"), key="plant effect off",
                      width="stretch")  # fmt: skip
 
 
@@ -278,9 +248,8 @@ def _effects(process: PlantProcess, points: list[str], machine: Hoist) -> None:
 
 
 def _served(greeting: Mapping[str, Any], machine: Hoist) -> None:
-    wish = session.get(STARTED, dict, {}).get("wish")
-    protocol = "udp" if wish is None else wish["protocol"]
-    address = ADDRESSES[protocol].format(port=greeting["port"])
+    what = st.session_state[STARTED][1]
+    address = ADDRESSES[what.protocol if isinstance(what, Wish) else "udp"].format(port=greeting["port"])
     st.markdown(f"#### {plain(greeting['name'])} · `{address}`")
     if isinstance(error := st.session_state.get(PROBLEM), InputError):
         problem(error)
@@ -290,39 +259,35 @@ def _served(greeting: Mapping[str, Any], machine: Hoist) -> None:
             f"`{address}` is reached from this computer only. The plant hangs still until the first torque; a second "
             "client is not heard until the first is silent. Packets, registers and nodes are in docs/serve.md."
         )
-        if wish is not None:
-            st.caption(f"Watchdog {wish['watchdog_s']:g} s. Points, in the order of their addresses:")
+        if isinstance(what, Wish):
+            st.caption(f"Watchdog {what.watchdog_s:g} s. Points, in the order of their addresses:")
         st.code("\n".join(greeting["points"]), language=None, height=260)
 
 
 @st.fragment(run_every=LOOKS_EVERY_S)
 def _live(machine: Hoist) -> None:
     """The part that is drawn anew while the plant runs."""
-    process = present()
-    if process is None:
-        st.error("The plant has ended; start it again.", icon=":material/error:")
-        return
+    plant = present()
     try:
-        seen = latest(process)
+        seen = plant.ask("seen") if plant is not None else {}
     except InputError as error:
         problem(error)
         return
-    now = seen.answer["now"]
-    if not now:
+    if not seen or not seen["now"]:
         return
+    now, pace = seen["now"], seen["status"]["pace"]
     left, right = st.columns([3.0, 1.0], vertical_alignment="center")
     told = [f":{colour}-badge[{words}]" for flag, (colour, words) in STATES.items() if now[f"is_{flag}"]]
     left.markdown(" ".join(told) or ":green-badge[under command]")
-    if ended := seen.answer["client"]["ended"]:
-        left.caption(plain(f"Built-in client: {ended}."))
-    if seen.answer["problem"]:
-        left.error(plain(seen.answer["problem"]), icon=":material/error:")
+    if seen["client_ended"]:
+        left.caption(plain(f"Built-in client: {seen['client_ended']}."))
+    if seen["problem"]:
+        left.error(plain(seen["problem"]), icon=":material/error:")
     window = right.segmented_control(
         "Shown", WINDOWS, key=held("plant window", 20), required=True, format_func=lambda s: f"{s} s",
         label_visibility="collapsed",
     )  # fmt: skip
-    pace = seen.answer["status"]["pace"]
-    numbers(
+    widgets.numbers(
         [
             Number("Height", now["position_carriage_m"], "m"),
             Number("Speed", round(now["speed_motor_rad_s"], 1), "rad/s"),
@@ -331,40 +296,23 @@ def _live(machine: Hoist) -> None:
             Number("Drum tension", 1e-3 * now["tension_drum_n"], "kN"),
             Number("Payload", now["payload_now_kg"], "kg", digits=4),
             Number("On time", pace["on_time_percent"], "%", digits=4,
-                   help=f"{pace['steps']} steps at {pace['rate_hz']:g} Hz"),
+                   help=f"of {pace['steps']} steps at {pace['rate_hz']:g} Hz"),
         ]
     )  # fmt: skip
     limit = torque_limits(machine)["u_one" if now["is_motor_lost"] else "u_all"]
-    events = [(float(at), str(words)) for at, words in seen.answer["events"]]
-    figure = last_seconds(seen.columns, float(window or 20), limit, events)
-    chart(figure, "plant live", "Height, speed, torque and wire tension of the last seconds")
-    _pace(seen)
-
-
-def _pace(seen: Latest) -> None:
-    pace, counts = seen.answer["status"]["pace"], seen.answer["status"]["counts"]
-    left, right = st.columns([1.0, 1.6], vertical_alignment="center")
+    figure = last_seconds(seen["columns"], float(window or 20), limit, seen["events"])
+    widgets.chart(figure, "plant live", "Height, speed, torque and wire tension of the last seconds")
+    counts = seen["status"]["counts"]
     refused = sum(count for name, count in counts.items() if name.startswith("refused"))
+    left, right = widgets.beside("pace")
     left.markdown(
         f"| Steps | {pace['steps']} at {pace['rate_hz']:g} Hz |\n|---|---|\n| Overruns | {pace['overruns']} |\n"
-        f"| Latest start | {text(pace['latest_start_ms'], 3)} ms after it was due |\n"
+        f"| Latest start | {widgets.text(pace['latest_start_ms'], 3)} ms after it was due |\n"
         f"| Commands | {counts.get('commands', 0)}, refused {refused} |\n"
         f"| Watchdog | tripped {counts.get('watchdog', 0)} times |"
     )
     with right:
-        chart(late_starts(pace["jitter"]), "plant late", "How late the steps began")
-    if seen.answer["said"]:
-        with st.expander(f"What the plant says ({len(seen.answer['said'])})"):
-            st.markdown("\n".join(f"- {plain(line)}" for line in seen.answer["said"]))
-
-
-def latest(process: PlantProcess) -> Latest:
-    """Asks for what is new. InputError where the plant has gone."""
-    kept = session.get("plant live rows", Latest, Latest())
-    answer = process.ask({"rows": [kept.generation, kept.next]})
-    if answer["generation"] != kept.generation:
-        kept.rows.clear()
-    kept.rows.extend(answer.pop("rows"))
-    kept.generation, kept.next, kept.answer = answer["generation"], answer["next"], answer
-    session.put("plant live rows", kept)
-    return kept
+        widgets.chart(late_starts(pace["jitter"]), "plant late", "How late the steps began")
+    if seen["said"]:
+        with st.expander(f"What the plant says ({len(seen['said'])})"):
+            st.markdown("\n".join(f"- {plain(line)}" for line in seen["said"]))

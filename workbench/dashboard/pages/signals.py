@@ -13,17 +13,16 @@ import streamlit as st
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Array, Run
 from workbench.core.table import Column, Table
+from workbench.dashboard import session, widgets
 from workbench.dashboard.chosen import chosen_campaign
-from workbench.dashboard.widgets import chart, guarded, held, notes, plain, problem, table, text
+from workbench.dashboard.widgets import guarded, held, plain, text
 from workbench.logs import Campaign
 from workbench.logs.signal_files import FORMS, Labelled
 from workbench.view.signals import Stretch, browser, start_of_move
 
 WHOLE, RAMP = "whole runs", "start of the first move"
-FEW_RUNS, MOST_SIGNALS = 3, 10
+FEW_RUNS, MOST_ROWS, MOST_IN_ROW = 3, 10, 4
 FIRST = ("speed", "torque", "force", "current", "tension")  # what a log is looked at for first, by name's beginning
-
-
 OPERATORS = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power,
     ast.USub: np.negative, ast.UAdd: np.positive,
@@ -35,50 +34,69 @@ def show() -> None:
     """Draws the page."""
     with st.sidebar, guarded():
         campaign = chosen_campaign("signals campaign")
-        runs, signals = _chosen(campaign)
+        runs, rows = _chosen(campaign)
         stretches = _stretches(runs)
     st.markdown(f"#### Campaign {plain(campaign.name)} · {plain(campaign.machine.name)}")
     # A zoom stays while other runs and signals are chosen, and goes with the stretch that it was made in.
     within = sorted({(part.zero_s != 0.0, part.start_s if part.zero_s == 0.0 else 0.0) for part in stretches})
     key = f"signals {campaign.name} {within}"
-    chart(browser(stretches, signals), key, "The chosen signals of the chosen runs over time")
+    widgets.chart(browser(stretches, rows), key, "The chosen signals of the chosen runs over time")
     st.caption(
         "As logged, in SI, unfiltered. Of a long stretch the least and the largest of each part are drawn, so that no "
         "peak is lost; a shorter stretch shows every sample. Drag for a zoom, double click to come back."
     )
-    _take_away(campaign, stretches, signals)
-    table(runs_table(runs))
-    notes(campaign.all_notes)
+    _take_away(campaign, stretches, [signal for row in rows for signal in row])
+    widgets.table(runs_table(runs))
+    widgets.notes(campaign.all_notes)
 
 
-def _chosen(campaign: Campaign) -> tuple[list[Run], list[str]]:
-    """The side bar's runs and signals; ends the page where there are none."""
+def _chosen(campaign: Campaign) -> tuple[list[Run], list[list[str]]]:
+    """The side bar's runs, and the signals of each row; ends the page where there are none."""
     names = [run.name for run in campaign.runs]
     which = f"{campaign.path} {campaign.name}"
     chosen = st.multiselect("Runs", names, key=held(f"signals runs {which}", names[:FEW_RUNS]))
-    known = list(dict.fromkeys(name for run in campaign.runs for name in run.signals))
-    usual = [name for name in known if name.startswith(FIRST)][:4] or known[:3]
-    signals = st.multiselect(
-        "Signals", known, key=held(f"signals names {which}", usual), max_selections=MOST_SIGNALS,
-        help="A row for each, in this order.",
-    )  # fmt: skip
-    said = st.text_input(
-        "Computed signal", key=held(f"signals computed {which}", ""), max_chars=200,
-        placeholder="power_w = torque_motor_nm * speed_motor_rad_s",
-        help=f"name = expression of signals, with + - * / **, ddt(…) for the slope and {', '.join(FUNCTIONS)}. "
-        "The name's end is its unit.",
-    )  # fmt: skip
     runs = [run for run in campaign.runs if run.name in chosen]
-    if said.strip():
-        try:
-            runs = [with_computed(said, run) for run in runs]
-            signals = [*signals, said.partition("=")[0].strip()]
-        except InputError as error:
-            problem(error)
-    if not chosen or not signals:
+    rows_place = st.container()  # above; the computed ones are in its lists
+    said = st.text_area(
+        "Computed signals", key=held(f"signals computed {which}", ""), max_chars=2000, height=68,
+        placeholder="power_w = torque_motor_nm * speed_motor_rad_s",
+        help=f"A line each, name = expression of signals, with + - * / **, ddt(…) for the slope and "
+        f"{', '.join(FUNCTIONS)}. The name's end is its unit.",
+    )  # fmt: skip
+    computed = []
+    try:
+        for line in filter(None, map(str.strip, said.splitlines())):
+            runs = [with_computed(line, run) for run in runs]
+            computed.append(line.partition("=")[0].strip())
+    except InputError as error:
+        widgets.problem(error)
+    known = list(dict.fromkeys(name for run in campaign.runs for name in run.signals))
+    with rows_place:
+        rows = _rows(which, known, computed)
+    if not runs or not rows:
         st.info("Choose at least one run and one signal.", icon=":material/info:")
         st.stop()
-    return runs, signals
+    return runs, rows
+
+
+def _rows(which: str, known: Sequence[str], computed: Sequence[str]) -> list[list[str]]:
+    """The signals of each row. Streamlit has nothing to drag: a field a row, and an empty one that begins another; a
+    computed signal that stands in none has a row of its own."""
+    usual = [[name] for name in known if name.startswith(FIRST)][:4] or [[name] for name in known[:3]]
+    kept: list[list[str]] = session.get(f"signals rows {which}", list, usual)
+    options = [*known, *computed]
+    rows = [
+        st.multiselect(
+            f"Row {number + 1}", options, max_selections=MOST_IN_ROW, placeholder="Choose signals",
+            key=held(f"signals row {number} {which}", [name for name in row if name in options]),
+        )
+        for number, row in enumerate([*kept, []][:MOST_ROWS])
+    ]  # fmt: skip
+    kept = [row for row in rows if row]
+    session.put(f"signals rows {which}", kept)
+    if len(rows) != min(len(kept) + 1, MOST_ROWS):
+        st.rerun()  # a row was emptied, or the last one filled: the fields move up, or one more is there
+    return [*kept, *([name] for name in computed if not any(name in row for row in kept))]
 
 
 def with_computed(said: str, run: Run) -> Run:
@@ -151,11 +169,11 @@ def _take_away(campaign: Campaign, stretches: Sequence[Stretch], signals: Sequen
         ]
 
     with st.container(horizontal=True):
-        for ending, (write, kind) in FORMS.items():
-            st.download_button(
-                f"Signals ({ending})", lambda write=write: write(labelled()), f"{campaign.name}.{ending}", kind,  # type: ignore[misc]
-                key=f"signals file {ending}", on_click="ignore", icon=":material/download:",
-            )  # fmt: skip
+        files = [
+            (f"Signals ({ending})", lambda write=write: write(labelled()), f"{campaign.name}.{ending}", kind)
+            for ending, (write, kind) in FORMS.items()
+        ]
+        widgets.downloads("signals file", files)
 
 
 def part_of(stretch: Stretch, signals: Sequence[str]) -> Run:

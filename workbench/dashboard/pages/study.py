@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -19,25 +20,14 @@ from workbench.core.errors import InputError
 from workbench.core.names import powers, words_of
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
-from workbench.dashboard import session
+from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import session_machine
-from workbench.dashboard.desk import (
-    ADDRESS_KEY,
-    Desk,
-    controls,
-    files_of,
-    from_address,
-    in_address,
-    named,
-    set_desk,
-    usual_desk,
-)
 from workbench.dashboard.pages import compare
-from workbench.dashboard.widgets import Number, chart, guarded, held, numbers, plain, problem, table, text
+from workbench.dashboard.widgets import Number, chart, guarded, held, plain, problem, table, text
 from workbench.logs.signal_files import FORMS
 from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
 from workbench.machines.files import machine_text
-from workbench.metrics import Metric, View, columns, shown_in
+from workbench.metrics import View, columns, shown_in
 from workbench.references import BASELINE
 from workbench.study.beside import damping_sentence, over_payload, over_ramps
 from workbench.study.conclude import SIGN, alarm, sentences, utilisation
@@ -48,16 +38,8 @@ from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, labelled_runs, peak_limit, run_study
 from workbench.study.scenario import Scenario
+from workbench.view import study as view
 from workbench.view.signals import Stretch, browser
-from workbench.view.study import (
-    criteria_table,
-    decision_table,
-    over_time,
-    peaks_figure,
-    plane,
-    save_study_page,
-    start_of_move,
-)
 from workbench.view.study_figures import pareto
 from workbench.view.style import label
 
@@ -77,34 +59,38 @@ Good = tuple[Scenario, Hoist | Axis, StudyResult]
 
 def show() -> None:
     """Draws the page."""
-    linked = st.query_params.get(ADDRESS_KEY)
+    linked = st.query_params.get(desk.ADDRESS_KEY)
     if linked and not any(str(key).startswith("desk ") for key in st.session_state):  # nothing is set yet
         try:
-            set_desk(*from_address(linked))
+            desk.set_desk(*desk.from_address(linked))
         except InputError as error:
             problem(error)
     bad: list[InputError] = []
     with st.sidebar:
         machine = session_machine("study machine")
-        desk = controls(machine, bad)
+        asked = desk.controls(machine, bad)
     head, top = st.container(), st.container()
     with top:
-        scenario, machine, result = good = _ran(desk, machine, bad)
+        scenario, machine, result = _ran(asked, machine, bad)
     with head:
-        _head(*good)
+        _head(scenario, machine, result)
     with top:
         sentence = st.empty()
         _decision(result, sentence)
-    _over_time(result)
+    runs = _runs(result)
+    if runs:
+        stretch = _window(result, max(float(run.time_s[-1]) for _, run in runs))
+        figure = view.over_time(runs, result.study.machine, "", stretch, height=740)
+        chart(figure, "study over time", "The references' signals over time")
     with st.expander("One reference against the trapezoid", icon=":material/compare:"):
         _numbers(result)
-    _forces(result)
+    _forces(runs)
     _take_away(result)
     with guarded():
-        if kind_of(machine).payload and _runs(result):
-            figure = plane(_runs(result), result.study.machine, 460)
+        if kind_of(machine).payload and runs:
+            figure = view.plane(runs, result.study.machine, 460)
             chart(figure, "study plane", "Torque over speed of one motor with continuous and peak envelope")
-            figure = peaks_figure(beside_payloads(scenario, cast(Hoist, machine)))
+            figure = view.peaks_figure(beside_payloads(scenario, cast(Hoist, machine)))
             chart(figure, "study payload", "Torque peak over payload for each reference")
         _ramps(scenario, machine, result, sentence)
         if (depends := on_damping(scenario, machine)) is not None:
@@ -115,7 +101,7 @@ def run_first() -> None:
     """The runs of the study that the page begins with, ahead of a visitor."""
     machine = default_hoist()
     for run in (results, beside_payloads, beside_ramps, on_damping):
-        run(usual_desk(machine).scenario, machine)
+        run(desk.usual_desk(machine).scenario, machine)
 
 
 # ---- what is run --------------------------------------------------------------------------------------------------
@@ -198,28 +184,28 @@ def _told() -> Iterator[None]:
         place.empty()
 
 
-def _ran(desk: Desk, machine: Hoist | Axis, bad: Sequence[InputError]) -> Good:
+def _ran(asked: desk.Desk, machine: Hoist | Axis, bad: Sequence[InputError]) -> Good:
     """The study that is asked for, told to the address; where it cannot be run, the error under its control's name,
     and the last one of this kind of machine that was."""
-    key = f"{GOOD} {desk.kind}"
+    key = f"{GOOD} {asked.kind}"
     try:
         if bad:
             raise bad[0]
         with _told():
-            good = (desk.scenario, machine, results(desk.scenario, machine))
+            good = (asked.scenario, machine, results(asked.scenario, machine))
     except InputError as error:
-        problem(named(error, machine, desk))
+        problem(desk.named(error, machine, asked))
         last: Good | tuple[()] = session.get(key, tuple, ())
         if not last:
             st.stop()
         st.caption("Shown below: the last settings that could be run.")
         return last
     session.put(key, good)
-    address = in_address(desk.scenario, machine)
+    address = desk.in_address(asked.scenario, machine)
     if address is None:
-        st.query_params.pop(ADDRESS_KEY, None)
-    elif address != st.query_params.get(ADDRESS_KEY):
-        st.query_params[ADDRESS_KEY] = address
+        st.query_params.pop(desk.ADDRESS_KEY, None)
+    elif address != st.query_params.get(desk.ADDRESS_KEY):
+        st.query_params[desk.ADDRESS_KEY] = address
     return good
 
 
@@ -228,7 +214,7 @@ def _ran(desk: Desk, machine: Hoist | Axis, bad: Sequence[InputError]) -> Good:
 
 def _head(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> None:
     """The study's name, the button that keeps it for Compare, its files to save."""
-    files, known = files_of(scenario, machine), compare.is_kept(scenario, machine)
+    known = compare.is_kept(scenario, machine)
     with st.container(horizontal=True, horizontal_alignment="distribute", vertical_alignment="center"):
         st.markdown(f"##### {plain(scenario.name)} · {plain(result.study.machine.name)}", width="content")
         with st.container(horizontal=True, width="content"):
@@ -238,11 +224,8 @@ def _head(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> Non
             ):  # fmt: skip
                 compare.keep(scenario.name, scenario, machine, result)
                 st.rerun()
-            for what, (file, content) in files.items():
-                st.download_button(
-                    what, content, file_name=file, mime="application/yaml", icon=":material/download:",
-                    on_click="ignore", key=f"study {what}",
-                )  # fmt: skip
+            files = desk.files_of(scenario, machine)
+            widgets.downloads("study", [(what, text, name, "application/yaml") for what, name, text in files])
 
 
 def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
@@ -252,59 +235,55 @@ def _decision(result: StudyResult, sentence: DeltaGenerator) -> None:
     if (alarmed := alarm(utilisation(rows, machine))) is not None:
         st.error(plain(powers(alarmed)), icon=":material/warning:")
     _failures(rows)
-    made = _weighed(result)
-    if (shown := decision_table(made[-1]) if made else None) is not None:
+    made = _weighed(result)[0]
+    shown = view.decision_table(made[-1]) if made else None
+    if shown is not None:
         table(replace(shown, note=""))
     _lights(result, shown.note if shown is not None else "")
 
 
-def _in_alarm(result: StudyResult) -> set[str]:
-    """References that reach a bound of machine or drive."""
-    kinds = {row.reference for row in result.rows}
-    uses = {k: utilisation([r for r in result.rows if r.reference == k], result.study.machine) for k in kinds}
-    return {kind for kind, own in uses.items() if alarm(own) is not None}
-
-
-def _weighed(result: StudyResult, beside: Sequence[Row] = ()) -> list[Decision]:
-    """The decision at each payload, of the references that reach no bound. beside: runs under other limits."""
-    alarmed = _in_alarm(result)
+def _weighed(result: StudyResult, beside: Sequence[Row] = ()) -> tuple[list[Decision], list[Row], list[str]]:
+    """The decision at each payload, of the references that reach no bound of machine or drive; their rows, and the
+    others' names. beside: runs under other limits."""
+    kinds, machine = sorted({row.reference for row in result.rows}), result.study.machine
+    uses = {kind: utilisation([row for row in result.rows if row.reference == kind], machine) for kind in kinds}
+    alarmed = [kind for kind in kinds if alarm(uses[kind]) is not None]
     rows = [row for row in result.rows if row.reference not in alarmed]
-    return decisions(rows, result.study.machine, result.study.scenario.decide, beside)
+    return decisions(rows, machine, result.study.scenario.decide, beside), rows, alarmed
 
 
 def _recommend(place: DeltaGenerator, result: StudyResult, beside: Sequence[Row] = ()) -> None:
     """The sentences of `study`'s decision. This is the one place where the page says which reference to take."""
-    alarmed = _in_alarm(result)
-    rows = [row for row in result.rows if row.reference not in alarmed]
+    made, rows, alarmed = _weighed(result, beside)
     if alarmed and len({row.reference for row in rows}) < 2:
         place.info("No recommendation: too few references stay below what machine and drive bear.",
                    icon=":material/gavel:")  # fmt: skip
         return
-    said = " ".join(take_sentences(_weighed(result, beside)))
+    said = " ".join(take_sentences(made))
     if not said:
         return
     without, rest = _left_out(rows)
     if without and rest:
         said = f"Of {', '.join(f'{kg:g}' for kg in rest)} kg only: {said[0].lower()}{said[1:]}"
     if alarmed:
-        said += f" Left out, for they reach a bound: {', '.join(label(kind) for kind in sorted(alarmed))}."
+        said += f" Left out, for they reach a bound: {', '.join(map(label, alarmed))}."
     place.info(plain(powers(said)), icon=":material/gavel:")
 
 
 def _lights(result: StudyResult, note: str) -> None:
     """A row a reference, a column a bound: the share that is used, with a sign, a colour and a word; folded up under
     the largest. note: what the columns of the table above are."""
+    uses, machine = utilisation(result.rows, result.study.machine), result.study.machine
+    if not uses:
+        return
     kinds = list(dict.fromkeys(row.reference for row in result.rows if row.ok))
     shown: dict[str, list[str]] = {"used of what is borne": [label(kind) for kind in kinds]}
     bounds: dict[str, str] = {}
     for k, kind in enumerate(kinds):
-        for use in utilisation([row for row in result.rows if row.reference == kind], result.study.machine):
+        for use in utilisation([row for row in result.rows if row.reference == kind], machine):
             bounds[use.what] = use.bound
             cells = shown.setdefault(use.what, ["–"] * len(kinds))
             cells[k] = f":{COLOURS[use.light]}[{SIGN[use.light]}] {plain(f'{use.percent:.0f} %')} {use.light}"
-    uses = utilisation(result.rows, result.study.machine)
-    if not uses:
-        return
     most = max(uses, key=lambda use: use.percent)
     head = f"{SIGN[most.light]} Used of what machine and drive bear: at most {most.used} {most.bound} ({most.where})"
     with st.expander(plain(head)):
@@ -312,8 +291,8 @@ def _lights(result: StudyResult, note: str) -> None:
         st.markdown("\n".join(f"| {' | '.join(row)} |" for row in rows))  # st.table would import pandas
         st.caption(plain("Per cent of: " + "; ".join(f"{what}, {bound}" for what, bound in bounds.items()) + "."))
         st.caption(plain(powers(note)))
-        if made := _weighed(result):
-            table(criteria_table(made[-1]))
+        if made := _weighed(result)[0]:
+            table(view.criteria_table(made[-1]))
 
 
 def _failures(rows: Sequence[Row]) -> None:
@@ -339,37 +318,31 @@ def _left_out(rows: Sequence[Row]) -> tuple[list[float], list[float]]:
 
 def _numbers(result: StudyResult) -> None:
     """The worst of the payloads, of one reference against the trapezoid; then in words."""
-    rows, judged = result.rows, metrics_of(result.rows)
-    worst = "; the worst of the payloads" if judged.payload else ""
-    kinds = [kind for kind in dict.fromkeys(row.reference for row in rows) if kind != BASELINE]
+    good, judged = [row for row in result.rows if row.ok], metrics_of(result.rows)
+    kinds = [kind for kind in dict.fromkeys(row.reference for row in result.rows) if kind != BASELINE]
     kind = BASELINE
-
-    def of(who: str, metric: Metric, rows: Sequence[Row]) -> float:
-        values = [row[metric.name] for row in rows if row.ok and row.reference == who]
-        return float(metric.worst(values)) if values else float("nan")
-
     if kinds:
-        taken = [decision.taken.reference for decision in _weighed(result) if decision.taken is not None]
+        taken = [decision.taken.reference for decision in _weighed(result)[0] if decision.taken is not None]
         first = next((kind for kind in reversed(taken) if kind in kinds), kinds[0])
         kind = st.segmented_control(
             "Reference", kinds, key=held("study against", first, kinds), format_func=label, required=True
         ) or first  # fmt: skip
     # Only payloads at which both have run: the worst of different loads does not compare.
-    both = {who: {row.payload_kg for row in rows if row.ok and row.reference == who} for who in (kind, BASELINE)}
-    common = both[kind] & both[BASELINE]
-    fair = [row for row in rows if row.ok and row.payload_kg in (common or both[kind])]
-    cards = []
+    both = {who: {row.payload_kg: row for row in good if row.reference == who} for who in (kind, BASELINE)}
+    common = both[kind].keys() & both[BASELINE].keys()
+    mine, base = ([rows[kg] for kg in sorted(common or both[kind].keys()) if kg in rows] for rows in both.values())
+    of, cards = f"{label(kind)}{'; the worst of the payloads' * bool(judged.payload)}", list[Number]()
     for metric in shown_in(View.CARDS, judged):
-        if all(row.metrics.get(metric.name) is not None for row in fair):
-            mine, base = (of(who, metric, fair) for who in (kind, BASELINE))
-            delta = None if kind == BASELINE or not common else metric.scale * (mine - base)
-            better = "higher" if metric.better == "higher" else "lower"
-            cards.append(Number(metric.heading, metric.scale * mine, metric.shown_unit, delta, better,  # type: ignore[arg-type]
-                                help=f"{label(kind)}{worst}"))  # fmt: skip
-    numbers(cards)
-    said = f"**{label(kind).capitalize()}**{worst.replace(';', ',')}"
-    said += "; below it the difference to the trapezoid." if kinds else "."
-    good = [row for row in rows if row.ok]
+        if not mine or any(row.metrics.get(metric.name) is None for row in [*mine, *base]):
+            continue
+        now, before = (metric.scale * metric.worst([row[metric.name] for row in rows]) if rows else float("nan")
+                       for rows in (mine, base))  # fmt: skip
+        delta = None if kind == BASELINE or not common else now - before
+        better = "higher" if metric.better == "higher" else "lower"
+        cards.append(Number(metric.heading, now, metric.shown_unit, delta, better, help=of))  # type: ignore[arg-type]
+    if cards:
+        widgets.numbers(cards)
+    said = f"**{of[0].upper()}{of[1:]}**{'; below it the difference to the trapezoid.' if kinds else '.'}"
     st.caption(f"{said} {plain(powers(' '.join(sentences(good, peak_limit(result.study.machine)))))}")
 
 
@@ -381,14 +354,6 @@ def _runs(result: StudyResult) -> list[tuple[str, Run]]:
     return [(row.reference, result.runs[row.run_id]) for row in result.rows if row.ok and row.run_id in result.runs]
 
 
-def _over_time(result: StudyResult) -> None:
-    runs = _runs(result)
-    if runs:
-        stretch = _window(result, max(float(run.time_s[-1]) for _, run in runs))
-        figure = over_time(runs, result.study.machine, "", stretch, height=740)
-        chart(figure, "study over time", "The references' signals over time")
-
-
 def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
     """The stretch of time that is drawn, which stays while sliders move; None for all of it."""
     choice, first, last = st.columns([2.6, 1.0, 1.0], vertical_alignment="center")
@@ -398,7 +363,7 @@ def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
     )  # fmt: skip
     if stretch == WHOLE:
         return None
-    usual = start_of_move(result)
+    usual = view.start_of_move(result)
     if stretch == RAMP:
         return usual
     start, end = (
@@ -417,9 +382,8 @@ def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, sente
     rows = [row for row in beside_ramps(scenario, machine) if row.ok]
     if not rows:
         return
-    judged = metrics_of(rows)
+    judged, axes, limits = metrics_of(rows), swept_axes(rows), scenario.limits.model_dump()
     heaviest = max(row.payload_kg for row in result.rows)
-    axes, limits = swept_axes(rows), scenario.limits.model_dump()
     own = {name: limits[name.rpartition(".")[2]] for axis in axes for name in axis.columns}
     chosen = [replace(r, assigned=own) for r in result.rows if r.ok and r.payload_kg == heaviest]
     # The ramps' runs are the lumped model's: front and verdict would else lay two models side by side.
@@ -454,9 +418,9 @@ def force_table(runs: Sequence[tuple[str, Run]]) -> Table:
     return Table(heads, rows, "The largest of all payloads, with its sign; a pin's force has none.")
 
 
-def _forces(result: StudyResult) -> None:
+def _forces(runs: Sequence[tuple[str, Run]]) -> None:
     """Of rollers and joints; nothing where the study ran on the lumped machine, which has none."""
-    runs = [(kind, run) for kind, run in _runs(result) if forces_of(run)]
+    runs = [(kind, run) for kind, run in runs if forces_of(run)]
     if not runs:
         return
     with st.expander("Forces of rollers and joints", expanded=True, icon=":material/conversion_path:"):
@@ -483,18 +447,17 @@ def _take_away(result: StudyResult) -> None:
     # Taken here: Streamlit calls the function of a download in a thread that belongs to no session.
     folder = session.workspace()
     with st.expander("Signals and report", icon=":material/download:"), st.container(horizontal=True):
-        for ending, (write, kind) in FORMS.items():
-            st.download_button(
-                f"Signals ({ending})", lambda write=write: write(labelled_runs(result)), f"{name}.{ending}", kind,  # type: ignore[misc]
-                key=f"study signals {ending}", on_click="ignore",
-            )  # fmt: skip
-        st.download_button("Report", lambda: report_of(result, folder), f"{name}.html", "text/html",
-                           key="study report", on_click="ignore")  # fmt: skip
+        signals = [
+            (f"Signals ({ending})", lambda write=write: write(labelled_runs(result)), f"{name}.{ending}", kind)
+            for ending, (write, kind) in FORMS.items()
+        ]
+        report = ("Report", partial(report_of, result, folder), f"{name}.html", "text/html")
+        widgets.downloads("study", [*signals, report])
 
 
 def report_of(result: StudyResult, folder: Path) -> bytes:
     """The report's page. folder: a private one of the session."""
     with tempfile.TemporaryDirectory(dir=folder) as own:  # each click its own: two may come at once
         file = Path(own) / "study.html"
-        save_study_page(result, file)
+        view.save_study_page(result, file)
         return file.read_bytes()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,35 +11,9 @@ from typing import TYPE_CHECKING
 import streamlit as st
 
 from workbench.core.errors import InputError
-from workbench.dashboard import session
-from workbench.dashboard.chosen import chosen_campaign, is_own, keep_machine, kept_machines
-from workbench.dashboard.jobs import (
-    INPUTS,
-    VIEW,
-    Job,
-    Teller,
-    cards,
-    jobs_of,
-    poll,
-    read_view,
-    result_folder,
-    start,
-    without_folder,
-    write_view,
-)
-from workbench.dashboard.widgets import (
-    Number,
-    beside,
-    chart,
-    guarded,
-    held,
-    notes,
-    numbers,
-    plain,
-    points,
-    problem,
-    table,
-)
+from workbench.dashboard import chosen, jobs, session, widgets
+from workbench.dashboard.jobs import VIEW, Job, Teller
+from workbench.dashboard.widgets import Number, chart, guarded, held, plain, points, problem, table
 from workbench.effects import check
 from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign, read_campaign
@@ -51,13 +24,14 @@ from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.study.labels import field_label
 from workbench.view import identify as identify_report
 from workbench.view import replay as report
-from workbench.view.identify import Shift, correlation_matrix, estimates, friction
+from workbench.view.identify import Shift
 from workbench.view.numbers import with_error
 from workbench.view.page import Section
-from workbench.view.replay import RESIDUAL_NOTE, inputs, residuals, speeds
 from workbench.view.words import words_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from plotly.graph_objects import Figure
 
     from workbench.simulate.models import ModelsCompared
@@ -71,7 +45,7 @@ MODEL_FILES = (("Report", "models.html", "text/html"), ("models.json", "models.j
 def show() -> None:
     """Draws the page."""
     with st.sidebar, guarded():
-        campaign = _chosen(chosen_campaign("validate campaign"))
+        campaign = _chosen(chosen.chosen_campaign("validate campaign"))
     head, button = st.columns([5.0, 1.4], vertical_alignment="center")
     head.markdown(f"#### Campaign {plain(campaign.name)} · {plain(campaign.machine.name)}")
     wanted = button.button("Identify", type="primary", width="stretch", key="validate identify")
@@ -91,82 +65,76 @@ def show() -> None:
     result: ReplayResult = known[1]
     last = session.get(FOUND, tuple, ())
     identified: Identification | None = last[1] if last and last[0] == question else None
-    after = None if identified is None else identified.after
-    _numbers(campaign, result, after)
+    machine, now, before = campaign.machine, result, None
+    if identified is not None:
+        now, before = identified.after, result
+    _numbers(campaign, now, before)
     remedy = GAP if identified is not None else f"Identify fits the values. {GAP}"
-    st.markdown(plain(" ".join(report.sentences(campaign.machine, after or result, remedy))))
-    notes(campaign.all_notes)
+    st.markdown(plain(" ".join(report.sentences(machine, now, remedy))))
+    widgets.notes(campaign.all_notes)
     if identified is not None:
         with guarded():
             _identified(identified)
-    st.markdown("##### Replay" if after is None else "##### Replay of the identified machine")
-    machine, now, before = campaign.machine, after or result, None if after is None else result
-    chart(speeds(machine, now), "validate speeds", "Measured and simulated speed of every run")
-    chart(residuals(machine, now, before), "validate residuals", "Residual of every run over time")
-    st.caption(plain(RESIDUAL_NOTE))
-    chart(inputs(machine, now), "validate inputs", "Measured input of every run")
+    st.markdown("##### Replay" if before is None else "##### Replay of the identified machine")
+    chart(report.speeds(machine, now), "validate speeds", "Measured and simulated speed of every run")
+    chart(report.residuals(machine, now, before), "validate residuals", "Residual of every run over time")
+    st.caption(plain(report.RESIDUAL_NOTE))
+    chart(report.inputs(machine, now), "validate inputs", "Measured input of every run")
     table(report.table(machine, now))
-    if studied(campaign.machine) is not None:
+    if studied(machine) is not None:
         _both_models(campaign)
 
 
 def _chosen(campaign: Campaign) -> Campaign:
     """The campaign with the runs and the machine that are chosen."""
     names = [run.name for run in campaign.runs]
-    chosen = st.multiselect("Runs", names, key=held(f"validate runs {campaign.path.name}", names))
-    same_kind = {n: m for n, m in kept_machines().items() if type(m) is type(campaign.machine)}
+    picked = st.multiselect("Runs", names, key=held(f"validate runs {campaign.path.name}", names))
+    same_kind = {n: m for n, m in chosen.kept_machines().items() if type(m) is type(campaign.machine)}
     machine = st.selectbox("Machine", [OWN, *same_kind], key=held("validate machine", OWN, [OWN, *same_kind]))
-    if not chosen:
+    if not picked:
         st.info("Choose at least one run.", icon=":material/info:")
         st.stop()
-    runs = tuple(run for run in campaign.runs if run.name in chosen)
+    runs = tuple(run for run in campaign.runs if run.name in picked)
     return replace(campaign, runs=runs, machine=same_kind.get(machine, campaign.machine))
 
 
-def _numbers(campaign: Campaign, result: ReplayResult, after: ReplayResult | None) -> None:
-    w, now = words_of(campaign.machine), after or result
-
-    def number(what: str, name: str, unit: str, help_: str | None = None) -> Number:
-        by = None if after is None else getattr(now, name) - getattr(result, name)
-        return Number(what, getattr(now, name), unit, by, "lower", help=help_)
-
-    open_loop = f"rms, in % of {w.scale}; adds up every bias from the first sample on"
+def _numbers(campaign: Campaign, now: ReplayResult, before: ReplayResult | None) -> None:
+    w = words_of(campaign.machine)
     residual = f"rms of measured minus predicted {w.quantity}, below {now.band_hz:.3g} Hz, without rests"
-    numbers(
-        [
-            number("Speed error, open loop", "speed_rmse_percent", "%", open_loop),
-            number("The same, restarted every 2 s", "speed_rmse_percent_restarted_2s", "%", f"in % of {w.scale}"),
-            number(f"{w.quantity.capitalize()} residual, moving", "residual_rms_moving", w.unit, residual),
-            Number("Sensor noise in this band", now.noise_rms, w.unit),
-        ]
-    )
+    open_loop = f"rms, in % of {w.scale}; adds up every bias from the first sample on"
+    shown = []
+    for what, name, unit, tip in (
+        ("Speed error, open loop", "speed_rmse_percent", "%", open_loop),
+        ("The same, restarted every 2 s", "speed_rmse_percent_restarted_2s", "%", f"in % of {w.scale}"),
+        (f"{w.quantity.capitalize()} residual, moving", "residual_rms_moving", w.unit, residual),
+    ):
+        by = None if before is None else getattr(now, name) - getattr(before, name)
+        shown.append(Number(what, getattr(now, name), unit, by, "lower", help=tip))
+    widgets.numbers([*shown, Number("Sensor noise in this band", now.noise_rms, w.unit)])
 
 
 def _identified(identified: Identification) -> None:
     """What was found: error bars, the law of friction, the machine to keep or download."""
     head, keep, download = st.columns([3.0, 1.4, 1.4], vertical_alignment="center")
     head.markdown("##### Identified machine")
-
-    def keep_it() -> None:  # runs before the page, whose lists of machines then hold it
-        name = keep_machine(f"identified from {identified.campaign.name}", identified.machine)
-        st.toast(f"Kept as {plain(name)}", icon=":material/check:")
-
-    keep.button("Keep the machine", icon=":material/save:", width="stretch", key="validate keep", on_click=keep_it)
-    download.download_button(
-        "machine.yaml", machine_text(identified.machine), file_name="machine.yaml", mime="application/yaml",
-        icon=":material/download:", on_click="ignore", width="stretch", key="validate download",
-    )  # fmt: skip
-    left, right = beside("identified")
+    with keep:
+        name = f"identified from {identified.campaign.name}"
+        chosen.keep_button("validate keep", name, lambda: identified.machine)
+    with download:
+        file = ("machine.yaml", machine_text(identified.machine), "machine.yaml", "application/yaml")
+        widgets.downloads("validate download", [file], "stretch")
+    left, right = widgets.beside("identified")
     with left:
         chart(_estimates(identified), "validate estimates", "Fitted values with error bars and tolerances")
     with right:
-        law = friction(identified).update_layout(height=470, title_text="")
+        law = identify_report.friction(identified).update_layout(height=470, title_text="")
         chart(law, "validate friction", "Law of friction, nominal and identified, with the log's points")
     points(identify_report.sentences(identified, "the page Gap names what"))
     with st.expander("Values, standard errors, correlations"):
         table(identify_report.table(identified.fit))
         names = [free.key for free in identified.fit.free]
-        chart(correlation_matrix(names, identified.fit.correlation), "validate correlation", "Correlations of the fit")
+        matrix = identify_report.correlation_matrix(names, identified.fit.correlation)
+        chart(matrix, "validate correlation", "Correlations of the fit")
 
 
 def _estimates(identified: Identification) -> Figure:
@@ -184,7 +152,8 @@ def _estimates(identified: Identification) -> Figure:
                 shift, spread = math.log(value / free.nominal), error / value
         name, said = in_words(free.key, value, error)
         drawn.append(Shift(name, shift / unit, spread / unit, said))
-    return estimates(drawn, "tolerances" if in_tolerances else "% of nominal", 1.0 if in_tolerances else None)
+    unit_, tolerance = ("tolerances", 1.0) if in_tolerances else ("% of nominal", None)
+    return identify_report.estimates(drawn, unit_, tolerance)
 
 
 def in_words(key: str, value: float, error: float) -> tuple[str, str]:
@@ -193,6 +162,9 @@ def in_words(key: str, value: float, error: float) -> tuple[str, str]:
     prefix, scale = ("G", 1e-9) if label.unit == "Pa" else ("", 1.0)
     words = label.words.replace("coulomb", "Coulomb").replace("youngs", "Young's")
     return words, f"{' ± '.join(with_error(scale * value, scale * error))} {prefix}{label.unit}".strip()
+
+
+# ---- both models ----------------------------------------------------------------------------------------------------
 
 
 def work(out: Path, tell: Teller, folder: str, name: str, runs: Sequence[str], machine: str, source: str = "") -> None:
@@ -212,15 +184,13 @@ def work(out: Path, tell: Teller, folder: str, name: str, runs: Sequence[str], m
         campaign = read_campaign(folder, confined=True, check_effects=check)
         if hoist is None:
             raise InputError(f"is {of_kind(campaign.machine)}; the multi-body machine is a hoist")
-        chosen = [run for run in campaign.runs if run.name in runs]
-        told = iter(range(len(chosen)))
+        picked = [run for run in campaign.runs if run.name in runs]
+        told = iter(range(len(picked)))
         return compare_models(
-            hoist, chosen, progress=lambda of: tell(f"run {of} on both models", next(told), len(chosen))
+            hoist, picked, progress=lambda of: tell(f"run {of} on both models", next(told), len(picked))
         )
 
-    with without_folder(folder):
-        result = write_models(compared, name, out)
-    write_view(section_of(result), out.parent / VIEW)
+    jobs.write_view(section_of(write_models(compared, name, out)), out.parent / VIEW)
 
 
 def _both_models(campaign: Campaign) -> None:
@@ -234,17 +204,17 @@ def _both_models(campaign: Campaign) -> None:
         "runs": [run.name for run in campaign.runs],
         "machine": machine_text(campaign.machine),
     }
-    jobs = jobs_of(session.work_folder(), MODELS)
-    job = next((job for job in jobs if asked.items() <= job.arguments.items()), None)
-    running = job is not None and not poll(job).ended
+    own = jobs.jobs_of(session.work_folder(), MODELS)
+    job = next((job for job in own if asked.items() <= job.arguments.items()), None)
+    running = job is not None and not jobs.poll(job).ended
     if button.button("Compare models", width="stretch", key="validate models", disabled=running):
-        hoist, own = studied(campaign.machine), is_own(campaign)
+        hoist = studied(campaign.machine)
         assert hoist is not None
+        folder, copied = chosen.sent_to_job(campaign)
         try:
             check_multibody(hoist)
-            asked = {"folder": f"{INPUTS}/campaign" if own else str(campaign.path.resolve()), **asked}
-            copied = {"campaign": campaign.path} if own else {}
-            job = start(MODELS, f"{__name__}:work", asked, session.new_work_folder(), campaign.name, copied)
+            asked |= {"folder": folder}
+            job = jobs.start(MODELS, f"{__name__}:work", asked, session.new_work_folder(), campaign.name, copied)
         except InputError as error:
             problem(error)
             return
@@ -253,31 +223,26 @@ def _both_models(campaign: Campaign) -> None:
             "Replays the torque of these runs on the multi-body machine too: rigid bodies, joints, rollers and wire. "
             "It takes some seconds a run, in a process of its own."
         )
-    elif poll(job).state == "done":
-        _models(job)
+    elif jobs.poll(job).state == "done":
+        try:
+            _models(job, jobs.read_view(Section, job))
+        except InputError as error:
+            problem(error)
     else:
-        cards([job])
+        jobs.cards([job])
 
 
-def _models(job: Job) -> None:
+def _models(job: Job, section: Section) -> None:
     """Sentences, table and figures of the report, and its files."""
     import plotly.graph_objects as go
 
-    try:
-        section = read_view(Section, job)
-    except InputError as error:
-        problem(error)
-        return
     points(section.sentences)
-    for shown_table in section.tables:
-        table(shown_table)
+    for shown in section.tables:
+        table(shown)
     for number, (figure, note) in enumerate(section.figures):
         chart(go.Figure(figure), f"validate models {job.id} {number}", note)
         st.caption(plain(note))
-    folder = result_folder(job)
     name = "".join(c if c.isalnum() or c in "-_" else "_" for c in job.title)
     with st.container(horizontal=True):
-        for label, file, kind in MODEL_FILES if folder is not None else ():
-            assert folder is not None
-            st.download_button(label, (folder / file).read_bytes(), f"{name}-{file}", kind, on_click="ignore",
-                               key=f"validate models download {file}", icon=":material/download:")  # fmt: skip
+        files = [(words, job.file(f"result/{f}").read_bytes(), f"{name}-{f}", kind) for words, f, kind in MODEL_FILES]
+        widgets.downloads("validate models download", files)

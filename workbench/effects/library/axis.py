@@ -67,7 +67,7 @@ def presliding(s: Any, e: Any, p: Any) -> Scalar:
     place={"axis-linear": "axis_force"}, subsystem="axis", regime="periodic",
     parameters=[
         amount("A", "amplitude_n", "of the force", "force", 0.3, 0.01, 0.02),
-        Parameter("n", "waves_per_m", "waves per metre of the way", "1/length", 1.2, 400.0, 0.05, 5.0,
+        Parameter("n", "waves_per_m", "waves per metre of travel", "1/length", 1.2, 400.0, 0.05, 5.0,
                   domain="positive", scan="waves"),
         Parameter("phi", "phase_rad", "at position 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0, scan="phase"),
     ],
@@ -78,7 +78,7 @@ def presliding(s: Any, e: Any, p: Any) -> Scalar:
     shows="a ripple whose frequency follows the speed, at the same places in every run",
 )  # fmt: skip
 def torque_ripple(s: Any, e: Any, p: Any) -> Scalar:
-    """Cogging of a linear motor, or a screw's error: a wave of force along the way."""
+    """Cogging of a linear motor, or a screw's error: a wave of force along the travel."""
     return e.A * sin(2.0 * math.pi * e.n * s.x + e.phi)
 
 
@@ -138,7 +138,7 @@ def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
     equation="within the play M → (1 − share) M and F = share (rub friction + load/share);  q' = v − w;  "
     "M w' = T − rub friction(w) − load/share;  T: pushes beyond ±play/2, critically damped at 100 Hz",
     reference="M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38, 2002",
-    shows="after each reversal the motor moves without the load for a short way; the impact at its end is left out",
+    shows="after each reversal the motor moves without the load briefly; the impact at its end is left out",
     memory=[
         EffectMemory("q", _lead_rate, start=lambda e, p: where(p.C < 0.0, -0.5, 0.5) * e.play,
                      scale=lambda e, p: e.play),

@@ -26,7 +26,7 @@ BRAKE_LEADS_S = 0.2  # as long before the motor turns it may begin to let go, wh
     dissipative=True,
 )  # fmt: skip
 def gearbox_efficiency(s: Any, e: Any, p: Any) -> Scalar:
-    """Gear losses in proportion to the transmitted torque, both ways."""
+    """Gear losses in proportion to the transmitted torque, in both directions."""
     return -(e.loss * absolute(s.load) * s.switch)
 
 
@@ -59,12 +59,12 @@ def _grip_rate(s: Any, e: Any, p: Any) -> Scalar:
         Parameter("tau", "time_constant_s", "of letting go", "1", 0.05, 5.0, 0.2, 0.6, domain="positive",
                   tries=(0.2, 0.5, 1.2)),
         Parameter(
-            "w_0", "moving_rad_s", "motor speed above which the machine is under way", "motor_speed",
+            "w_0", "moving_rad_s", "motor speed above which the machine moves", "motor_speed",
             0.0002, 0.05, 0.0005, 0.001, domain="positive", tries=(0.001,),
         ),
     ],
     reads={"switch": "sign of the motor's speed, linear around standstill", "z": "its memory: the brake's torque, N m"},
-    equation="T = −z S(ω);  z' = −z/τ under way, (T − z)/0.2 s at rest",
+    equation="T = −z S(ω);  z' = −z/τ in motion, (T − z)/0.2 s at rest",
     reference="a spring-applied brake whose magnet builds up its field with the time constant τ",
     shows="a burst against the motion at each start that dies away; none at stops",
     dissipative=True,

@@ -40,12 +40,12 @@ def friction_viscous(s: Any, e: Any, p: Any) -> Scalar:
     ],
     reads=SPEED,
     equation="F = −B_up v for v > 0, −B_dn v else",
-    reference=f"{ARMSTRONG}, section 2, with a slope for each way",
-    shows="as friction_viscous, with another slope each way",
+    reference=f"{ARMSTRONG}, section 2, with a slope for each direction",
+    shows="as friction_viscous, with another slope in each direction",
     dissipative=True,
 )  # fmt: skip
 def friction_viscous_asymmetric(s: Any, e: Any, p: Any) -> Scalar:
-    """Friction in proportion to the speed, with another slope each way."""
+    """Friction in proportion to the speed, with another slope in each direction."""
     return -(where(s.v > 0.0, e.B_up, e.B_dn) * s.v)
 
 
@@ -61,7 +61,7 @@ def friction_viscous_asymmetric(s: Any, e: Any, p: Any) -> Scalar:
     dissipative=True,
 )  # fmt: skip
 def friction_coulomb(s: Any, e: Any, p: Any) -> Scalar:
-    """Friction levels off the nominal ones, alike both ways; a negative level is less friction than nominal."""
+    """Friction levels off the nominal ones, the same in both directions; below 0 friction is less than nominal."""
     return -(e.F * s.switch)
 
 
@@ -74,11 +74,11 @@ def friction_coulomb(s: Any, e: Any, p: Any) -> Scalar:
     reads=SPEED | SWITCH,
     equation="F = −ΔF_up S(v) for S > 0, −ΔF_dn S(v) else",
     reference="Eq. 17 of the paper, both levels free",
-    shows="two levels of the residual, one each way; alike with a torque offset or an error of the carriage's mass",
+    shows="two levels of the residual, one in each direction; alike: a torque offset, an error of the carriage's mass",
     dissipative=True,
 )  # fmt: skip
 def friction_coulomb_asymmetric(s: Any, e: Any, p: Any) -> Scalar:
-    """Friction levels off the nominal ones, by another amount each way."""
+    """Friction levels off the nominal ones, by another amount in each direction."""
     return -(where(s.switch > 0.0, e.F_up, e.F_dn) * s.switch)
 
 

@@ -21,7 +21,7 @@ from workbench.symbolic.expr import Scalar
            "c": "damping, N m s/rad", "torque": "torque of the nominal coupling, N m"},
     equation="T → T + share (T with play b + Δb − T)",
     reference="M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38, 2002",
-    shows="after each reversal the motor turns without the load for a short way, then an impact",
+    shows="after each reversal the motor turns without the load over a short distance, then an impact",
 )  # fmt: skip
 def backlash(s: Any, e: Any, p: Any) -> Scalar:
     """Play between motor and load: within it the motor does not feel the load."""

@@ -8,9 +8,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from workbench.core.errors import InputError
-from workbench.core.run import Array
+from workbench.core.run import Array, float_array
 from workbench.logs.formats.declared import LogFormat, Opened
-from workbench.logs.formats.parquet_file import float_array
 
 MISSING = ["", "nan", "NaN", "NAN", "NA", "n/a", "null", "NULL", "None", "-nan", "#N/A"]
 _HEADER_BYTES = 1_000_000

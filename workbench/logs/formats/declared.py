@@ -155,6 +155,20 @@ def at_times(channel: Channel, time_s: Array) -> Array:
     return np.asarray(out)
 
 
+def over_time(
+    names: Sequence[str], rows: int, time_s: Callable[[], Array], channel: Callable[[str], Channel]
+) -> Opened:  # fmt: skip
+    """An opened file of channels of several rates: `time_s`, and the channels at these times."""
+
+    def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
+        limits.check(rows, rows * len(wanted))
+        at = time_s()
+        for index, name in enumerate(wanted):
+            yield index, at if name == TIME else np.ascontiguousarray(at_times(channel(name), at))
+
+    return Opened([TIME, *names], pieces)
+
+
 def fastest(channels: Sequence[Channel]) -> Array:
     """The time of the channel with the most samples. ValueError where there is none."""
     return max(channels, key=lambda channel: len(channel.time_s)).time_s

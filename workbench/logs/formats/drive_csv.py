@@ -5,10 +5,16 @@ stands again at each group of columns; below them the first column of a group is
 channels, and the last line may be EOF. Every other file is taken as: lines that are no numbers, of which the last with
 as many cells as the numbers is the header, or the one before it where that is a row of units; then rows of numbers. Its
 first column that is called a time is the time, else there is none.
+
+Trends of Rockwell's Studio 5000 have a line `Header:,Date,Time,TAG,…` and lines `Data,DATE,HH:MM:SS;mmm,VALUE,…`. Made
+from two public programs that write and read them (ICS Studio; a trend viewer's parser with its tests), not from an
+export of Rockwell's own. Dates differ by country and are not read: a clock that goes back by hours is the next day.
+Scope: the public exports of CagtayFabry/pytcs, and Beckhoff's manual TE13xx, "Export in csv".
 """
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -24,6 +30,8 @@ from workbench.logs.formats.declared import Channel
 MOST_HEAD = 200  # lines before the numbers
 _DATE = re.compile(r'"?\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(:\d{2}([.,]\d{1,6})?)?(Z|[+-]\d{2}:?\d{2})?"?')
 SCOPE_KEY = "SampleTime[ms]"
+FILETIME = 1e16  # beyond it a time is one of Windows, in 100 ns
+_CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2})(?:[;.,](\d{1,6}))?(?: *([AP])M)?", re.IGNORECASE)
 TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 _TIME = re.compile(r"^(time|zeit|timestamp|zeitstempel|t)\b", re.IGNORECASE)
 _UNIT = re.compile(r"^(.*?)\s*[\[(/]\s*([^\])]*?)\s*[\])]?\s*$")
@@ -37,6 +45,8 @@ def read_drive_csv(file: Path) -> list[Channel]:
         lines.pop()
     if not lines:
         raise InputError("is empty", file=file)
+    if any(line.startswith("Header:") for line in lines[:MOST_HEAD]):
+        return _of_trend(lines, file)
     mark = _separator(lines)
     first = _first_row(lines, mark, file)
     head = [[cell.strip().strip('"') for cell in line.split(mark)] for line in lines[:first]]
@@ -125,11 +135,36 @@ def _of_scope(head: Sequence[Sequence[str]], numbers: Array, file: Path) -> list
             continue
         used = np.isfinite(numbers[:, times]) & np.isfinite(numbers[:, j])
         unit = units[j] if j < len(units) else ""
-        time_s = 1e-3 * numbers[used, times]
+        time_s = numbers[used, times] * (1e-7 if numbers[0, times] > FILETIME else 1e-3)
         channels.append(Channel(title, "" if unit in ("(None)", "None") else unit, time_s, numbers[used, j]))
     if not channels:
         raise InputError("holds no channels", file=file)
     return channels
+
+
+def _of_trend(lines: Sequence[str], file: Path) -> list[Channel]:
+    head = next(i for i, line in enumerate(lines) if line.startswith("Header:"))
+    names = [name.strip() for name in next(csv.reader([lines[head]]))[3:]]
+    rows, times = [], list[float]()
+    for number, row in enumerate(csv.reader(lines[head + 1 :]), head + 2):
+        if row[:1] != ["Data"]:
+            continue
+        clock = _CLOCK.fullmatch(row[2].strip()) if len(row) == len(names) + 3 else None
+        try:
+            rows.append([_value(cell) if cell.strip() else np.nan for cell in row[3:]])
+        except ValueError as error:
+            raise InputError(f"{error}; expected numbers", file=file, line=number) from error
+        if clock is None:
+            expected = f"expected Data, a date, a time such as 13:05:00;250 and {len(names)} values"
+            raise InputError(f"row has {len(row)} cells, {expected}", file=file, line=number)
+        hour = int(clock[1]) % 12 + 12 * (clock[5].upper() == "P") if clock[5] else int(clock[1])
+        at = 3600.0 * hour + 60.0 * int(clock[2]) + int(clock[3]) + float(f"0.{clock[4] or 0}")
+        days = round((times[-1] - at) / 86400.0) if times else 0
+        times.append(at + 86400.0 * days)
+    if not rows or not names:
+        raise InputError("holds no rows of data", file=file)
+    values, time_s = np.array(rows), np.array(times)
+    return [Channel(*split_unit(name), time_s, values[:, j]) for j, name in enumerate(names)]
 
 
 def _of_columns(head: Sequence[Sequence[str]], numbers: Array, file: Path) -> list[Channel]:

@@ -5,25 +5,13 @@ from __future__ import annotations
 import io
 import re
 import tempfile
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.core.run import Array
-from workbench.logs.formats.declared import (
-    TIME,
-    Channel,
-    Limits,
-    LogFormat,
-    Opened,
-    at_times,
-    distinct,
-    real_numbers,
-    titled,
-)
+from workbench.logs.formats.declared import Channel, LogFormat, Opened, distinct, over_time, real_numbers, titled
 
 _FUNCTIONS = "sin|cos|tan|asin|acos|atan|arcsin|arccos|arctan|sinh|cosh|tanh|exp|log|log10|sqrt|abs|pow"
 _TOKEN = re.compile(rf"\s+|[-+*/(),]|X1?\b|(\d+\.?\d*|\.\d+)([eE][-+]?\d{{1,3}})?|({_FUNCTIONS})(?=\()")
@@ -51,27 +39,18 @@ def open_mdf(file: Path) -> Opened:
                 _check_formulas(channel)
                 places.append((g, i))
                 titles.append(titled(channel.name, _unit(channel)))
-    titles = distinct(titles)
     if not places:
         raise InputError("holds no channels with samples")
     longest = max({g for g, _ in places}, key=lambda g: mdf.groups[g].channel_group.cycles_nr)
+    known = dict(zip(distinct(titles), places, strict=True))
 
-    known = dict(zip(titles, places, strict=True))
+    def of(name: str) -> Channel:
+        signal = mdf.get(group=known[name][0], index=known[name][1])
+        times = np.asarray(signal.timestamps, dtype=np.float64)
+        return Channel(name, "", times, real_numbers(name, np.asarray(signal.samples)))
 
-    def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
-        rows = int(mdf.groups[longest].channel_group.cycles_nr)
-        limits.check(rows, rows * len(wanted))
-        time_s = np.asarray(mdf.get_master(longest), dtype=np.float64)
-        for index, name in enumerate(wanted):
-            if name == TIME:
-                yield index, time_s
-                continue
-            signal = mdf.get(group=known[name][0], index=known[name][1])
-            values = real_numbers(name, np.asarray(signal.samples))
-            own = Channel(name, "", np.asarray(signal.timestamps, dtype=np.float64), values)
-            yield index, np.ascontiguousarray(at_times(own, time_s))
-
-    return Opened([TIME, *titles], pieces)
+    rows = int(mdf.groups[longest].channel_group.cycles_nr)
+    return over_time(list(known), rows, lambda: np.asarray(mdf.get_master(longest), dtype=np.float64), of)
 
 
 def _check_formulas(channel: Any) -> None:

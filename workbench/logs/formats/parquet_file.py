@@ -6,37 +6,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from workbench.core.errors import InputError
-from workbench.core.run import Array
+from workbench.core.run import Array, float_array
 from workbench.logs.formats.declared import Limits, LogFormat, Opened
 
 if TYPE_CHECKING:
-    import pyarrow
+    pass
 
 _ROWS = 65_536  # of a batch
-
-
-def float_array(column: pyarrow.ChunkedArray | pyarrow.Array) -> Array:
-    """An Arrow column of whole, floating or decimal numbers as float64, null as NaN; a copy.
-
-    Arrow's own to_numpy would load pandas, its cast and fill_null take a third more.
-    """
-    import pyarrow as pa
-
-    parts = []
-    for chunk in filter(len, getattr(column, "chunks", [column])):
-        if not (pa.types.is_integer(chunk.type) or pa.types.is_floating(chunk.type)):
-            chunk = chunk.cast(pa.float64(), safe=False)
-        end = chunk.offset + len(chunk)
-        valid, values = chunk.buffers()
-        numbers = np.frombuffer(values, dtype=chunk.type.to_pandas_dtype(), count=end)[chunk.offset :]
-        parts.append(numbers.astype(np.float64))
-        if valid is not None and chunk.null_count:
-            bits = np.unpackbits(np.frombuffer(valid, dtype=np.uint8), count=end, bitorder="little")
-            parts[-1][bits[chunk.offset :] == 0] = np.nan
-    return np.concatenate(parts) if parts else np.empty(0)
 
 
 def open_parquet(file: Path) -> Opened:

@@ -10,9 +10,9 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.logs.formats.declared import TIME, Channel, Limits, LogFormat, Opened, at_times, distinct, titled
+from workbench.logs.formats.declared import Channel, Limits, LogFormat, Opened, distinct, over_time, titled
 
-_INCREMENT, _OFFSET, _UNIT = "wf_increment", "wf_start_offset", "unit_string"
+_INCREMENT = "wf_increment"
 
 
 def open_tdms(file: Path) -> Opened:
@@ -28,29 +28,33 @@ def open_tdms(file: Path) -> Opened:
     channels = [c for group in tdms.groups() for c in group.channels() if len(c) and c.dtype.kind in "fiub"]
     if not channels:
         raise InputError("holds no channels of numbers with samples")
-    plain = distinct([titled(c.name, str(c.properties.get(_UNIT, ""))) for c in channels])
-    known = dict(zip(plain, channels, strict=True))
+    titles = distinct([titled(c.name, str(c.properties.get("unit_string", ""))) for c in channels])
+    known = dict(zip(titles, channels, strict=True))
     timed = [c for c in channels if c.properties.get(_INCREMENT)]
-    longest = max(timed, key=len) if timed else None
+
+    def values(name: str) -> Array:
+        return np.asarray(known[name][:], dtype=np.float64)
+
+    if timed:
+        longest = max(timed, key=len)
+
+        def channel(name: str) -> Channel:
+            own = known[name] if known[name].properties.get(_INCREMENT) else longest
+            return Channel(name, "", _time(own, len(known[name])), values(name))
+
+        return over_time(titles, len(longest), lambda: _time(longest, len(longest)), channel)
 
     def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
-        rows = max(len(known[name]) for name in wanted if name != TIME) if longest is None else len(longest)
+        rows = max(len(known[name]) for name in wanted)
         limits.check(rows, rows * len(wanted))
-        for index, name in enumerate(wanted):
-            if name == TIME and longest is not None:
-                yield index, _time(longest)
-                continue
-            values = np.asarray(known[name][:], dtype=np.float64)
-            if longest is not None and known[name].properties.get(_INCREMENT):
-                values = at_times(Channel(name, "", _time(known[name]), values), _time(longest))
-            yield index, np.ascontiguousarray(values)
+        yield from enumerate(map(values, wanted))
 
-    return Opened([TIME, *plain] if longest is not None else plain, pieces)
+    return Opened(titles, pieces)
 
 
-def _time(channel: Any) -> Array:
-    step, start = float(channel.properties[_INCREMENT]), float(channel.properties.get(_OFFSET, 0.0))
-    return np.asarray(start + step * np.arange(len(channel)), dtype=np.float64)
+def _time(channel: Any, samples: int) -> Array:
+    step, start = float(channel.properties[_INCREMENT]), float(channel.properties.get("wf_start_offset", 0.0))
+    return np.asarray(start + step * np.arange(samples), dtype=np.float64)
 
 
 TDMS = LogFormat(
