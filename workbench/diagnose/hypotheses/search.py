@@ -53,9 +53,9 @@ from workbench.diagnose.hypotheses.signatures import (
     start_of,
     stepped_aside,
 )
-from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect, Ranged, ranges_of
+from workbench.machines import value_names, with_values
 from workbench.simulate.motion import impacts_of
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
@@ -210,7 +210,9 @@ class Search:
         """Take impacts for a play's only where the inertia that the base fit asks for hears them too: with a wrong one
         each change of the acceleration looks like an impact."""
         if self.problem.struck:
-            fitted = refitted_machine(self.problem, self.base, self.base_fit())
+            machine, setting = self.problem.machine, self.base_fit().setting
+            own = set(self.base) & set(value_names(machine))
+            fitted = with_values(machine, {key: float(np.mean(setting[self.base[key].symbol])) for key in own})
             if not any(len(impacts) for impacts in impacts_of(fitted, self.problem.runs)):
                 self.problem = self.problem.without_impacts()
 
