@@ -136,9 +136,9 @@ def good(kind: str, variant: int) -> bytes:
             f'<rec time="{t:.6f}" ' + " ".join(f'f{i}="{data[n][k]:.6g}"' for i, n in enumerate(names, 1)) + "/>"
             for k, t in enumerate(data["time_s"])
         ]
-        signals = "".join(f'<dataSignal key="{name}" description="{name}"/>' for name in names)
-        rows = "\n".join(records)
-        return f"<trace><traceData><dataFrame>{signals}\n{rows}</dataFrame></traceData></trace>".encode()
+        head = "".join(f'<dataSignal key="{name}" description="{name}"/>' for name in names)
+        frame = "\n".join([head, *records])
+        return f"<trace><traceData><dataFrame>{frame}</dataFrame></traceData></trace>".encode()
     if kind in ("mat73", "mf4", "tdms"):
         return _of_the_import_extra(kind, variant)
     if kind == "machine":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -189,7 +190,7 @@ def test_what_a_killed_writer_left_is_swept_and_what_another_writes_is_not(tmp_p
 
 @pytest.mark.skipif(sys.platform == "win32", reason="allowed: no such limit")
 def test_too_few_addresses_are_one_line():
-    command = f"ulimit -v 900000; exec {sys.executable} -m workbench replay nowhere"
+    command = f"ulimit -v 900000; exec {shlex.quote(sys.executable)} -m workbench replay nowhere"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert (
