@@ -27,6 +27,7 @@ from workbench.study.beside import (
 from workbench.study.decide import decisions, take_sentences
 from workbench.study.front import Front, fronts
 from workbench.study.labels import (
+    NO_CHANGE,
     Label,
     SweptAxis,
     drawn_columns,
@@ -58,7 +59,6 @@ ANSWER, EQUAL_TIME = "answer.json", "equal_time.parquet"
 MOST_FINDINGS, MOST_FAILED = 3, 3
 MOST_BYTES = 1_000_000
 QUANTILES = (0.05, 0.5, 0.95)
-NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
 AT_THE_LIMIT = 0.85  # rms over limit: three quarters of the time are spent there
 
 
