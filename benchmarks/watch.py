@@ -24,8 +24,7 @@ from workbench.machines import Hoist, default_hoist, get_value, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.watch.cause import diagnosed
-from workbench.watch.change import WINDOW
-from workbench.watch.estimate import estimate, watched_keys
+from workbench.watch.estimate import WINDOW, estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Rules
 
 SAMPLE_TIME_S, DURATION_S, REST_S = 0.02, 9.0, 60.0

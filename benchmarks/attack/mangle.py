@@ -38,12 +38,12 @@ COLUMNS = "columns:\n  time_s: {column: time_s, scale: 1.0}\n  speed_motor_rad_s
 # controller's file stand for themselves; index, signals, manifest and ran (scenario.yaml) are of a finished result;
 # state, copies and sidecar are a watch's.
 KINDS = (
-    "csv", "parquet", "mat", "mat73", "mf4", "tdms", "escape", "special", "edit", "machine", "axis", "runs", "zip",
-    "upload", "scenario", "controller", "index", "signals", "manifest", "ran", *watch_states.KINDS,
+    "csv", "parquet", "mat", "mat73", "mf4", "tdms", "xml", "escape", "special", "edit", "machine", "axis", "runs",
+    "zip", "upload", "scenario", "controller", "index", "signals", "manifest", "ran", *watch_states.KINDS,
 )  # fmt: skip
 MADE_BY_THE_VICTIM = ("escape", "special", "edit")
 OF_A_RESULT = {"index": "index.parquet", "signals": "", "manifest": "manifest.json", "ran": "scenario.yaml"}
-LOGS = ("csv", "parquet", "mat", "mat73", "mf4", "tdms")
+LOGS = ("csv", "parquet", "mat", "mat73", "mf4", "tdms", "xml")
 _BINARY = ("parquet", "mat", "mat73", "mf4", "tdms", "zip", "index", "signals", "state", "copies")
 _STUDY = """\
 name: small
@@ -130,6 +130,15 @@ def good(kind: str, variant: int) -> bytes:
         mat: list[dict[str, Any]] = [{"do_compression": True}, {"do_compression": False}, {"format": "4"}]
         scipy.io.savemat(stream, data, **mat[variant % 3])
         return stream.getvalue()
+    if kind == "xml":  # a Sinumerik trace
+        names = [name for name in data if name != "time_s"]
+        records = [
+            f'<rec time="{t:.6f}" ' + " ".join(f'f{i}="{data[n][k]:.6g}"' for i, n in enumerate(names, 1)) + "/>"
+            for k, t in enumerate(data["time_s"])
+        ]
+        head = "".join(f'<dataSignal key="{name}" description="{name}"/>' for name in names)
+        frame = "\n".join([head, *records])
+        return f"<trace><traceData><dataFrame>{frame}</dataFrame></traceData></trace>".encode()
     if kind in ("mat73", "mf4", "tdms"):
         return _of_the_import_extra(kind, variant)
     if kind == "machine":

@@ -1,6 +1,6 @@
 """The manual's pictures of pages, as Chromium draws them: docs/img/*_page.png. Takes two or three minutes.
 
-python docs/site/pictures.py [study signals plant gap]
+python docs/site/pictures.py [study signals plant]
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from tests.support.browser import Visit  # noqa: E402
 IMAGES = ROOT / "docs" / "img"
 COLOURS = 128  # of a picture's palette: a third of the bytes
 PLANT_RUNS_S = 14.0
-DIAGNOSED_WITHIN_MS = 900_000.0
 
 
 def study(visit: Visit) -> None:
@@ -52,16 +51,7 @@ def plant(visit: Visit) -> None:
     time.sleep(0.2 * PLANT_RUNS_S)
 
 
-def gap(visit: Visit) -> None:
-    """The demonstration's verdict."""
-    visit.turn_to("Gap")
-    visit.choose("Campaign", "demo_campaign")
-    visit.page.get_by_role("button", name="Diagnose").click()
-    visit.page.get_by_text("Noise floor").wait_for(timeout=DIAGNOSED_WITHIN_MS)
-    visit.drawn(figures=2)
-
-
-PAGES: dict[str, Callable[[Visit], None]] = {"study": study, "signals": signals, "plant": plant, "gap": gap}
+PAGES: dict[str, Callable[[Visit], None]] = {"study": study, "signals": signals, "plant": plant}
 
 
 def main(names: list[str]) -> None:

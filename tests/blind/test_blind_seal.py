@@ -346,18 +346,6 @@ def test_an_answer_given_anew_after_the_opening_is_found_out(made: Made):
         open_and_score(made.folder, made.key)
 
 
-def test_what_breaks_off_keeps_what_is_answered(made: Made):
-    def stopped(campaign: Path) -> str:
-        if campaign.name == "003":
-            raise KeyboardInterrupt
-        return said(campaign)
-
-    with pytest.raises(KeyboardInterrupt):
-        run.run(made.folder, processes=1, diagnose=stopped)
-    assert sorted(path.name for path in (made.folder / "answers").iterdir()) == ["001.json", "002.json"]
-    assert answered(made).kept == 2
-
-
 def test_processes_share_the_work_and_stand_in_a_folder_without_the_seal(made: Made):
     assert run.run(made.folder, processes=2, diagnose=standing).done == 4
     rows = open_and_score(made.folder, made.key).rows

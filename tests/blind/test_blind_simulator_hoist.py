@@ -444,11 +444,6 @@ def test_bristles_reach_their_level_and_give_way_only_where_they_creep(relax_s):
     assert z == pytest.approx(1.06 * (math.exp(-10.0 / relax_s) if relax_s else 1.0), rel=0.01)
 
 
-def test_the_manual_names_each_family_as_it_is():
-    text = (ROOT / "benchmarks" / "validation" / "README.md").read_text(encoding="utf-8")
-    assert re.findall(r"^\| ((?:hoist|axis)_\w+) \|", text, re.M)[: len(FAMILIES)] == list(FAMILIES)
-
-
 PHYSICS = {"HOIST", "KINDS", "LINEAR", "PLANTS", "ROTARY", "TWO_INERTIA", "kind_of", "plant_of"}
 
 

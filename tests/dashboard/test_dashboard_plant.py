@@ -32,9 +32,8 @@ from workbench.machines import default_hoist
 from workbench.references import Limits
 from workbench.references.shape import shortest_move_s
 from workbench.serve.plant import LivePlant
-from workbench.serve.points import TORQUE
 from workbench.serve.serve import Wish
-from workbench.serve.session import Session
+from workbench.serve.session import TORQUE, Session
 from workbench.view.served import last_seconds, late_starts
 
 HOIST = default_hoist()

@@ -155,6 +155,7 @@ def test_a_spectrum_fills_its_panel_with_the_share_of_the_energy():
     figure = profiles([wave], "N m", WAYS)
     (steps,) = figure.data
     assert list(steps.x) == [0.1, 0.3, 0.9, 2.7]
+    assert steps.yaxis == "y"  # the axis that has the panel's place; an axis over it has none without its lines
     assert list(steps.y) == pytest.approx([20.0, 70.0, 10.0, 10.0])
     assert (steps.line.shape, figure.layout.xaxis.type) == ("hv", "log")
     assert titles(figure) == ["frequency (Hz)", "one wave's share of the energy"]

@@ -28,37 +28,16 @@ from workbench.effects import (
     sizes_of,
 )
 from workbench.effects.declare import KINDS, problems
-from workbench.machines import PLACES, default_hoist, load_machine, save_machine, with_values
+from workbench.machines import PLACES, default_hoist, load_machine, save_machine
 
 # The names that others rely on; see docs/formats.md.
 NAMES = [
-    "friction_viscous",
-    "friction_viscous_asymmetric",
-    "friction_coulomb",
-    "friction_coulomb_asymmetric",
-    "friction_stribeck",
-    "friction_load_dependent",
-    "friction_position_dependent",
-    "friction_thermal_drift",
-    "gearbox_efficiency",
-    "gearbox_inertia",
-    "inertia_error",
-    "brake_drag",
-    "drum_layer_change",
-    "drum_eccentricity",
-    "wire_mass",
-    "wire_stiffness_length",
-    "heave",
-    "carriage_mass_error",
-    "payload_mass_error",
-    "torque_scale",
-    "torque_offset",
-    "torque_filter",
-    "speed_delay",
-    "torque_ripple",
-    "backlash",
-    "presliding",
-]
+    "friction_viscous", "friction_viscous_asymmetric", "friction_coulomb", "friction_coulomb_asymmetric",
+    "friction_stribeck", "friction_load_dependent", "friction_position_dependent", "friction_thermal_drift",
+    "gearbox_efficiency", "gearbox_inertia", "inertia_error", "brake_drag", "drum_layer_change",
+    "drum_eccentricity", "wire_mass", "wire_stiffness_length", "heave", "carriage_mass_error", "payload_mass_error",
+    "torque_scale", "torque_offset", "torque_filter", "speed_delay", "torque_ripple", "backlash", "presliding",
+]  # fmt: skip
 AXIS_ONLY = {"inertia_error", "presliding"}
 MORE = {"coupling_compliance", "load_inertia_error"}  # of two inertias, beside the names that the formats list
 UNITS = re.compile(
@@ -101,12 +80,6 @@ def test_bounds_scale_and_start_grow_with_the_machine(kind, name):
         assert amount.symbol == f"{name}__{amount.name}"
 
 
-def test_a_force_scales_with_the_weight_of_the_carriage():
-    heavy = with_values(default_hoist(), {"carriage.mass_kg": 16000.0})
-    small, large = (ranges_of(find("friction_coulomb", "hoist"), m)[0] for m in (default_hoist(), heavy))
-    assert (large.start, large.highest) == pytest.approx((2.0 * small.start, 2.0 * small.highest))
-
-
 def test_an_axis_asks_its_runs_how_large_a_force_is_and_knows_without_friction_too():
     bare = linear_axis(forward=0.0, backward=0.0, viscous=0.0, constant=0.0)
     time = np.linspace(0.0, 0.99, 100)
@@ -114,20 +87,6 @@ def test_an_axis_asks_its_runs_how_large_a_force_is_and_knows_without_friction_t
     assert sizes_of(bare, [run]).force == pytest.approx(np.max(40.0 * np.sin(time)))
     assert sizes_of(bare, [run]).speed == pytest.approx(0.2)
     assert sizes_of(bare).force > 0.0
-
-
-def test_parameters_have_the_units_of_the_machine():
-    effect = effects_for("hoist")["friction_viscous_asymmetric"]
-    assert [p.named("hoist") for p in effect.parameters] == ["viscous_hoisting_n_s_per_m", "viscous_lowering_n_s_per_m"]
-    assert effect.parameters[0].named("axis-rotary") == "viscous_forward_nm_s_per_rad"
-
-
-def test_singles_and_pairs_share_one_kernel():
-    machine = default_hoist()
-    one = of(machine, {"friction_viscous": {"viscous_n_s_per_m": 2000.0}})
-    pair = of(machine, {"heave": {"amplitude_m": 0.2}, "gearbox_efficiency": {"loss_fraction": 0.03}})
-    assert one.effects is pair.effects
-    assert one.effects.parameters == pair.effects.parameters
 
 
 def test_what_is_not_said_starts_as_declared_and_what_is_not_chosen_vanishes():

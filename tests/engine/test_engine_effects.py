@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.hoist_replays import HOIST, replay, start, values
+from tests.support.hoist_replays import HOIST, start, values
 from workbench.core.run import Array
 from workbench.machines import NO_EFFECTS, PLACES, PLANTS, Effects
 from workbench.symbolic.emit import evaluate
@@ -124,21 +124,6 @@ def test_effects_at_one_place_are_summed():
     both = Effects({"motor_torque_nm": [lambda s, p: 20.0, lambda s, p: -5.0]})
     one = constant_at("motor_torque_nm", 15.0)
     assert traced_rates(s, hold, p, both) == pytest.approx(traced_rates(s, hold, p, one), abs=1e-12)
-
-
-def test_an_effect_whose_coefficient_is_zero_gives_bit_for_bit_the_plain_plant():
-    """The coefficient is a number of the scenario here: it is multiplied, not folded away."""
-    weightless = Effects({"guide_force_n": [lambda s, p: -p.m_p * s.v]})  # payload 0: coefficient 0
-    p = values(0.0)
-    s, hold = start(p, speed_motor_rad_s=60.0)
-    times = np.arange(0.0, 1.0, 0.01)
-    torques = hold + 60.0 * np.sin(5.0 * times)
-    with_effect = replay([p], times, torques, [s], effects=weightless)
-    assert np.array_equal(with_effect, replay([p], times, torques, [s]))
-    loaded = values(4500.0)
-    assert not np.array_equal(
-        replay([loaded], times, torques, [s], effects=weightless), replay([loaded], times, torques, [s])
-    )
 
 
 def eccentric(s: Any, p: Any) -> Scalar:

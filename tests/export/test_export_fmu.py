@@ -24,8 +24,7 @@ from workbench.core.run import Array, Run
 from workbench.engine.stepped import observe
 from workbench.export import fmu as compiling
 from workbench.export.fmu import c_files, write_fmu, write_sources
-from workbench.export.model import Model, Start, model_of
-from workbench.export.variables import meaning_of, range_of, symbols
+from workbench.export.model import Model, Start, meaning_of, model_of, range_of, symbols
 from workbench.machines import (
     KINDS,
     PLANTS,

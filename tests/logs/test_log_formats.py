@@ -21,11 +21,11 @@ from tests.support import log_openers
 from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
-from workbench.logs.formats import known, worker
+from workbench.logs.formats import known
+from workbench.logs.formats import opening as worker
 from workbench.logs.formats.declared import OWN, UPLOADED, Limits, LogFormat, Opened
 from workbench.logs.formats.known import suffixes
-from workbench.logs.formats.opening import open_log
-from workbench.logs.formats.worker import landlock_version
+from workbench.logs.formats.opening import landlock_version, open_log
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = Limits(rows=10_000, bytes=1_000_000, seconds=1.0, memory_bytes=300_000_000)
@@ -210,7 +210,7 @@ def test_ctrl_c_ends_the_reader_and_its_worker(tmp_path):
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from pathlib import Path\n"
         "from tests.support import log_openers\n"
-        "from workbench.logs.formats import known, worker\n"
+        "from workbench.logs.formats import known, opening as worker\n"
         "from workbench.logs.formats.declared import LogFormat\n"
         "from workbench.logs.formats.opening import open_log\n"
         "known.FORMATS.append(LogFormat('made-up', ('.made',), log_openers.sleep, about=''))\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -189,9 +190,28 @@ def test_what_a_killed_writer_left_is_swept_and_what_another_writes_is_not(tmp_p
 
 @pytest.mark.skipif(sys.platform == "win32", reason="allowed: no such limit")
 def test_too_few_addresses_are_one_line():
-    command = f"ulimit -v 900000; exec {sys.executable} -m workbench replay nowhere"
+    command = f"ulimit -v 900000; exec {shlex.quote(sys.executable)} -m workbench replay nowhere"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert (
         done.stderr == "error: the limit of 922 MB of addresses (ulimit -v) is too small, expected at least 2000 MB\n"
     )
+
+
+@pytest.mark.parametrize(
+    "doctype",
+    [
+        '<!DOCTYPE t [<!ENTITY x SYSTEM "file:///etc/passwd">]>',
+        "<!DOCTYPE t [<!ENTITY a '0123456789'>"
+        + "".join(f"<!ENTITY {b} '{f'&{a};' * 10}'>" for a, b in zip("abcdefgh", "bcdefghx", strict=True))
+        + "]>",
+    ],
+    ids=["another file", "a bomb"],
+)
+def test_an_entity_of_a_trace_opens_no_file_and_unpacks_to_nothing(tmp_path: Path, doctype: str):
+    (tmp_path / "a.xml").write_text(
+        f'{doctype}<t><traceData><dataFrame><dataSignal description="torque"/>&x;<rec time="0" f1="1"/>'
+        "</dataFrame></traceData></t>"
+    )
+    with pytest.raises(InputError, match="is not a readable Sinumerik trace file"), open_log(tmp_path / "a.xml"):
+        pass

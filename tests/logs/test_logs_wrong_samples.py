@@ -11,8 +11,7 @@ from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, hoist_co
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.logs import raw_run, read_campaign
-from workbench.logs.dropouts import Channel
-from workbench.logs.samples import find_spikes
+from workbench.logs.samples import Channel, find_spikes
 from workbench.machines import default_hoist
 
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"
@@ -37,36 +36,29 @@ def height(columns: dict[str, Array]) -> Array:
 # Dropouts
 
 
-def test_torque_of_zero_for_two_seconds_late_in_a_run_is_cut_off_and_said(tmp_path):
+SPEED, SECOND = "speed_motor_rad_s", "torque_motor2_nm"
+
+
+@pytest.mark.parametrize(
+    ("signals", "rows", "frozen", "said"),
+    [
+        (MOTORS, slice(1300, 1500), 0.0, "torque_motor1_nm is exactly 0 from 13 s to 14.99 s while the machine moves; "
+         "the run is kept from 0 s to 12.99 s, 700 samples are left out"),
+        (MOTORS, slice(1500, 1512), 0.0, "torque_motor1_nm is exactly 0 from 15 s to 15.11 s while the machine moves"),
+        (SECOND, slice(1500, 1700), None, "torque_motor2_nm is exactly "),
+        (SPEED, slice(1480, 1492), 0.0, "speed_motor_rad_s is exactly 0 from 14.8 s to 14.91 s"),
+        (SPEED, slice(1600, 1700), 0.0, "speed_motor_rad_s is exactly 0 from 16 s to 16.99 s"),
+    ],
+    ids=["torque, long", "torque, brief", "one motor frozen", "speed, brief", "speed, long"],
+)  # fmt: skip
+def test_a_dropout_late_in_a_run_is_cut_off_and_said(tmp_path, signals, rows, frozen, said):
     columns = hoist_columns(2000)
-    for name in MOTORS:
-        columns[name][1300:1500] = 0.0
+    for name in [signals] if isinstance(signals, str) else signals:
+        columns[name][rows] = columns[name][rows.start] if frozen is None else frozen
     run = read(tmp_path, columns)
-    assert np.array_equal(run.time_s, columns["time_s"][:1300])
+    assert np.array_equal(run.time_s, columns["time_s"][: rows.start])
     assert (run.start_position_m, run.start_time_s) == (9.0, 0.0)
-    assert run.notes == (
-        "torque_motor1_nm is exactly 0 from 13 s to 14.99 s while the machine moves; "
-        "the run is kept from 0 s to 12.99 s, 700 samples are left out",
-    )
-
-
-def test_torque_of_a_noisy_channel_that_is_zero_for_a_tenth_of_a_second_is_left_out(tmp_path):
-    columns = hoist_columns(2000)
-    for name in MOTORS:
-        columns[name][1500:1512] = 0.0
-    run = read(tmp_path, columns)
-    assert np.array_equal(run.time_s, columns["time_s"][:1500])
-    assert run.notes[0].startswith(
-        "torque_motor1_nm is exactly 0 from 15 s to 15.11 s while the machine moves; the run"
-    )
-
-
-def test_speed_that_falls_to_zero_and_back_within_a_tenth_of_a_second_is_left_out(tmp_path):
-    columns = hoist_columns(2000)
-    columns["speed_motor_rad_s"][1480:1492] = 0.0
-    run = read(tmp_path, columns)
-    assert np.array_equal(run.time_s, columns["time_s"][:1480])
-    assert run.notes[0].startswith("speed_motor_rad_s is exactly 0 from 14.8 s to 14.91 s")
+    assert len(run.notes) == 1 and run.notes[0].startswith(said)
 
 
 def test_brief_equal_samples_of_a_coarse_channel_are_no_dropout():
@@ -94,22 +86,6 @@ def test_dropouts_that_leave_no_third_of_a_run_whole_are_refused_by_time(tmp_pat
             columns[name][start : start + 60] = 0.0
     with pytest.raises(InputError, match=r"torque_motor1_nm is exactly 0 from 3 s to 3.59 s while the machine moves"):
         read(tmp_path, columns)
-
-
-def test_a_frozen_torque_of_a_noisy_channel_is_left_out(tmp_path):
-    columns = hoist_columns(2000)
-    columns["torque_motor2_nm"][1500:1700] = columns["torque_motor2_nm"][1500]
-    run = read(tmp_path, columns)
-    assert len(run.time_s) == 1500
-    assert "torque_motor2_nm is exactly" in run.notes[0]
-
-
-def test_a_speed_that_stops_dead_in_full_motion_is_left_out(tmp_path):
-    columns = hoist_columns(2000)
-    columns["speed_motor_rad_s"][1600:1700] = 0.0
-    run = read(tmp_path, columns)
-    assert len(run.time_s) == 1600
-    assert "speed_motor_rad_s is exactly 0 from 16 s to 16.99 s" in run.notes[0]
 
 
 def test_a_hoist_on_its_brake_has_no_torque_and_keeps_its_run(tmp_path):

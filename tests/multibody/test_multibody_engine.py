@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import pytest
 
 from workbench.machines.multibody.exudyn_import import engine
@@ -253,62 +252,3 @@ def test_a_block_and_tackle_shares_the_weight_among_its_falls(falls: int):
     assert float(bench.output(rope, "ForceLocal")) == pytest.approx(W / falls, rel=1e-9)
     sunk = -float(bench.mbs.GetNodeOutput(bench.nodes["block"], bench.exu.OutputVariableType.Coordinates)[1])
     assert sunk == pytest.approx(W * falls * height / (falls**2 * EA), rel=1e-9)
-
-
-def test_a_load_on_a_wire_bobs_at_the_square_root_of_stiffness_over_mass():
-    """f = √(E A/(L m))/2π: S. S. Rao, Mechanical Vibrations, 5th ed., section 2.2."""
-    m, EA, length = 500.0, 2e6, 10.0
-    bench = Bench()
-    bench.body("load", m, 1.0, (0.0, -length), G)
-    bench.held("load", 0)
-    bench.held("load", 2)
-    fall = bench.fall((0.0, 0.0), "load", length, EA)
-    pull = np.array(bench.move(4.0, 1e-3, lambda mbs: float(bench.output(fall, "ForceLocal"))))
-    off = pull - m * G
-    up = np.flatnonzero((off[:-1] < 0.0) & (off[1:] >= 0.0))
-    crossings = 1e-3 * (up + off[up] / (off[up] - off[up + 1]))
-    assert 1.0 / np.mean(np.diff(crossings)) == pytest.approx(math.sqrt(EA / (length * m)) / (2.0 * math.pi), rel=1e-3)
-    assert pull.max() == pytest.approx(2.0 * m * G, rel=5e-3)  # let go on a wire just taut: twice the weight
-
-
-def test_a_pendulum_of_90_degrees_swings_1_18034_times_as_long():
-    """T/T0 = 2 K(sin 45°)/π: L. D. Landau, E. M. Lifshitz, Mechanics, 3rd ed., section 11, problem 1; of a uniform rod
-    T0 = 2π √(2l/3g).
-    """
-    length, m = 1.2, 3.0
-    bench = Bench()
-    bench.body("rod", m, m * length**2 / 12.0, (length / 2.0, 0.0), G)
-    bench.joint("ground", "rod", (0.0, 0.0))
-    swing = np.array(bench.move(6.0, 2e-3, lambda mbs: bench.turned("rod") + math.pi / 2.0))
-    up = np.flatnonzero((swing[:-1] < 0.0) & (swing[1:] >= 0.0))
-    crossings = 2e-3 * (up + swing[up] / (swing[up] - swing[up + 1]))
-    assert np.mean(np.diff(crossings)) == pytest.approx(
-        1.18034 * 2.0 * math.pi * math.sqrt(2.0 * length / (3.0 * G)), rel=2e-4
-    )
-
-
-@pytest.mark.parametrize("degrees", [25.0, 80.0, 140.0])
-def test_a_slider_crank_balances_the_torque_of_the_textbook(degrees: float):
-    """M = F r sin(θ) (1 + r cos(θ)/√(l² - r² sin²(θ))), the rod's force F/cos(φ), the wall's F tan(φ), sin(φ) =
-    r sin(θ)/l: J. J. Uicker, G. R. Pennock, J. E. Shigley, Theory of Machines and Mechanisms, 4th ed., chapter 18.
-    """
-    r, rod, F = 0.2, 0.7, 1000.0
-    theta = math.radians(degrees)
-    phi = math.asin(r * math.sin(theta) / rod)
-    pin, piston = (r * math.cos(theta), r * math.sin(theta)), (r * math.cos(theta) + rod * math.cos(phi), 0.0)
-    bench = Bench()
-    bench.body("crank", 1.0, 1.0, (pin[0] / 2.0, pin[1] / 2.0))
-    bench.body("rod", 1.0, 1.0, ((pin[0] + piston[0]) / 2.0, pin[1] / 2.0))
-    bench.body("piston", 1.0, 1.0, piston)
-    bench.joint("ground", "crank", (0.0, 0.0))
-    bench.joint("crank", "rod", pin)
-    wrist = bench.joint("rod", "piston", piston)
-    wall = bench.held("piston", 1)
-    bench.held("piston", 2)
-    lock = bench.held("crank", 2)
-    bench.mbs.AddLoad(bench.items.LoadForceVector(markerNumber=bench.at("piston"), loadVector=[-F, 0.0, 0.0]))
-    bench.rest()
-    torque = F * r * math.sin(theta) * (1.0 + r * math.cos(theta) / math.sqrt(rod**2 - (r * math.sin(theta)) ** 2))
-    assert abs(float(np.atleast_1d(bench.output(lock, "Force"))[0])) == pytest.approx(torque, rel=1e-6)
-    assert math.hypot(*bench.output(wrist, "Force")[:2]) == pytest.approx(F / math.cos(phi), rel=1e-6)
-    assert abs(float(np.atleast_1d(bench.output(wall, "Force"))[0])) == pytest.approx(F * math.tan(phi), rel=1e-6)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import time
-import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +13,7 @@ import pytest
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.machines import Hoist, default_hoist, with_values
-from workbench.machines.multibody import Driven, MotionResult, Outcome, Shaft, Switches, hang, motion, move, sampled
+from workbench.machines.multibody import Driven, MotionResult, Outcome, Shaft, Switches, hang, move, sampled
 
 MACHINE = default_hoist()
 SMOOTH = with_values(
@@ -278,21 +276,6 @@ def test_rollers_that_rattle_in_their_play_are_followed_at_the_usual_step():
     normal = np.array([result.run[name] for name in result.run.signals if name.startswith("force_roller")])
     assert np.min(np.abs(normal)) < 1e-3 * np.max(np.abs(normal))  # some have lost touch
     assert result.outcome is Outcome.COMPLETED and result.steps == 800
-
-
-def test_a_run_leaves_nothing_of_itself_in_the_engine(monkeypatch: pytest.MonkeyPatch):
-    """The engine held what it called before each step, and with it all records of the run."""
-    made: list[weakref.ref[motion._Motion]] = []
-    begin = motion._Motion.begin
-
-    def noted(self: motion._Motion, *given: Any) -> None:
-        made.append(weakref.ref(self))
-        begin(self, *given)
-
-    monkeypatch.setattr(motion._Motion, "begin", noted)
-    move(MACHINE, 4500.0, 9.0, torque(lambda t: 0.0), 0.1)
-    gc.collect()
-    assert [reference() for reference in made] == [None]
 
 
 def test_a_motion_that_does_not_converge_ends_with_time_and_state():

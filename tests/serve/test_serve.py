@@ -19,9 +19,8 @@ from workbench.export.fmu import host_compiler
 from workbench.machines import default_hoist, save_machine
 from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
 from workbench.serve.plant import LiveAxis, LivePlant
-from workbench.serve.points import FLAGS
 from workbench.serve.serve import Wish, pace_lines
-from workbench.serve.session import Pace, Session
+from workbench.serve.session import FLAGS, Pace, Session
 from workbench.simulate.loop import simulate_loop
 
 HOIST = default_hoist()

@@ -18,9 +18,8 @@ from workbench.core.errors import InputError
 from workbench.machines import default_hoist, save_machine
 from workbench.serve import tcp
 from workbench.serve.plant import LivePlant
-from workbench.serve.points import FLAGS
 from workbench.serve.serve import Wish
-from workbench.serve.session import MOST_BEHIND_S, Session
+from workbench.serve.session import FLAGS, MOST_BEHIND_S, Session
 from workbench.serve.udp import BYTE_ORDER, SILENT_S, command_packet, state_in
 
 HOIST = default_hoist()

@@ -26,8 +26,7 @@ from workbench.core.run import Run
 from workbench.machines import default_hoist, save_machine, with_values
 from workbench.machines.kinds.axis import LinearAxis
 from workbench.watch.cause import Cause, groups_of, likelihoods, posterior
-from workbench.watch.change import learn
-from workbench.watch.estimate import Estimate, estimate, watched_keys
+from workbench.watch.estimate import Estimate, estimate, learn, watched_keys
 from workbench.watch.judge import LOAD, Cycle, Judge, Rules, trend
 from workbench.watch.store import Store, digest_of
 from workbench.watch.watch import Watch

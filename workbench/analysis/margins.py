@@ -50,13 +50,6 @@ class Margins:
     rejection_hz: float
 
     @property
-    def disk_gain(self) -> tuple[float, float]:
-        """The gains that the disk margin bears at the same time as nothing else."""
-        half = self.disk / 2.0
-        high = (1.0 + half) / (1.0 - half) if half < 1.0 else math.inf
-        return max((1.0 - half) / (1.0 + half), 0.0), high
-
-    @property
     def disk_phase_deg(self) -> float:
         return math.degrees(2.0 * math.atan(self.disk / 2.0))
 

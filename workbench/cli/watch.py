@@ -24,7 +24,7 @@ from workbench.machines import load_machine
 from workbench.view.watch import answer, fleet_table, write_page
 from workbench.watch import watch as at_work
 from workbench.watch.cause import diagnosed
-from workbench.watch.change import HEALTHY
+from workbench.watch.estimate import HEALTHY
 from workbench.watch.fleet import Plan, opened, read_fleet, run_fleet
 from workbench.watch.judge import Rules
 from workbench.watch.store import DamagedError

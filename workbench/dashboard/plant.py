@@ -33,9 +33,8 @@ from workbench.dashboard.jobs import child_environment
 from workbench.engine.stepped import Step as ControllerStep
 from workbench.machines import HOIST, Hoist, load_of
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
-from workbench.serve.points import FLAGS, TORQUE
 from workbench.serve.serve import Wish, serve
-from workbench.serve.session import Session
+from workbench.serve.session import FLAGS, TORQUE, Session
 from workbench.serve.udp import MOST_BYTES
 from workbench.simulate.loop import LoopCase, case_limits
 

@@ -23,8 +23,7 @@ from typing import Literal
 from workbench import __version__
 from workbench.core.errors import InputError, nearest
 from workbench.core.templates import render
-from workbench.export.model import Model
-from workbench.export.variables import Variable, exponents, symbols
+from workbench.export.model import Model, Variable, exponents, symbols
 
 FmiVersion = Literal["2.0", "3.0"]
 SOURCES = ("model.c", "core.c")  # beside the interface's own file

@@ -11,7 +11,6 @@ import numpy as np
 from workbench.core.errors import InputError, nearest
 from workbench.core.input_file import readable_file
 from workbench.core.run import Run
-from workbench.logs.dropouts import cut_dropouts, drop_frozen
 from workbench.logs.formats.opening import LogFile, open_log
 from workbench.logs.plausible import check_plausible, drop_wrong_scale
 from workbench.logs.raw_run import RawRun, seconds
@@ -20,8 +19,10 @@ from workbench.logs.samples import (
     bridge_spikes,
     check_sizes,
     check_time,
+    cut_dropouts,
     drop_dead,
     drop_dead_motion,
+    drop_frozen,
     fill_gaps,
     merge_repeated,
     note_clipped,

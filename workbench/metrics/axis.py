@@ -11,7 +11,6 @@ from typing import Any
 from workbench.machines import KINDS, LINEAR, ROTARY, Kind
 from workbench.metrics import hoist
 from workbench.metrics.metric import (
-    EVERYWHERE,
     INDEX_ONLY,
     Accumulators,
     LoopMetric,
@@ -87,7 +86,6 @@ def metric_set(kind: Kind) -> MetricSet:
         LoopMetric(
             name=f"peak_{word}_{n}", unit=unit, label=f"{word} peak", better="lower", visible=1e-6,
             definition=f"largest {word}, either way", head="peak", significant=4, note=f"{word} of the drive",
-            views=EVERYWHERE | View.DECISION,
             extremes=((f"highest {word} peak", 1), (f"lowest {word} peak", -1)), accumulators=peak, finish=as_summed(0),
         ),
         LoopMetric(
@@ -106,7 +104,7 @@ def metric_set(kind: Kind) -> MetricSet:
         LoopMetric(
             name=f"rms_{word}_{n}", unit=unit, label=f"RMS {word}", better="lower", visible=1e-6,
             definition=f"root mean square of the {word} over the run", head="RMS", significant=4,
-            note=f"{word} of the drive", views=View.RUNS | View.QUANTILES | View.COMPARE | View.DECISION,
+            note=f"{word} of the drive", views=View.RUNS | View.QUANTILES | View.COMPARE,
             accumulators=square, finish=root_mean,
         ),
         LoopMetric(
@@ -132,14 +130,14 @@ def metric_set(kind: Kind) -> MetricSet:
             name=f"tracking_error_rms_{way}", unit=way, label="RMS tracking error", better="lower", visible=1e-9,
             definition="root mean square of the same over the run", shown_in=fine, scale=fine_scale,
             head="tracking\nRMS", significant=3, note=f"position error {by_encoder}",
-            views=View.RUNS | View.COMPARE | View.DECISION,
+            views=View.RUNS | View.COMPARE,
             accumulators=integral(lambda s, p: _lag(s) * _lag(s)), finish=root_mean,
         ),
         RunMetric(
             name=f"tracking_error_end_{way}", unit=way, label="position error at the end", better="zero", visible=1e-9,
             definition="position at the end of the run minus the end of its reference", shown_in=fine,
             scale=fine_scale, head="position\nend", significant=3, note=f"position error {by_encoder}",
-            views=View.RUNS | View.MOTION | View.DECISION | View.COMPARE,
+            views=View.RUNS | View.MOTION | View.COMPARE,
             value=lambda run: run.end_position_m - run.reference_end_m,
         ),
         LoopMetric(
@@ -154,7 +152,7 @@ def metric_set(kind: Kind) -> MetricSet:
             definition=f"from the end of the last move until the position stays within {SETTLED:.1%} of the "
             "reference's whole way of it; until the end of the run where it never does",
             head="settling", decimals=3, note=f"after the last move, to {SETTLED:.1%} of the way",
-            taken_at="after the last move", views=View.RUNS | View.MOTION | View.COMPARE | View.DECISION,
+            taken_at="after the last move", views=View.RUNS | View.MOTION | View.COMPARE,
             accumulators=settled, finish=after_the_move,
         ),
         LoopMetric(
@@ -189,7 +187,7 @@ def metric_set(kind: Kind) -> MetricSet:
         LoopMetric(
             name="energy_motoring_j", unit="J", label="work of the drive", better="lower", visible=1e-6,
             definition="work of the drive on the axis, where it gives", head="work", significant=4,
-            note="work of the drive", views=View.RUNS | View.DRIVE | View.COMPARE | View.DECISION,
+            note="work of the drive", views=View.RUNS | View.DRIVE | View.COMPARE,
             accumulators=since_last, finish=as_summed(0),
         ),
         LoopMetric(

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from workbench.metrics.metric import (
-    EVERYWHERE,
     HUGE,
     INDEX_ONLY,
     Accumulators,
@@ -137,7 +136,7 @@ METRICS: tuple[Metric, ...] = (
     LoopMetric(
         name="peak_torque_motor_nm", unit="N m", label="torque peak per motor", better="lower", visible=0.1,
         definition="largest torque of the harder-worked motor, either way",
-        head="peak", decimals=0, note="torque of one motor", fixed=True, views=EVERYWHERE | View.DECISION,
+        head="peak", decimals=0, note="torque of one motor", fixed=True,
         extremes=(("highest torque peak", 1), ("lowest torque peak", -1)),
         accumulators=_PEAK, finish=as_summed(0),
     ),
@@ -160,7 +159,7 @@ METRICS: tuple[Metric, ...] = (
         name="rms_torque_motor_nm", unit="N m", label="RMS torque per motor", better="lower", visible=0.1,
         definition="root mean square of the harder-worked motor's torque over the run",
         head="RMS", decimals=0, note="torque of one motor", fixed=True,
-        views=View.RUNS | View.QUANTILES | View.COMPARE | View.DECISION,
+        views=View.RUNS | View.QUANTILES | View.COMPARE,
         accumulators=_SQUARE, finish=root_mean,
     ),
     LoopMetric(
@@ -175,7 +174,7 @@ METRICS: tuple[Metric, ...] = (
         definition="the same over the run's duration: 100 % heats as nominal torque does",
         head="thermal\nload", decimals=0, taken_at="one motor",
         note="mean square torque of one motor over that of nominal torque",
-        views=View.DRIVE | View.COMPARE | View.DECISION,
+        views=View.DRIVE | View.COMPARE,
         accumulators=_SQUARE, finish=lambda a, p, duration: 100.0 * a[0] / (p.T_nominal**2 * duration),
     ),
     LoopMetric(
@@ -218,7 +217,7 @@ METRICS: tuple[Metric, ...] = (
         name="speed_error_rms_rad_s", unit="rad/s", label="RMS speed error", better="lower", visible=1e-3,
         definition="root mean square of reference minus motor speed",
         head="error RMS", decimals=2, note="motor speed against its set point", taken_at="motor side", fixed=True,
-        views=View.RUNS | View.COMPARE | View.DECISION,
+        views=View.RUNS | View.COMPARE,
         accumulators=integral(lambda s, p: _error(s) * _error(s)), finish=root_mean,
     ),
     LoopMetric(
@@ -256,7 +255,7 @@ METRICS: tuple[Metric, ...] = (
         "error summed up, times the carriage's travel per angle (drum diameter / (4 · ratio)). Exact for a rigid "
         "drive; the stretch of the wire is not in it",
         shown_in="mm", scale=1e3, head="position\nmax", decimals=1, note="largest error, seen at the motor shaft",
-        taken_at="carriage side", views=View.MOTION | View.COMPARE | View.DECISION,
+        taken_at="carriage side", views=View.MOTION | View.COMPARE,
         accumulators=_BEHIND, finish=lambda a, p, duration: a[1] * _lift(p),
     ),
     LoopMetric(
@@ -291,7 +290,7 @@ METRICS: tuple[Metric, ...] = (
         name="wire_tension_swing_n", unit="N", label="wire tension swing", better="lower", visible=1.0,
         definition="largest minus smallest tension at the top of a fall, of the fall that swings more",
         shown_in="kN", scale=1e-3, head="swing", decimals=1, note="of a fall's tension",
-        views=View.QUANTILES | View.MOTION | View.SENTENCES | View.SWEEP | View.COMPARE | View.DECISION,
+        views=View.QUANTILES | View.MOTION | View.SENTENCES | View.SWEEP | View.COMPARE,
         accumulators=_TOPS, finish=lambda a, p, duration: max(a[0] - a[1], a[2] - a[3]),
     ),
     LoopMetric(
@@ -318,8 +317,7 @@ METRICS: tuple[Metric, ...] = (
         definition="time in motion of the reference, all moves together, dwells left out",
         head="moves", decimals=2, note="time in motion", fixed=True, known_before=True,
         extremes=(("shortest moves", -1), ("longest moves", 1)),
-        views=View.RUNS | View.SWEPT_RUNS | View.QUANTILES | View.EXTREMES | View.SWEEP | View.COMPARE | View.CARDS
-        | View.DECISION,
+        views=View.RUNS | View.SWEPT_RUNS | View.QUANTILES | View.EXTREMES | View.SWEEP | View.COMPARE | View.CARDS,
         value=lambda run: sum(end - start for start, end in run.move_windows),
     ),
     LoopMetric(
@@ -342,7 +340,7 @@ METRICS: tuple[Metric, ...] = (
         name="energy_motoring_j", unit="J", label="work of the motors", better="lower", visible=1.0,
         definition="work of the motors on the machine",
         shown_in="kJ", scale=1e-3, head="work in", decimals=0, note="work of both motors on the machine", fixed=True,
-        views=View.DRIVE | View.COMPARE | View.DECISION,
+        views=View.DRIVE | View.COMPARE,
         accumulators=_SINCE_LAST, finish=as_summed(0),
     ),
     LoopMetric(

@@ -37,13 +37,12 @@ class View(Flag):
     SPREAD = auto()  # the histograms of a sample
     COMPARE = auto()  # the dashboard's page Compare
     CARDS = auto()  # the numbers at the top of the dashboard's page Study
-    DECISION = auto()  # the first table of a study: a line a reference
 
 
 INDEX_ONLY = View(0)
 # A metric that says nothing about views is shown wherever metrics are chosen. The report's two tables hold what
-# the table of the runs leaves out; that of the decision takes those that name it.
-EVERYWHERE = ~(View.DRIVE | View.MOTION | View.DECISION)
+# the table of the runs leaves out.
+EVERYWHERE = ~(View.DRIVE | View.MOTION)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,7 @@ from contextvars import ContextVar
 from typing import Any
 
 from workbench.core.errors import InputError
-from workbench.serve.points import Point
-from workbench.serve.session import Session, run_at_pace
+from workbench.serve.session import Point, Session, run_at_pace
 from workbench.serve.udp import bound, shown
 
 MOST_CLIENTS, IDLE_S = 32, 60.0

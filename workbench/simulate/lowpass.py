@@ -42,8 +42,10 @@ class Circle:
     @staticmethod
     @lru_cache(maxsize=64)
     def of(samples: int, step: float, band_hz: float) -> Circle:
+        from scipy.fft import next_fast_len
+
         pad = min(samples - 1, int(np.ceil(3.0 / (band_hz * step))))
-        size = _good_size(samples + 2 * pad)
+        size = next_fast_len(samples + 2 * pad, real=True)
         f0 = band_hz / (np.sqrt(2.0) - 1.0) ** (1.0 / POWER)
         return Circle(samples, pad, size, 1.0 / (1.0 + (np.fft.rfftfreq(size, step) / f0) ** POWER))
 
@@ -123,18 +125,6 @@ def noise_rms(time_s: Array, values: Array, band_hz: float) -> float:
 
 def _resampled(at: Array, time: Array, columns: Array) -> Array:
     return np.array([np.interp(at, time, column) for column in columns.T]).reshape(-1, len(at)).T
-
-
-def _good_size(n: int) -> int:
-    """The next length of the form 2^a 3^b 5^c, quick to transform."""
-    while True:
-        rest = n
-        for prime in (2, 3, 5):
-            while rest % prime == 0:
-                rest //= prime
-        if rest == 1:
-            return n
-        n += 1
 
 
 # Of the sampling rate: where a Butterworth filter at a tenth of it, run both ways, has lost 3 dB.

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 import re
 import statistics
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.shown import Shown
@@ -106,14 +108,32 @@ class Comparison(Shown):
 def compare(a: Sequence[Row], b: Sequence[Row], most_moved: int = 3) -> Comparison:
     """Every metric of b against a, over the runs that both have and that both completed."""
     pairs, only_a, only_b = matched(a, b)
-    good = [pair for pair in pairs if pair.a.ok and pair.b.ok]
-    names = [name for name in (good[0].a.metrics if good else {}) if name in good[0].b.metrics]
-    changes = [change for name in names if (change := _change(name, good, most_moved)) is not None]
+    good, changes = [pair for pair in pairs if pair.a.ok and pair.b.ok], []
+    for name in good[0].a.metrics if good else ():
+        have = [pair for pair in good if None not in (pair.a.metrics[name], pair.b.metrics.get(name))]
+        if not have:
+            continue
+        ours, theirs = ([row[name] for row in rows] for rows in zip(*((pair.a, pair.b) for pair in have), strict=True))
+        deltas = [y - x for x, y in zip(ours, theirs, strict=True)]
+        moved = sorted(range(len(have)), key=lambda i: -abs(deltas[i]))
+        mean, worst = statistics.fmean, tuple(have[i] for i in moved[:most_moved] if deltas[i] != 0.0)
+        changes.append(
+            Change(
+                name,
+                len(have),
+                mean(ours),
+                mean(theirs),
+                mean(deltas),
+                statistics.median(deltas),
+                deltas[moved[0]],
+                worst,
+            )
+        )
     return Comparison(
-        pairs=tuple(pairs),
-        changes=tuple(changes),
-        only_a=tuple(only_a),
-        only_b=tuple(only_b),
+        tuple(pairs),
+        tuple(changes),
+        tuple(only_a),
+        tuple(only_b),
         newly_failed=tuple(pair for pair in pairs if pair.a.ok and not pair.b.ok),
         newly_ok=tuple(pair for pair in pairs if pair.b.ok and not pair.a.ok),
     )
@@ -122,18 +142,17 @@ def compare(a: Sequence[Row], b: Sequence[Row], most_moved: int = 3) -> Comparis
 def matched(a: Sequence[Row], b: Sequence[Row]) -> tuple[list[Pair], list[str], list[str]]:
     """Runs of the same id; where the ids differ, runs of the same payload, reference and assigned values."""
     of_b = {row.run_id: row for row in b}
-    pairs = [Pair(row.run_id, row, of_b[row.run_id]) for row in a if row.run_id in of_b]
-    taken = {pair.name for pair in pairs}
-    rest_a = _by_values(row for row in a if row.run_id not in taken)
-    rest_b = _by_values(row for row in b if row.run_id not in taken)
-    for values in rest_a.keys() & rest_b.keys():
-        if len(rest_a[values]) == len(rest_b[values]) == 1:
-            (one,), (other,) = rest_a.pop(values), rest_b.pop(values)
-            pairs.append(Pair(one.run_id, one, other))
-    place = {row.run_id: i for i, row in enumerate(a)}
-    pairs.sort(key=lambda pair: place[pair.name])
-    left_a, left_b = ([row.run_id for rows in rest.values() for row in rows] for rest in (rest_a, rest_b))
-    return pairs, left_a, left_b
+    pairs = {row.run_id: Pair(row.run_id, row, of_b[row.run_id]) for row in a if row.run_id in of_b}
+    rest_a, rest_b = ([row for row in rows if row.run_id not in pairs] for rows in (a, b))
+    counts = Counter(map(values_of, rest_a)), Counter(map(values_of, rest_b))
+    alone = {values_of(row): row for row in rest_b if counts[0][values_of(row)] == counts[1][values_of(row)] == 1}
+    pairs |= {row.run_id: Pair(row.run_id, row, alone[values_of(row)]) for row in rest_a if values_of(row) in alone}
+    taken = {pair.b.run_id for pair in pairs.values()}
+    left_a, left_b = (
+        [row.run_id for row in a if row.run_id not in pairs],
+        [r.run_id for r in b if r.run_id not in taken],
+    )
+    return [pairs[row.run_id] for row in a if row.run_id in pairs], left_a, left_b
 
 
 def judged() -> tuple[str, ...]:
@@ -143,7 +162,22 @@ def judged() -> tuple[str, ...]:
 
 def parse_limits(texts: Sequence[str], names: Iterable[str]) -> list[Limit]:
     """`peak_torque=5%` or `peak_torque_motor_nm=20`: InputError for an unknown metric or no number."""
-    return [_limit(text, list(names)) for text in texts]
+    limits, known = [], list(names)
+    for text in texts:
+        name, equals, most = text.partition("=")
+        number = re.fullmatch(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(%?)\s*", most)
+        if not equals or number is None:
+            said = f"'{text}', expected a metric and how much worse it may get: peak_torque=5% or peak_torque=20"
+            raise InputError(said, place="limits")
+        try:
+            metric = metric_named(name.strip(), known)
+        except InputError as error:
+            raise InputError(error.problem, place="limits") from error
+        if metric not in judged():
+            problem = f"{metric} says what a run was, not how good it was; {nearest(metric, judged())}"
+            raise InputError(problem, place="limits")
+        limits.append(Limit(metric, float(number[1]), number[2] == "%"))
+    return limits
 
 
 def metric_named(name: str, names: Iterable[str]) -> str:
@@ -159,63 +193,15 @@ def metric_named(name: str, names: Iterable[str]) -> str:
 
 def regressions(comparison: Comparison, limits: Sequence[Limit]) -> list[Regression]:
     """Where a run got worse than a limit allows, the worst first; which way is worse is the metric's own."""
-    worse_runs = []
-    for limit in limits:
-        for pair in comparison.pairs:
-            if not (pair.a.ok and pair.b.ok):
-                continue
-            worse = _worse(limit, pair)
-            if worse > limit.most:
-                worse_runs.append(Regression(limit, pair, worse))
-    return sorted(worse_runs, key=lambda run: -run.worse / max(run.limit.most, 1e-12))
+    good = [pair for pair in comparison.pairs if pair.a.ok and pair.b.ok]
+    every = [Regression(limit, pair, _worse(limit, pair)) for limit in limits for pair in good]
+    broken = [one for one in every if one.worse > one.limit.most]
+    return sorted(broken, key=lambda one: -one.worse / max(one.limit.most, 1e-12))
 
 
 def values_of(row: Row) -> tuple[object, ...]:
     """The values that identify a run apart from its id: payload, reference and assigned values."""
     return row.payload_kg, row.reference, *sorted((name, str(value)) for name, value in row.assigned.items())
-
-
-def _limit(text: str, names: Sequence[str]) -> Limit:
-    name, equals, most = text.partition("=")
-    number = re.fullmatch(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(%?)\s*", most)
-    if not equals or number is None:
-        raise InputError(
-            f"'{text}', expected a metric and how much worse it may get: peak_torque=5% or peak_torque=20",
-            place="limits",
-        )
-    try:
-        metric = metric_named(name.strip(), names)
-    except InputError as error:
-        raise InputError(error.problem, place="limits") from error
-    if metric not in judged():
-        problem = f"{metric} says what a run was, not how good it was; {nearest(metric, judged())}"
-        raise InputError(problem, place="limits")
-    return Limit(metric, float(number[1]), number[2] == "%")
-
-
-def _by_values(rows: Iterable[Row]) -> dict[tuple[object, ...], list[Row]]:
-    groups: dict[tuple[object, ...], list[Row]] = {}
-    for row in rows:
-        groups.setdefault(values_of(row), []).append(row)
-    return groups
-
-
-def _change(metric: str, pairs: Sequence[Pair], most_moved: int) -> Change | None:
-    have = [pair for pair in pairs if pair.a.metrics[metric] is not None and pair.b.metrics.get(metric) is not None]
-    if not have:
-        return None
-    deltas = [pair.b[metric] - pair.a[metric] for pair in have]
-    moved = sorted(range(len(have)), key=lambda i: -abs(deltas[i]))
-    return Change(
-        metric=metric,
-        runs=len(have),
-        mean_a=statistics.fmean(pair.a[metric] for pair in have),
-        mean_b=statistics.fmean(pair.b[metric] for pair in have),
-        mean_delta=statistics.fmean(deltas),
-        median_delta=statistics.median(deltas),
-        max_delta=deltas[moved[0]],
-        worst=tuple(have[i] for i in moved[:most_moved] if deltas[i] != 0.0),
-    )
 
 
 def _worse(limit: Limit, pair: Pair) -> float:
@@ -241,22 +227,18 @@ def why_unmatched(a: Sequence[Row], b: Sequence[Row]) -> str:
     reasons = []
     for one, name, other in ((varied_a, "A", varied_b), (varied_b, "B", varied_a)):
         if own := [field_label(field).words for field in one if field not in other]:
-            reasons.append(f"only {name} varies {_listed(own)}")
-    looks: list[tuple[str, Callable[[Row], str]]] = [
-        ("payload", lambda row: f"{row.payload_kg:g} kg"),
-        ("reference", lambda row: row.reference),
-    ]
+            reasons.append(f"only {name} varies {_some(own)}")
+    looks: dict[str, Callable[[Row], str]] = {
+        "payload": lambda row: f"{row.payload_kg:g} kg",
+        "reference": lambda row: row.reference,
+    }
     for field in (name for name in varied_a if name in varied_b):
         label = field_label(field)
-
-        def assigned(row: Row, field: str = field, unit: str = label.unit) -> str:
-            return f"{shown(row.assigned.get(field, ''))} {unit}".strip()
-
-        looks.append((label.words, assigned))
-    for words, of in looks:
+        looks[label.words] = partial(_assigned, field, label.unit)
+    for words, of in looks.items():
         ours, theirs = (list(dict.fromkeys(of(row) for row in rows)) for rows in (a, b))
         if not set(ours) & set(theirs):
-            reasons.append(f"{words} is {_listed(ours)} in A and {_listed(theirs)} in B")
+            reasons.append(f"{words} is {_some(ours)} in A and {_some(theirs)} in B")
     if reasons:
         return "; ".join(reasons)
     if {values_of(row) for row in a} & {values_of(row) for row in b}:
@@ -264,6 +246,10 @@ def why_unmatched(a: Sequence[Row], b: Sequence[Row]) -> str:
     return "no combination of payload, reference and varied values stands in both"
 
 
-def _listed(values: Sequence[str]) -> str:
+def _assigned(field: str, unit: str, row: Row) -> str:
+    return f"{shown(row.assigned.get(field, ''))} {unit}".strip()
+
+
+def _some(values: Sequence[str]) -> str:
     more = len(values) - MOST_VALUES
     return ", ".join(values[:MOST_VALUES]) + (f" and {more} more" if more > 0 else "")

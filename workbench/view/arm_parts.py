@@ -1,8 +1,9 @@
-"""The parts of the machine as outlines, in metres, around their own origins: the `d` of SVG paths."""
+"""The machine as it is drawn: its sizes in m, and outlines as the `d` of SVG paths; film_stage.j2 has the parts."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,25 +11,6 @@ import numpy as np
 from workbench.machines import Hoist
 
 Point = tuple[float, float]
-
-
-def path(*points: Point) -> str:
-    return "M" + "L".join(f"{x:.4g} {y:.4g}" for x, y in points)
-
-
-def box(left: float, bottom: float, right: float, top: float) -> str:
-    return path((left, bottom), (right, bottom), (right, top), (left, top), (left, bottom))
-
-
-def circle(radius: float, points: int = 48, start: float = 0.0, end: float = 2.0 * math.pi, at: Point = (0, 0)) -> str:
-    angles = np.linspace(start, end, points)
-    return path(*((at[0] + radius * math.cos(a), at[1] + radius * math.sin(a)) for a in angles))
-
-
-def spokes(radius: float, count: int = 3, inner: float = 0.22) -> str:
-    angles = [k * 2.0 * math.pi / count for k in range(count)]
-    ends = [(radius * math.cos(a), radius * math.sin(a)) for a in angles]
-    return "".join(path((inner * x, inner * y), (x, y)) for x, y in ends)
 
 
 @dataclass(frozen=True)
@@ -86,75 +68,40 @@ def sizes(machine: Hoist) -> Sizes:
     return Sizes(low, top, u, R, r)
 
 
-def mast(s: Sizes) -> tuple[str, str]:
-    """(chords and end plates, bracing) of the column with the guide rail."""
-    left, right = s.mast
-    rungs = enumerate(np.linspace(s.floor, s.beam[0], 15))
-    chords = path((left, s.floor), (left, s.beam[0])) + path((right, s.floor), (right, s.beam[0]))
-    return chords, path(*((left if i % 2 == 0 else right, float(at)) for i, at in rungs))
-
-
-def frame(s: Sizes) -> str:
-    """Beam, motor and gearbox on it, foot of the mast."""
-    (under, over), u, x = s.beam, s.u, s.drum_x
-    return "".join([
-        box(x - s.R, under, s.mast[1] + 0.25 * u, over),
-        box(x - 0.9 * u, over, x + 0.9 * u, over + 0.95 * u),
-        box(x + 0.9 * u, over, x + 1.8 * u, over + 0.7 * u),
-        box(s.mast[0] - 0.3 * u, s.floor - 0.3 * u, s.mast[1] + 0.3 * u, s.floor),
-    ])  # fmt: skip
-
-
-def bracket(s: Sizes) -> str:
-    """What holds the drum's axis and the dead anchor under the beam."""
-    under, u, x = s.beam[0], s.u, s.drum_x
-    hanger = path((x - 0.7 * u, under), (x - 0.25 * u, s.top), (x + 0.25 * u, s.top), (x + 0.7 * u, under))
-    return hanger + box(s.r - 0.16 * u, s.top, s.r + 0.16 * u, under)
-
-
-def floor_line(s: Sizes) -> str:
-    (left, right), u, y = s.x_range, s.u, s.floor - 0.3 * s.u
-    hatch = (path((x, y), (x - 0.45 * u, y - 0.4 * u)) for x in np.arange(left + 0.5 * u, right, 0.75 * u))
-    return path((left, y), (right, y)) + "".join(hatch)
-
-
-def carriage(s: Sizes) -> str:
-    """The dolly: a plate around the sheave, reaching to the guide rail. Origin: the sheave's axis."""
-    u, r, right = s.u, s.r, s.mast[0] - 0.12 * s.u
-    return path(
-        (-r - 0.5 * u, -0.9 * u - r), (right, -0.9 * u - r), (right, r + 1.6 * u), (right - 0.8 * u, r + 1.6 * u),
-        (r + 0.35 * u, r * 0.4), (-r - 0.5 * u, r * 0.4), (-r - 0.5 * u, -0.9 * u - r),
-    )  # fmt: skip
-
-
-def arm(s: Sizes) -> str:
-    """Two links from the dolly to the gripper's head."""
-    u, r, head = s.u, s.r, s.reach + 1.5 * s.u
-    return _link((-r, -0.55 * u - r), (head, -0.75 * u), 0.24 * u) + _link(
-        (-r - 0.2 * u, 0.0), (head, 0.55 * u), 0.18 * u
-    )
-
-
-def _link(a: Point, b: Point, half: float) -> str:
-    length = math.dist(a, b)
-    x, y = (a[1] - b[1]) / length * half, (b[0] - a[0]) / length * half
-    first = (a[0] + x, a[1] + y)
-    return path(first, (b[0] + x, b[1] + y), (b[0] - x, b[1] - y), (a[0] - x, a[1] - y), first)
-
-
-def gripper(s: Sizes, half_pipe: float) -> str:
-    """Head with jaws around the pipe, or open where it holds none."""
-    u, x = s.u, s.reach
-    hand = x + max(half_pipe, 0.18 * u) + 0.25 * u
-    grip = x - half_pipe - 0.2 * u if half_pipe else x - 0.3 * u
-    jaws = [box(grip, y - 0.16 * u, hand, y + 0.16 * u) for y in (-0.75 * u, 0.55 * u)]
-    return box(hand, -1.15 * u, x + 1.75 * u, 0.95 * u) + "".join(jaws)
-
-
-def pipe(s: Sizes, half: float) -> str:
-    return box(s.reach - half, -2.7 * s.u, s.reach + half, 4.3 * s.u)
-
-
 def half_pipe(s: Sizes, payload_kg: float, carriage_kg: float) -> float:
     """Half the drawn width of the payload: its cross-section grows with its mass; 0 for none."""
     return 0.0 if payload_kg <= 0.0 else s.u * (0.1 + 0.22 * min(math.sqrt(payload_kg / carriage_kg), 1.5))
+
+
+def path(points: Sequence[Point]) -> str:
+    return "M" + "L".join(f"{x:.4g} {y:.4g}" for x, y in points)
+
+
+def box(left: float, bottom: float, right: float, top: float) -> str:
+    return path([(left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)])
+
+
+def circle(radius: float, x: float = 0.0, y: float = 0.0, begins: float = 0.0) -> str:
+    """From a share of the turn to its end."""
+    angles = 2.0 * math.pi * np.linspace(begins, 1.0, 49)
+    return path([(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles])
+
+
+def spokes(radius: float) -> str:
+    ends = [(radius * math.cos(a), radius * math.sin(a)) for a in 2.0 * math.pi * np.arange(3) / 3.0]
+    return "".join(path([(0.22 * x, 0.22 * y), (x, y)]) for x, y in ends)
+
+
+def link(x0: float, y0: float, x1: float, y1: float, half: float) -> str:
+    """A bar from one point to the other, so thick to each side."""
+    length = math.dist((x0, y0), (x1, y1))
+    x, y = (y0 - y1) / length * half, (x1 - x0) / length * half
+    return path([(x0 + x, y0 + y), (x1 + x, y1 + y), (x1 - x, y1 - y), (x0 - x, y0 - y), (x0 + x, y0 + y)])
+
+
+def zigzag(left: float, right: float, low: float, high: float) -> str:
+    return path([(left if k % 2 == 0 else right, float(y)) for k, y in enumerate(np.linspace(low, high, 15))])
+
+
+def hatch(left: float, right: float, step: float, y: float, across: float, down: float) -> str:
+    return "".join(path([(x, y), (x - across, y - down)]) for x in np.arange(left, right, step))

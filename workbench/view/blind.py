@@ -20,11 +20,12 @@ from workbench.core.errors import InputError
 from workbench.core.json_records import plain
 from workbench.core.names import unit_of, words_of
 from workbench.core.table import Column, Table, table_of, words
+from workbench.core.templates import Sentences
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view.numbers import NOTHING
 from workbench.view.page import Section, save_page
-from workbench.view.style import BLUE, FAINT, GREY, ORANGE, TEMPLATE, VERMILLION, heading
+from workbench.view.style import BLUE, FAINT, GREY, ORANGE, VERMILLION, figure
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -38,51 +39,27 @@ BUYS = 0.9  # of an amount: less with one more run is written beside it
 APART = 0.07  # of the distance of two sizes: measures stand side by side
 
 
+said = Sentences("view/blind_words.j2")
+
 # Sentences
 
 
 def headline(sheet: Sheet) -> str:
     """The score in one line: what is named, what is accused without a gap, what is said to be unknown."""
-    said = {
+    told = {
         "named": "single effects are named", "pair_both": "pairs are named in full",
         "false_alarm": "machines without a gap are given a cause", "unknown_caught": "unlisted causes are caught",
     }  # fmt: skip
-    shares = [(measures.measure(key).share(sheet.rows), text) for key, text in said.items()]
+    shares = [(measures.measure(key).share(sheet.rows), text) for key, text in told.items()]
     return "; ".join(f"{share.count} of {share.of} {text}" for share, text in shares if share.of) + "."
 
 
 def sentences(sheet: Sheet) -> list[str]:
     """When the test was made and opened, how many campaigns have an answer, and what was not blind."""
     several = len(sheet.scores) > 1
-    said = [f"{score.folder.name}: " * several + text for score in sheet.scores for text in _of_folder(score)]
+    told = [f"{one.folder.name}: " * several + text for one in sheet.scores for text in said.each("folder", one)]
     broken = [row["folder"] for row in sheet.rows if row["word"] in ("refused", "failed")]
-    if broken:
-        said.append(f"No diagnosis came of {', '.join(broken)}; counted as wrong.")
-    if all(measures.source_of(row) == "plant" for row in sheet.rows):
-        said.append("All campaigns come from the plant's own equations: this is what the diagnosis can do at best.")
-    return said
-
-
-def _of_folder(score: Score) -> Iterator[str]:
-    yield (
-        f"{len(score.rows)} of {score.cases} campaigns are answered; made {score.manifest.made} by version "
-        f"{score.manifest.version}, answered by version {', '.join(score.versions)}, seal first opened {score.opened}."
-    )
-    yield (
-        f"Seal (SHA-256) {score.manifest.seal_sha256}: labels, manifest, campaigns and answers are as they "
-        f"were. Seed {score.truth.seed}."
-    )
-    if score.compared:
-        yield score.compared
-    if score.again:
-        yield f"Answered more than once, the last answer counts: {', '.join(score.again)}."
-    if score.partial:
-        yield "This is a part of the test: `workbench blind run` goes on with the rest."
-    if score.after_opening:
-        yield (
-            f"{len(score.after_opening)} campaigns were answered after the seal had been opened; they are "
-            "counted, and blind only as far as nothing was changed in between."
-        )
+    return [*told, *said.each("sheet", broken, all(measures.source_of(row) == "plant" for row in sheet.rows))]
 
 
 # Tables
@@ -113,12 +90,10 @@ def sizes(rows: Sequence[Row]) -> Table:
     lines = [[measure.line, *(measure.share(which).text() for which in groups.values())] for measure in MEASURES]
     counted = [_amounts(which) for which in groups.values()]
     lines += [[name, *(amounts[name].partition(" of ")[0] for amounts in counted)] for name in AMOUNTS[:-1]]
-    note = (
-        "Columns: gap over noise. The gap is what the cause changes in the input, rms while moving; the noise is that "
-        f"of the diagnosis' band. {WILSON}"
-    )
     shown = [line for line in lines if any(cell != NOTHING for cell in line[1:])]
-    return Table([words("measured"), *(Column(name.replace(", ", ",\n")) for name in groups)], shown, note)
+    return Table(
+        [words("measured"), *(Column(name.replace(", ", ",\n")) for name in groups)], shown, f"{said.sizes()} {WILSON}"
+    )
 
 
 def methods_of(rows: Sequence[Row]) -> dict[str, Sequence[Row]]:
@@ -167,14 +142,7 @@ def amounts(rows: Sequence[Row]) -> Table:
         words("kind, source"), Column("parameter\nerror", "%"), Column("inside their\n90 % interval"),
         Column("shrink over\noracle's"), Column("calibration\nerror"), Column("CPU,\nlargest", "s"),
     ]  # fmt: skip
-    note = (
-        "Medians with their 95 % interval between two of the values; CPU time beside the largest. Asked: 85 to 95 % "
-        "inside the interval, shrink at least 0.9 of the oracle's, the true effect fitted to the same runs, "
-        "calibration error at most 0.05; in brackets that which answers would have that are right exactly as often as "
-        "they say."
-    )
-    if missing := numbers(rows).without_oracle:
-        note += f" In {missing} cases the true effect was not among the best fits."
+    note = said.amounts(numbers(rows).without_oracle)
     return Table(columns, [[name, *_amounts(which).values()] for name, which in measures.groups(rows).items()], note)
 
 
@@ -338,11 +306,7 @@ def settled_text(cases: Sequence[WithNextRun], rows: Sequence[Row]) -> str:
     """rows: of the whole sheet."""
     left_open = [row for row in rows if row.get("next_run") and row["label"]["effects"]]
     decided = sum(map(measures.next_run_decides, left_open))
-    return (
-        f"{len(left_open)} cases with a cause are left open. Of {len(left_open) - decided} the diagnosis says that no "
-        f"run on its menu decides. Of those whose recommended run was simulated, {settled(cases).text()} were settled "
-        "by it (asked: 80 %)."
-    )
+    return said.settled(len(left_open), decided, settled(cases).text())
 
 
 def next_runs_table(cases: Sequence[WithNextRun]) -> Table:
@@ -371,13 +335,9 @@ def next_runs_table(cases: Sequence[WithNextRun]) -> Table:
 # Figures
 
 
-def _figure(title: str, height: int, data: list[dict[str, Any]], **layout: Any) -> Figure:
-    """The legend stands below the title."""
-    import plotly.graph_objects as go
-
-    legend = {"y": 1.0 - 68.0 / height, "traceorder": "normal"}
-    shared = {"template": TEMPLATE, "legend": legend, "hovermode": "closest", "height": height}
-    return go.Figure({"data": data, "layout": {"title": heading(title, height), **shared, **layout}})
+def _below_the_title(height: int) -> dict[str, Any]:
+    """The legend's place."""
+    return {"y": 1.0 - 68.0 / height, "traceorder": "normal"}
 
 
 def _points(shares: Sequence[Share], **look: Any) -> dict[str, Any]:
@@ -405,9 +365,9 @@ def right_by_size(rows: Sequence[Row], height: int = 400) -> Figure:
         x = [at + APART * (k - 1) for at in shares]
         data.append(_points([*shares.values()], name=measure.line, x=x, **look))
     ticks = {"tickvals": list(range(len(groups))), "ticktext": list(groups), "zeroline": False}
-    return _figure(
+    return figure(
         "Answers that are right, by the size of the gap", height, data,
-        xaxis={"title": {"text": "gap over noise"}, **ticks},
+        legend=_below_the_title(height), xaxis={"title": {"text": "gap over noise"}, **ticks},
         yaxis={"title": {"text": "share (%)"}, "range": [0, 104]},
     )  # fmt: skip
 
@@ -420,9 +380,9 @@ def reliability(bins: Sequence[measures.Bin], height: int = 420) -> Figure:
     }  # fmt: skip
     look = {"line": {"color": BLUE}, "marker": {"size": 9}}
     measured = _points([b.right for b in bins], name="measured", x=[100.0 * b.said for b in bins], **look)
-    return _figure(
+    return figure(
         "Reliability of the probabilities", height, [diagonal, measured],
-        xaxis={"title": {"text": "probability of the answer (%)"}, "range": [0, 104]},
+        legend=_below_the_title(height), xaxis={"title": {"text": "probability of the answer (%)"}, "range": [0, 104]},
         yaxis={"title": {"text": "right (%)"}, "range": [0, 104]},
     )  # fmt: skip
 
@@ -462,8 +422,9 @@ def power(effects: Sequence[EffectPower], unit: str) -> Figure:
     draw("with one more run", more, "bottom", color=ORANGE, symbol="diamond-open")
     beyond = [(e, e.largest_change_tried, e.largest_tried) for e in shown if e.change is None]
     draw("not within the sizes tried", beyond, "top", "> ", color=VERMILLION, symbol="triangle-right")
-    return _figure(
+    return figure(
         "The smallest effect that these runs would have named in 9 of 10", 150 + ROW * len(shown), data,
+        legend=_below_the_title(150 + ROW * len(shown)),
         margin={"l": 210, "r": 28, "t": 84, "b": 60},
         xaxis={"title": {"text": f"change of the input, rms while moving ({unit})"}, "type": "log"},
         yaxis={"categoryorder": "array", "categoryarray": [e.effect for e in shown], "gridcolor": FAINT},

@@ -54,7 +54,7 @@ def paragraphs(comparison: Comparison) -> Iterator[tuple[str, list[str], int]]:
     """(title, lines, how many of them are shown) below the table, in order."""
     moved = [change for change in comparison.changes if change.noticeable]
     lines = [f"{c.metric}: " + ", ".join(_values(c.metric, pair) for pair in c.worst) for c in moved]
-    yield "Moved most:", lines, len(lines)
+    yield "Largest changes:", lines, len(lines)
     yield "", [f"{len(comparison.pairs)} runs compared; {_unmoved(comparison)}."], 1
     yield "Only in A:", list(comparison.only_a), MOST_LINES
     yield "Only in B:", list(comparison.only_b), MOST_LINES

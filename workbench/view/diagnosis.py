@@ -14,13 +14,14 @@ import yaml
 from workbench.core.errors import InputError
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
+from workbench.core.templates import Sentences
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS, ResidualTest
-from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, VerdictWord
+from workbench.diagnose.verdict.answer import Candidate, Hypothesis, VerdictWord
 from workbench.effects import effects_for
 from workbench.machines import kind_of, plant_of, save_machine
 from workbench.study.consequences import consequences_table
@@ -84,161 +85,90 @@ def place_name(subsystem: str) -> str:
     return subsystem.replace("_", " ")
 
 
+said = Sentences("view/diagnosis_words.j2", figures=figures, listed=listed, place=place_name, REGIMES=REGIMES)
+
+
 def probability_sentence(d: Diagnosis) -> str:
     """What the probability in the verdict's sentence means."""
     v = d.verdict
     p = sum(row.probability for row in v.ranking if row.verdict == v.word and set(row.effects) == set(v.effects))
-    what = {
-        "named": "the missing physics would be just this",
-        "no_gap": "the machine would lack nothing that these runs can show",
-        "unknown": "the cause would be one that the library does not hold",
-    }[v.word]
-    many = "more than 99" if p > 0.995 else "less than one" if p < 0.005 else f"about {round(100.0 * p)}"
-    said = f"That probability means: of a hundred campaigns judged like this one, in {many} {what}."
-    named = sum(row.probability for row in v.ranking if row.verdict == "named")
-    if v.word == "named" and p < 0.5 and named > p + 0.005:
-        return f"{said} In about {100.0 * named:.0f} some effect would be missing, this one or another."
-    return said
+    return said.probability(v, p, sum(row.probability for row in v.ranking if row.verdict == "named"))
 
 
 def alike_sentence(d: Diagnosis) -> str:
     """The effects that these runs cannot tell from the verdict; "" if there are none, or if its sentence names them."""
-    if all(name in d.verdict.sentence for name in d.verdict.alike):
-        return ""
-    return f"These runs cannot tell it from {listed(d.verdict.alike)}: either explains them as well."
+    named = all(name in d.verdict.sentence for name in d.verdict.alike)
+    return "" if named else said.alike(d.verdict.alike)
 
 
 def reasons_of(d: Diagnosis) -> list[str]:
     """The reasons for a cause outside the library, as sentences."""
-
-    def sentence(reason: Reason) -> str:
-        names = listed(reason.effects) if reason.effects else ""
-        return {
-            ReasonKind.UNLISTED_EXPLAINS_MORE: f"An unlisted effect explains more: {names}. Weigh it among the "
-            "candidates.",
-            ReasonKind.LEAVES_MUCH: f"The best hypothesis leaves {reason.value:.2g} {d.shrink.unit}, "
-            f"{reason.percent:.2g} % of the input, beyond noise and what a model may miss.",
-            ReasonKind.STRETCHES_TOLERANCES: "It needs base parameters further off than their tolerances allow "
-            "together.",
-            ReasonKind.ON_A_BOUND: "It sits on the bound of one of its parameters.",
-            ReasonKind.UNDO_EACH_OTHER: f"{names} largely undo each other, as two do that stand in for a third.",
-        }[reason.kind]
-
-    return [sentence(reason) for reason in d.verdict.reasons]
+    return [said.reason(reason, d.shrink.unit) for reason in d.verdict.reasons]
 
 
 def effect_sentences(d: Diagnosis) -> list[str]:
     """The declared meaning, equation and signature of each named effect."""
     kind = plant_of(d.campaign.machine).kind
     known = effects_for(kind)
-    return [
-        f"{name} ({place_name(known[name].subsystem(kind))}): {known[name].meaning} {known[name].equation}. "
-        f"It shows as {known[name].shows}."
-        for name in d.verdict.effects
-        if name in known
-    ]
+    named = [known[name] for name in d.verdict.effects if name in known]
+    return [said.effect(effect, place_name(effect.subsystem(kind))) for effect in named]
 
 
 def where_sentence(d: Diagnosis) -> str:
-    w = d.where
-    if w is None:
-        return "Where there is no gap, there is no place of it."
-    low, high = (round(100.0 * x) for x in w.interval)
-    side = {"drive": " It lies on the drive's side of the wire.", "carriage": " It lies on the carriage's side."}
-    return (
-        f"The gap lies at the {place_name(w.subsystem)}, {REGIMES.get(w.regime, w.regime)}: "
-        f"{100.0 * w.share:.0f} % of its energy (90 % interval {low} to {high} %) is of this kind and in the "
-        f"windows of time that the report marks.{side.get(w.side, '')}"
-    )
+    return said.where(d.where)
 
 
 def shrink_sentence(d: Diagnosis) -> str:
     """The reduction of the gap with its interval, compared with the noise floor."""
-    s, w = d.shrink, words_of(d.campaign.machine)
-    before, after, noise = (f"{figures(x)} {s.unit}" for x in (s.before, s.after, s.noise))
-    residual, floor = f"held-out runs the {w.quantity} residual", f"the noise floor is {noise}"
+    s, kind = d.shrink, "shrinks"
     if s.before <= 0.0 or d.verdict.word == "no_gap":
-        return f"Nothing to shrink: on {residual} is {after} rms, the noise {noise}."
-    if s.factor < SHRINKS:
-        return f"It does not shrink: on {residual} is {before} rms before and {after} after; {floor}."
-    low, high = map(figures, s.ci95)
-    run_away = s.speed_rmse_percent_after > RUN_AWAY
-    away = "; it has run away, for every bias adds up, and judges neither machine" if run_away else ""
-    return (
-        f"On runs that were held out of the fit the {w.quantity} residual falls from {figures(s.before)} to {after} "
-        f"rms, by a factor of {figures(s.factor)} (95 % interval {low} to {high}); {floor}. Replayed open loop, the "
-        f"speed's error goes from {figures(s.speed_rmse_percent_before)} to {figures(s.speed_rmse_percent_after)} % of "
-        f"{w.scale}{away}."
-    )
+        kind = "none"
+    elif s.factor < SHRINKS:
+        kind = "not"
+    elif s.speed_rmse_percent_after > RUN_AWAY:
+        kind = "run_away"
+    return said.shrink(s, words_of(d.campaign.machine), kind)
 
 
 def next_run_sentence(d: Diagnosis) -> str:
     """The run that would decide between open hypotheses, or that none is open."""
-    if d.next_run is not None:
-        return d.next_run.why
-    return (
-        "The verdict needs no further run. Effects that look alike in these runs are listed with their angles: they "
-        "stay undecided where a campaign shows one of them in a small amount."
-    )
+    return said.no_next_run() if d.next_run is None else d.next_run.why
 
 
 def unknown_sentences(d: Diagnosis) -> list[str]:
-    said = [] if d.unknown is None else list(d.unknown.sentences)
-    if said and (correction := d.corrected.measured_correction) is not None:
+    sentences = [] if d.unknown is None else list(d.unknown.sentences)
+    if sentences and (correction := d.corrected.measured_correction) is not None:
         from workbench.diagnose.unknown import over_what
 
-        said.append(
-            f"machine.yaml holds it, over {over_what(correction.over)}, as `measured_correction`, which replay and "
-            "study take into account. It is a measurement, no explanation."
-        )
-    return said
+        sentences.append(said.correction(over_what(correction.over)))
+    return sentences
 
 
 def left_sentence(d: Diagnosis) -> str:
     """Whether anything is left in the residual; "" where no run moves enough to tell."""
     runs = [test for test in d.residual_tests if test.run != ALL_RUNS]
-    if not runs:
-        return ""
-    white = sum(test.white for test in runs)
     related = {name: [t.run for t in runs if name in t.related] for t in runs for name in t.related}
-    said = f"In {white} of {len(runs)} runs the residual is white noise"
-    if not related:
-        return f"{said}, and in none it correlates with speed, position or input (99 % bound)."
-    what = "; ".join(f"with the {name} in {listed(names)}" for name, names in related.items())
-    return f"{said}; it correlates, beyond the 99 % bound, {what}."
+    return said.left(sum(test.white for test in runs), len(runs), related) if runs else ""
 
 
 def plain_summary(d: Diagnosis) -> list[str]:
     """The verdict for a reader who knows the machine and not this program: what, where, how sure, what it mends."""
-    s, kind = d.shrink, plant_of(d.campaign.machine).kind
-    known, quantity = effects_for(kind), words_of(d.campaign.machine).quantity
-    before, after, noise = (f"{figures(x)} {s.unit}" for x in (s.before, s.after, s.noise))
+    v, s, kind, w = d.verdict, d.shrink, plant_of(d.campaign.machine).kind, words_of(d.campaign.machine)
+    known = effects_for(kind)
 
     def cause(name: str) -> str:
         """`Friction that grows with the load; on …` as `friction that grows with the load`."""
         first = known[name].meaning.partition(";")[0].partition(". ")[0].rstrip(".")
         return first[0].lower() + first[1:]
 
-    if d.verdict.word == "no_gap":
-        return [
-            f"The model agrees with the machine: predicted and measured {quantity} differ by {after} on average in "
-            f"runs that were held out; the sensors alone make {noise}."
-        ]
-    if d.verdict.word == "unknown" or not all(name in known for name in d.verdict.effects):
-        at = f" at the {place_name(d.where.subsystem)}" if d.where is not None else ""
-        return [
-            f"Something{at} is missing in the model, and none of the causes that were weighed explains it. "
-            f"Measured and predicted {quantity} differ by {before} on average; the sensors alone make {noise}.",
-            "The controller should not be tuned on this model before the cause is found.",
-        ]
-    causes = [f"{cause(name)} (at the {place_name(known[name].subsystem(kind))})" for name in d.verdict.effects]
-    alike = "; ".join(cause(name) for name in d.verdict.alike if name in known)
-    return [
-        f"What the model lacks: {', and '.join(causes)}.",
-        f"That made the predicted {quantity} wrong by {before} on average. With it in the model {after} remain; the "
-        f"sensors alone make {noise}. In about {100.0 * d.verdict.probability:.0f} of 100 such cases this is the "
-        f"cause{f', or what looks the same in these runs: {alike}' if alike else ''}.",
-    ]
+    if v.word == "no_gap":
+        return [said.plain_no_gap(s, w)]
+    if v.word == "unknown" or not all(name in known for name in v.effects):
+        warning = "The controller should not be tuned on this model before the cause is found."
+        return [said.plain_unknown(s, w, "" if d.where is None else d.where.subsystem), warning]
+    causes = [f"{cause(name)} (at the {place_name(known[name].subsystem(kind))})" for name in v.effects]
+    alike = "; ".join(cause(name) for name in v.alike if name in known)
+    return [f"What the model lacks: {', and '.join(causes)}.", said.plain_named(s, w, v.probability, alike)]
 
 
 # Tables.
@@ -283,11 +213,7 @@ def condition_table(d: Diagnosis) -> Table:
         Column("outliers"): lambda log: str(log.outliers),
         Column("delay", "ms"): lambda log: NOTHING if log.delay_s is None else f"{1e3 * log.delay_s:.0f}",
     }
-    note = (
-        f"Noise: rms of the logged {words_of(d.campaign.machine).quantity} below {d.condition.band_hz:.3g} Hz, where "
-        "measured and predicted are compared. Moving: the share of samples that speak of friction and inertia; at rest "
-        "a machine may hold its load anywhere within its friction. Delay: logged speed behind its reference."
-    )
+    note = said.condition(d, words_of(d.campaign.machine))
     return table_of(d.condition.runs, cells, note)
 
 
@@ -307,10 +233,7 @@ def gap_table(d: Diagnosis) -> Table:
     if (force := g.force_rms_n) is not None:  # one lever for all: what a torque is on the carriage
         cells[Column("on the\ncarriage", "N")] = lambda row: _ratio(force * row[1], g.residual_rms)
     cells[Column("speed error\nopen loop", "%")] = lambda row: figures(row[2])
-    note = (
-        f"Rms while moving, as `replay` prints it in a band of {g.band_hz:.5g} Hz. Open loop: the measured input "
-        "drives the model from the first sample on, so every bias adds up; judge by the residual."
-    )
+    note = said.gap(d)
     return table_of(machines if d.corrected != d.refitted else machines[:2], cells, note)
 
 
@@ -322,10 +245,7 @@ def runs_table(d: Diagnosis) -> Table:
         Column("of the gap's\nenergy", "%"): lambda run: NOTHING if run in kept else f"{100.0 * run.share:.0f}",
         **{Column(name, unit): _of(name) for name in ("before", "after", "noise")},
     }
-    note = (
-        "Before: refitted within tolerances; after: the delivered machine.yaml. Rms while moving, fitted to "
-        f"{'the other' if kept else 'all'} runs."
-    )
+    note = said.runs(d)
     return table_of([*d.delivered.runs, *kept], cells, note)
 
 
@@ -349,10 +269,7 @@ def left_table(d: Diagnosis) -> Table:
         Column("lags beyond\nthe 99 % bound"): beyond,
         **{Column(f"correlation\nwith {name}"): goes_with(name) for name in names},
     }
-    note = (
-        "The residual of the delivered machine while moving, at samples that are independent if it is noise. "
-        "Probability: that white noise shows as much autocorrelation (Ljung and Box). *: beyond the 99 % bound."
-    )
+    note = said.left_table()
     return table_of(d.residual_tests, cells, note)
 
 
@@ -371,12 +288,8 @@ def where_table(d: Diagnosis) -> Table:
         Column("of the gap's\nenergy", "%"): lambda run: f"{100.0 * run[1]:.0f}",
         Column("windows", "s", "left"): spans,
     }
-    note = f"The gap's energy run by run, and the windows that hold most of {_whose(d)}."
+    note = said.windows(d)
     return table_of(d.where.energy_by_run.items() if d.where else (), cells, note)
-
-
-def _whose(d: Diagnosis) -> str:
-    return "what the named effect does" if d.verdict.word == "named" else "the gap"
 
 
 def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str, float]]:
@@ -420,18 +333,7 @@ def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = Fal
             f"its fit broke down: {c.failure}" if c.failure else "; ".join(c.against)
         )
     shown = [c for c in d.candidates if c.fitted or (c.failure and not brief)][:most]
-    more = len(d.candidates) - len(shown)
-    note = (
-        "Explains: the share of the gap's energy. Held out: residual rms of runs that the fit did not see. Merit: gain "
-        "in the penalised likelihood, less what its parameters cost; below 0 it is not worth them. Names end in their "
-        "units."
-    )
-    if more > 0:
-        note += (
-            f" {more} more hypotheses were weighed, most of them linearly only, for they promised less than these; "
-            "diagnosis.json has them all."
-        )
-    return table_of(shown, cells, note)
+    return table_of(shown, cells, said.candidates(len(d.candidates) - len(shown)))
 
 
 def _parameters(candidate: Candidate) -> str:
@@ -509,10 +411,7 @@ def next_run_table(d: Diagnosis) -> Table:
         Column("a plain run\nas long"): _of("menu", 1.0, 2),
         Column("decides\n20 to 1", "%"): _of("decides", 100.0, 2),
     }
-    note = (
-        "Apart: how many standard deviations lie between the predictions of the candidates that are still open. "
-        "Decides: the probability that their likelihoods then differ by a factor of 20 or more."
-    )
+    note = said.next_run()
     return table_of([] if d.next_run is None else [d.next_run], cells, note)
 
 
@@ -520,103 +419,63 @@ def next_run_table(d: Diagnosis) -> Table:
 
 
 def sections_of(d: Diagnosis) -> dict[str, Section]:
-    """The sections of the page by name, in their order. The runs are replayed for the figures."""
-    runs, v, i, s, w, g = draw.series_of(d), d.verdict, d.isolability, d.shrink, words_of(d.campaign.machine), d.gap
-    held = "what is each run's own under `log`" if d.corrected.log.of_runs else "the same values"
-    found = parameters_table(
-        d, f"Fitted values with one standard error. A name's end is its unit. machine.yaml holds {held}."
-    )
+    """The sections of the page by name, in their order, numbered; empty tables and sentences are left out. The runs are
+    replayed for the figures."""
+    v, i, s, c, where = d.verdict, d.isolability, d.shrink, d.consequences, d.where
+    w, ways = words_of(d.campaign.machine), direction_names(d.campaign.machine)
+    runs, gap = draw.series_of(d), v.word != "no_gap"
     lead = [probability_sentence(d), alike_sentence(d), shrink_sentence(d), *effect_sentences(d)]
-    angles = (
-        "0°: these runs show one and the same for both effects, so nobody can tell them apart; 90°: unmistakable. "
-        "What refitted base parameters could explain is taken out first."
-    )
-    against = ""
-    if v.reasons:
-        unknown = v.word == "unknown"
-        against = "What speaks for a cause that the library does not hold:" if unknown else "What speaks against it:"
-    matrix = [(draw.isolability(i.names, i.angle, v.effects), angles)] if len(i.names) > 1 else []
+    lies = [(draw.inputs(runs, w.unit), said.inputs(d, len(runs)))]
+    profiles = sorted(filter(draw.worth_a_panel, where.profiles if where else ()), key=lambda p: -p.explains)
+    if profiles:
+        lies.append((draw.profiles(profiles[:MOST_PROFILES], w.unit, ways), said.profiles()))
+    against = {True: "What speaks for a cause that the library does not hold:", False: "What speaks against it:"}
+    bars = draw.shrink_bars(s.by_run, (s.before, s.after), s.noise, s.unit)
+    shrinks = [
+        *([(bars, "Each run predicted by a fit to the others.")] if gap else []),
+        (draw.residuals(runs, s.unit, d.gap.noise_rms), said.residuals(gap)),
+        (draw.speeds(runs, w.scale), said.speeds(gap, w)),
+    ]
     parts = {
-        "answer": Section("", lead, d.warnings, [found]),
+        "answer": Section("", lead, d.warnings, [parameters_table(d, said.parameters(d))]),
         "condition": Section("1. Condition of the logs", (), d.condition.sentences, [condition_table(d)]),
-        "gap": Section("2. The gap", (), g.sentences, [gap_table(d), runs_table(d)]),
-        "where": _where(d, runs),
+        "gap": Section("2. The gap", (), d.gap.sentences, [gap_table(d), runs_table(d)]),
+        "where": Section(
+            "3. Where it lies", [where_sentence(d), *(where.sentences if where else ())], (), [where_table(d)], lies
+        ),
         "candidates": Section("4. Candidates", (), (), [candidates_table(d, MOST_CANDIDATES)]),
-        "isolability": Section("5. Isolability of the effects", (), i.sentences, [visible_table(d)], matrix),
+        "isolability": Section(
+            "5. Isolability of the effects", (), i.sentences, [visible_table(d)],
+            [(draw.isolability(i.names, i.angle, v.effects), said.angles())] if len(i.names) > 1 else [],
+        ),
         "verdict": Section(
-            "6. Verdict", [v.sentence, alike_sentence(d), against], reasons_of(d), (),
-            [(draw.ranking(ranking_table(v.ranking, MOST_RANKED)), "")],
+            "6. Verdict", [v.sentence, alike_sentence(d), against[v.word == "unknown"] if v.reasons else ""],
+            reasons_of(d), (), [(draw.ranking(ranking_table(v.ranking, MOST_RANKED)), "")],
         ),
     }  # fmt: skip
     if d.unknown is not None:
-        drawn = []
-        if curves := d.unknown.curves:
-            from workbench.diagnose.unknown import OVER
+        from workbench.diagnose.unknown import OVER
 
-            units = [kind_of(d.campaign.machine).ports[curve.acts_on].unit for curve in curves]
-            figure = draw.curves(curves, direction_names(d.campaign.machine), OVER, units, d.unknown.law_levels)
-            note = "A level for each direction, with a band of two standard errors; positive opposes the motion."
-            drawn = [(figure, note)]
-        heading = "What is known of the unknown cause"
-        parts["unknown"] = Section(heading, unknown_sentences(d), (), (), drawn)
-    left = "Dashed: ± twice the noise. Grey: left out, at an end or at rest, where friction may hold any load."
-    driven = f"The measured {w.quantity} drives the machine"
-    drawn = [
-        (draw.residuals(runs, s.unit, g.noise_rms), left),
-        (draw.speeds(runs, w.scale), f"{driven} from the first sample on."),
-    ]
-    if v.word != "no_gap":
-        drawn = [
-            (
-                draw.shrink_bars(s.by_run, (s.before, s.after), s.noise, s.unit),
-                "Each run predicted by a fit to the others.",
-            ),
-            (drawn[0][0], f"{left} Yellow: the gap's windows. After: the corrected machine, fitted to all runs."),
-            (drawn[1][0], f"{driven} before and after its correction, from the first sample on."),
-        ]
-    heading = "7. Residual on held-out runs"
-    parts["shrink"] = Section(heading, [shrink_sentence(d), *s.sentences], (), [shrink_table(d)], drawn)
+        units = [kind_of(d.campaign.machine).ports[curve.acts_on].unit for curve in d.unknown.curves]
+        figure = draw.curves(d.unknown.curves, ways, OVER, units, d.unknown.law_levels)
+        drawn = [(figure, said.curves(d.unknown.law is not None))] if units else []
+        parts["unknown"] = Section("What is known of the unknown cause", unknown_sentences(d), (), (), drawn)
+    sentences = [shrink_sentence(d), *s.sentences]
+    parts["shrink"] = Section("7. Residual on held-out runs", sentences, (), [shrink_table(d)], shrinks)
     if d.residual_tests:
-        bars = (
-            "How much the residual at one moment tells of the residual so much later. 0: nothing, as of noise; bars "
-            "beyond the dashed bounds are more than chance."
-        )
-        drawn = [(draw.autocorrelations(d.residual_tests), bars)]
+        drawn = [(draw.autocorrelations(d.residual_tests), said.autocorrelation())]
         parts["left"] = Section("Is anything left?", [left_sentence(d)], (), [left_table(d)], drawn)
-    heading, c = "8. What changes in the control study", d.consequences
-    parts["consequences"] = (
-        Section(heading, [d.why_no_consequences or "The control study was not asked for."])
-        if c is None
-        else Section(heading, c.sentences[:1], c.sentences[1:], [consequences_table(c)], [(before_and_after(c), "")])
-    )
+    changes = Section("8. What changes in the control study", [d.why_no_consequences or "It was not asked for."])
+    if c is not None:
+        drawn = [(before_and_after(c), "")]
+        changes = Section(changes.heading, c.sentences[:1], c.sentences[1:], [consequences_table(c)], drawn)
+    parts["consequences"] = changes
     parts["next_run"] = Section("9. The next run", [next_run_sentence(d)], (), [next_run_table(d)])
     return {name: _without_gaps(part) for name, part in parts.items()}
 
 
 def _without_gaps(part: Section) -> Section:
-    """Without empty sentences and tables."""
     return replace(part, sentences=list(filter(None, part.sentences)), tables=list(filter(None, part.tables)))
-
-
-def _where(d: Diagnosis, runs: Sequence[draw.RunSeries]) -> Section:
-    unit, heading, count = words_of(d.campaign.machine).unit, "3. Where it lies", len(d.campaign.runs)
-    drawn = draw.inputs(runs, unit)
-    fewer = f" Of {count} runs the {len(runs)} with most of it." if count > len(runs) else ""
-    if d.where is None:
-        return Section(
-            heading, [where_sentence(d)], (), (), [(drawn, f"No window is marked, for there is no gap.{fewer}")]
-        )
-    note = f"Per cent: each run's share of the gap. Yellow: the windows that hold most of {_whose(d)}.{fewer}"
-    figures = [(drawn, note)]
-    shown = sorted(filter(draw.worth_a_panel, d.where.profiles), key=lambda profile: -profile.explains)[:MOST_PROFILES]
-    if shown:
-        note = (
-            "Explains: the share of the gap's energy that a function of this variable and the direction takes away, "
-            "with a 90 % interval over runs; the best first. One scale for all means; the share of the energy has its "
-            "own in each panel. Over a frequency: the share that one wave in each band takes."
-        )
-        figures.append((draw.profiles(shown, unit, direction_names(d.campaign.machine)), note))
-    return Section(heading, [where_sentence(d), *d.where.sentences], (), [where_table(d)], figures)
 
 
 def brief_sections(d: Diagnosis) -> list[Section]:

@@ -202,13 +202,11 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
             look, title = {"range": [0.0, 1.15 * most], "ticksuffix": " %"}, "one wave's share of the energy"
             line = {"shape": "hv", "color": style.GREY, "width": 1.2}
             y, fill = _gaps(np.append(share, share[-1])), {"fill": "tozeroy", "fillcolor": style.FAINT}
-            figure.add_scatter(x=profile.edges, y=y, mode="lines", line=line, **fill, **bars, **panel, secondary_y=True)
+            figure.add_scatter(x=profile.edges, y=y, mode="lines", line=line, **fill, **bars, **panel)
             figure.update_xaxes(type="log", dtick=1, **panel)
         else:
-            look, title = (
-                {"range": [-1.15 * largest, 1.15 * largest], "nticks": 7, "tickmode": "auto"},
-                f"mean residual ({unit})",
-            )
+            look = {"range": [-1.15 * largest, 1.15 * largest], "nticks": 7, "tickmode": "auto"}
+            title = f"mean residual ({unit})"
             grey = {"color": style.FAINT, "line_width": 0}
             figure.add_bar(x=middle, y=share, width=np.diff(profile.edges), marker=grey, **bars, **panel)
             for way, values in enumerate((profile.mean_forward, profile.mean_backward)):
@@ -254,7 +252,7 @@ def curves(
             figure.add_scatter(**_line(curve.at, values, ways[way], way, of), **panel)
             if law is not None and k == 0:
                 said = _line(curve.at, np.split(law, 2)[way], f"law, {ways[way]}", way, of)
-                said |= {"mode": "lines", "line": said["line"] | {"dash": "dot", "width": 3}}
+                said |= {"mode": "lines", "line": {"color": style.BLACK, "dash": style.SPARE[way][1], "width": 2.4}}
                 figure.add_scatter(**said, **panel)
         figure.update_xaxes(title_text=f"{name} ({unit})" if unit else name, **panel)
         quantity = "force" if of == "N" else "torque"
@@ -297,13 +295,6 @@ def worth_a_panel(profile: Profile) -> bool:
 # Verdict and shrink
 
 
-def _figure(title: str, height: int, data: list[dict[str, Any]], **layout: Any) -> Figure:
-    import plotly.graph_objects as go
-
-    shared = {"template": style.TEMPLATE, "height": height, "hovermode": "closest"}
-    return go.Figure({"data": data, "layout": {**shared, "title": style.heading(title, height), **layout}})
-
-
 def ranking(rows: Sequence[tuple[str, str, float]]) -> Figure:
     """Horizontal bars. rows: (named, unknown, no_gap or "" for a rest, what stands beside the bar, probability)."""
     bars = {
@@ -311,7 +302,7 @@ def ranking(rows: Sequence[tuple[str, str, float]]) -> Figure:
         "text": [percent(p) for *_, p in rows], "textposition": "outside", "cliponaxis": False, "showlegend": False,
         "marker": {"color": [COLOURS[word] for word, *_ in rows]}, "hovertemplate": "%{y}: %{x:.2f} %<extra></extra>",
     }  # fmt: skip
-    return _figure(
+    return style.figure(
         "Probability of each hypothesis", 112 + 30 * max(len(rows), 2), [bars], bargap=0.3,
         margin={"l": 12, "t": 48, "r": 84},  # room for "> 99.9 %"
         xaxis={"title": {"text": "probability (%)"}, "range": [0, 100], "zeroline": False},
@@ -345,7 +336,7 @@ def isolability(names: Sequence[str], angle: Array, chosen: Sequence[str] = ()) 
         "hovertemplate": "%{y} and %{x}: %{z:.1f}°<extra></extra>",
     }  # fmt: skip
     axis = {"type": "category", "showgrid": False, "ticks": "", "tickfont": {"size": 11}}
-    return _figure(
+    return style.figure(
         "Angle between the marks that two effects leave in these runs", 240 + 27 * max(len(names) - 1, 3), [heat],
         margin={"l": 12, "t": 48, "r": 20, "b": 12}, xaxis=axis | {"tickangle": -50},
         yaxis=axis | {"autorange": "reversed"},
@@ -372,7 +363,7 @@ def shrink_bars(
     floor = {"name": said, "mode": "lines", "line": style.NOISE, "hoverinfo": "skip"}
     across = {"type": "line", "x0": 0, "x1": 1, "y0": noise, "y1": noise, "xref": "x domain", "yref": "y"}
     highest = max([noise, *(value for both in rows.values() for value in both)]) or 1.0
-    return _figure(
+    return style.figure(
         f"Residual on held-out runs, rms ({unit})", height,
         [*data, {"type": "scatter", "x": names[:1], "y": [noise], **floor}],
         legend={"y": 1.0 - 64.0 / height, "traceorder": "normal"}, margin={"t": 80}, barmode="group", bargap=0.3,

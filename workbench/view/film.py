@@ -13,7 +13,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from html import escape
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.run import Array, Run
+from workbench.core.templates import render
 from workbench.machines import HOIST, Hoist
 from workbench.simulate.driven import InverseSimulation
 from workbench.view import arm_parts as parts
@@ -197,49 +197,13 @@ def _run(scene: Scene, s: parts.Sizes) -> dict[str, Any]:
 
 
 def _stage(machine: Hoist, scene: Scene, look: SimpleNamespace, number: int) -> str:
-    """One machine: what stands still, and groups that the script moves. Up is up: the drawing is flipped as a whole."""
-    s = parts.sizes(machine)
-    half = parts.half_pipe(s, scene.payload_kg, machine.carriage.mass_kg)
-    (left, right), (low, high) = s.x_range, s.y_range
-    chords, bracing = parts.mast(s)
-    thin, thick = 0.004 * (high - low), 0.009 * (high - low)
-
-    def part(d: str, colour: str = look.edge, width: float = thin, fill: str = "none", name: str = "") -> str:
-        known = f' id="{name}"' if name else ""
-        return f'<path{known} d="{d}" stroke="{colour}" stroke-width="{width:.4g}" fill="{fill}"/>'
-
-    def wheel(radius: float) -> str:
-        mark = parts.path((0.3 * radius, 0.0), (0.92 * radius, 0.0))
-        return part(parts.spokes(radius)) + part(mark, look.accent, 2.0 * thin)
-
-    still = "".join([
-        part(parts.floor_line(s), look.faint),
-        part(bracing, look.faint),
-        part(chords, width=2.0 * thin),
-        part(parts.frame(s), fill=look.steel),
-        part(parts.bracket(s), fill=look.steel),
-        part(parts.circle(s.R, at=(s.drum_x, s.top)), fill=look.wheel),
-    ])  # fmt: skip
-    carriage = "".join([
-        part(parts.arm(s), fill=look.steel),
-        part(parts.pipe(s, half), fill=look.pipe) if half else "",
-        part(parts.gripper(s, half), fill=look.arm),
-        part(parts.carriage(s), fill=look.arm),
-        part(parts.circle(s.r) + parts.circle(0.2 * s.r, 13), fill=look.wheel),
-        f'<g id="sheave{number}">{wheel(s.r)}</g>',
-        part(parts.circle(s.r, 17, math.pi, 2.0 * math.pi), width=thick, name=f"around{number}"),
-    ])  # fmt: skip
-    falls = "".join(
-        f'<line id="{name}{number}" x1="{x:.4g}" x2="{x:.4g}" y1="{s.top:.4g}" y2="{s.top:.4g}" '
-        f'stroke-width="{thick:.4g}"/>'
-        for name, x in (("fall", -s.r), ("dead", s.r))
-    )
-    return (
-        f'<div class="stage"><h4 style="color:{COLOURS[number % 2]}">{escape(scene.name, quote=False)}</h4>'
-        f'<svg viewBox="{left:.4g} {-high:.4g} {right - left:.4g} {high - low:.4g}"><g transform="scale(1,-1)">{still}'
-        f'<g id="drum{number}">{wheel(s.R)}</g>{falls}<g id="carriage{number}">{carriage}</g></g></svg>'
-        f'<div class="numbers" id="numbers{number}"></div></div>'
-    )
+    """One machine, drawn."""
+    drawing = {name: getattr(parts, name) for name in ("path", "box", "circle", "spokes", "link", "zigzag", "hatch")}
+    half = parts.half_pipe(parts.sizes(machine), scene.payload_kg, machine.carriage.mass_kg)
+    return render(
+        "view/film_stage.j2", s=parts.sizes(machine), half=half, look=look, number=number, title=scene.name,
+        colour=COLOURS[number % 2], f=format, **drawing,
+    )  # fmt: skip
 
 
 def _strips(data: dict[str, Any], look: SimpleNamespace) -> str:

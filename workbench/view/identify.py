@@ -26,7 +26,7 @@ from workbench.view import replay as replay_view
 from workbench.view.numbers import change_percent, figures, with_error
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
-from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, TEMPLATE, VERMILLION, line
+from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, VERMILLION, figure, line
 from workbench.view.words import direction_names, words_of
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 FAR = 3.0  # tolerances: a value beyond them stands in for something else
 ROW, AROUND = 34, 130  # px: of one value, and of title and axis
 REMEDY = "`workbench diagnose` names what"
+said = replay_view.said
 
 
 # Tables, sentences, JSON.
@@ -49,11 +50,7 @@ def table(fit: Fit) -> Table:
          "no" if free.prior_std is None else "yes"]
         for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True)
     ]  # fmt: skip
-    note = (
-        "held: the nominal value, within its tolerance, counts as one more measurement; else the runs alone decide. "
-        "A name's end is its unit."
-    )
-    return Table(columns, rows, note)
+    return Table(columns, rows, said.held())
 
 
 def keys_table(campaign: Campaign) -> Table:
@@ -64,7 +61,7 @@ def keys_table(campaign: Campaign) -> Table:
         [key, figures(get_value(machine, key), 5), ("held" if usual[key] else "free") if key in usual else ""]
         for key in fittable(machine)
     ]
-    return Table([words("key"), Column("value"), words("usual fit")], rows)
+    return Table([words("key"), Column("value"), words("by default")], rows)
 
 
 def measures_table(identification: Identification) -> Table:
@@ -76,27 +73,15 @@ def measures_table(identification: Identification) -> Table:
 
 def sentences(identification: Identification, remedy: str = REMEDY) -> list[str]:
     """The reduction of the residual, the paper's iteration, undetermined values, and the remedy."""
-    machine, levels, fit = identification.campaign.machine, identification.levels, identification.fit
-    before, after = identification.before, identification.after
-    w, unit, rounds = words_of(machine), kind_of(machine).friction.unit, len(levels.forward) - 1
-    forward, backward = direction_names(machine)
-    said = [
-        f"The {w.quantity} residual went from {before.residual_percent:.2f} to {after.residual_percent:.2f} % of the "
-        f"{w.quantity} itself.",
-        "The paper's iteration, which leaves all other values nominal, puts friction at "
-        f"{figures(levels.forward[-1], 4)} {unit} {forward} and {figures(levels.backward[-1], 4)} {unit} {backward}; "
-        f"it {'settled' if levels.settled else 'had not settled'} after {rounds} rounds.",
-        *fit.statements,
-    ]
-    off = max(fit.tolerances_off())
-    left, noise = after.residual_rms_moving, after.noise_rms
-    signs = [f"a value is {off:.0f} tolerances off"] if off > FAR else []
-    if left > replay_view.EXPLAINED * noise > 0.0 and replay_view.noise_is_floor(identification.machine, after):
-        signs.append(f"the residual while moving is {left / noise:.1f} times the noise")
-    if signs:
-        text = " and ".join(signs)
-        said.append(f"{text[0].upper()}{text[1:]}: the model may lack something; {remedy}.")
-    return said
+    i, machine, after = identification, identification.campaign.machine, identification.after
+    sentences = said.each(
+        "identified", i, words_of(machine), kind_of(machine).friction.unit, *direction_names(machine)
+    ) + list(i.fit.statements)
+    off, left, noise = max(i.fit.tolerances_off()), after.residual_rms_moving, after.noise_rms
+    above = left > replay_view.EXPLAINED * noise > 0.0 and replay_view.noise_is_floor(i.machine, after)
+    times = left / noise if above else 0.0
+    lacks = [said.lacks(off if off > FAR else 0.0, times, remedy)] if off > FAR or times else []
+    return [*sentences, *lacks]
 
 
 def to_json(identification: Identification) -> dict[str, Any]:
@@ -211,8 +196,6 @@ def history(identification: Identification) -> Figure:
 
 def correlation_matrix(names: Sequence[str], correlation: Array) -> Figure:
     """The fit's correlation matrix (m, m): what is near ±1 the data cannot tell apart."""
-    import plotly.graph_objects as go
-
     heat = {
         "type": "heatmap", "z": correlation, "x": list(names), "y": list(names), "zmin": -1.0, "zmax": 1.0,
         # Blue, white, orange-red: Okabe and Ito's blue and vermillion as ends.
@@ -220,12 +203,8 @@ def correlation_matrix(names: Sequence[str], correlation: Array) -> Figure:
         "textfont": {"color": BLACK}, "colorbar": {"title": {"text": "correlation (–)"}},
         "hovertemplate": "%{y} and %{x}: %{z:.3f}<extra></extra>",
     }  # fmt: skip
-    size = 220 + 48 * len(names)
-    layout = {
-        "template": TEMPLATE, "height": size, "width": size + 160, "yaxis": {"autorange": "reversed"},
-        "title": {"text": "Correlation of the fitted parameters"},
-    }  # fmt: skip
-    return go.Figure({"data": [heat], "layout": layout})
+    size, title = 220 + 48 * len(names), "Correlation of the fitted parameters"
+    return figure(title, size, [heat], width=size + 160, yaxis={"autorange": "reversed"})
 
 
 @dataclass(frozen=True)
@@ -243,12 +222,9 @@ class Shift:
 
 def estimates(fitted: Sequence[Shift], unit: str, tolerance: float | None = None) -> Figure:
     """A line a value; a grey band of ± `tolerance` around the nominal values where there is one."""
-    import plotly.graph_objects as go
-
     names = [estimate.name for estimate in fitted]
     furthest = max((abs(estimate.shift) + estimate.std_error for estimate in fitted), default=1.0)
     reach = 1.15 * max(furthest, tolerance or 0.0) or 1.0
-    height = AROUND + ROW * max(len(fitted), 2)
     dots: dict[str, Any] = {
         "type": "scatter", "mode": "markers", "x": [estimate.shift for estimate in fitted], "y": names,
         "error_x": {"array": [estimate.std_error for estimate in fitted], "color": BLACK, "thickness": 2, "width": 6},
@@ -264,21 +240,13 @@ def estimates(fitted: Sequence[Shift], unit: str, tolerance: float | None = None
         "type": "rect", "x0": -(tolerance or 0.0), "x1": tolerance or 0.0, "y0": 0, "y1": 1, "yref": "paper",
         "layer": "below", "line": {"width": 0}, "fillcolor": GREY, "opacity": 0.18,
     }  # fmt: skip
-    tolerance_note = "" if tolerance is None else "; grey: tolerance"
-    layout = {
-        "template": TEMPLATE,
-        "height": height,
-        "hovermode": "closest",
-        "title": {"text": f"Identified values, ± one standard error{tolerance_note}", "y": 1.0 - 22.0 / height,
-                  "yanchor": "middle", "font": {"size": 15}},
-        "margin": {"l": 12, "t": 52, "r": 164},
-        "shapes": [] if tolerance is None else [band],
-        "annotations": words,
-        "xaxis": {"title": {"text": f"distance from nominal ({unit})"}, "range": [-reach, reach], "zeroline": True,
-                  "zerolinewidth": 2},
-        "yaxis": {"autorange": "reversed", "type": "category"},
-    }  # fmt: skip
-    return go.Figure({"data": [dots], "layout": layout})
+    grey = "" if tolerance is None else "; grey: tolerance"
+    across = {"title": {"text": f"distance from nominal ({unit})"}, "range": [-reach, reach], "zeroline": True}
+    return figure(
+        f"Identified values, ± one standard error{grey}", AROUND + ROW * max(len(fitted), 2), [dots],
+        title_font_size=15, margin={"l": 12, "t": 52, "r": 164}, shapes=[] if tolerance is None else [band],
+        annotations=words, xaxis=across | {"zerolinewidth": 2}, yaxis={"autorange": "reversed", "type": "category"},
+    )  # fmt: skip
 
 
 # The page.

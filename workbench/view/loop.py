@@ -94,19 +94,6 @@ def sentences(case: DesignCase, members: Sequence[Member]) -> list[str]:
             f"The scenario's events ({said}) leave these margins as they are: a failed motor lowers the limit of the "
             "torque, a brake adds friction, a stop changes the reference. `study` and `tune` simulate them."
         )
-    heights, ms_of = {m.point.height_m for m in members}, dict[float, list[float]]()
-    for member in members:
-        ms_of.setdefault(member.point.payload_kg, []).append(member.margins.ms)
-    if (
-        kind_of(case.machine).payload
-        and len(heights) > 1
-        and max(max(ms) - min(ms) for ms in ms_of.values()) < 0.01
-        and "wire_stiffness_length" not in case.machine.effects
-    ):
-        lines.append(
-            "Height makes next to no difference to Ms here: in the nominal plant the wire is equally stiff everywhere, "
-            "and with a stiffness that follows the free length the drive's inertia still decides."
-        )
     return lines
 
 

@@ -11,7 +11,7 @@ from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.simulate.models import ModelsCompared
 from workbench.view.page import Section, save_page
-from workbench.view.replay import Line, run_panels
+from workbench.view.replay import Line, run_panels, said
 from workbench.view.style import BLUE, ORANGE, SPARE, line
 
 if TYPE_CHECKING:
@@ -39,30 +39,13 @@ def table(compared: ModelsCompared) -> Table:
         lumped, multibody = compared.cpu_s
         pooled = [f"{compared.pooled(name):.3f}" for name in PERCENTS]
         rows.append(["all runs", *pooled, "", "", f"{lumped:.4f}", f"{multibody:.2f}"])
-    note = (
-        f"RMSE: motor speed against {compared.against}, in per cent of nominal ({compared.scale_rad_s:.4g} rad/s). "
-        "Apart: the two models against each other. Parts most: where their difference grows fastest, over a second. "
-        "Compute: CPU time of this computer."
-    )
-    return Table([words("run"), *(column for column, *_ in COLUMNS)], rows, note)
+    return Table([words("run"), *(column for column, *_ in COLUMNS)], rows, said.models_note(compared))
 
 
 def sentences(compared: ModelsCompared) -> list[str]:
     """What the figures come to."""
-    lumped_s, multibody_s = compared.cpu_s
     worst = max(compared.runs, key=lambda run: run.parted_percent)
-    return [
-        f"The two models' motor speeds differ by {compared.pooled('apart_percent'):.3g} % of nominal speed, rms over "
-        "all runs.",
-        f"{compared.simulated_s:.1f} s of motion take the lumped model {lumped_s:.3g} s and the multi-body model "
-        f"{multibody_s:.3g} s: {compared.ratio:.0f} times as long, {compared.simulated_s / multibody_s:.1f} times "
-        f"faster than real time. The paper's models took {PAPER[1]} s and {PAPER[0]} s for {PAPER[2]} s: "
-        f"{PAPER[0] / PAPER[1]:.0f} times.",
-        f"They part most in run {worst.name} at {worst.parted_s:.1f} s, at height {worst.parted_height_m:.2f} m with "
-        f"{worst.measured.payload_kg:.0f} kg, by {worst.parted_percent:.2g} % of nominal speed within a second; the "
-        f"largest roller force there is {worst.parted_force_n / 1000.0:.1f} kN, of the "
-        f"{worst.parted_force.replace('_', ' ')}.",
-    ]
+    return said.each("models", compared, worst, *compared.cpu_s, PAPER)
 
 
 def to_json(compared: ModelsCompared) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from workbench.core.json_records import rounded
 from workbench.core.run import Array, Run
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
+from workbench.core.templates import Sentences
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of, plant_of
@@ -35,6 +36,14 @@ RESIDUAL_NOTE = (
     "the scale is that of the motion."
 )
 Stretches = Sequence[tuple[float, float]]
+
+
+def _percent(value: float) -> str:
+    """Two decimals; of a replay that diverges three digits and an exponent."""
+    return f"{value:.2f}" if abs(value) < MOST else figures(value)
+
+
+said = Sentences("view/replay_words.j2", figures=figures, percent=_percent)
 
 
 # Table, sentences, JSON.
@@ -68,11 +77,6 @@ def measures(machine: Hoist | Axis, replay: Replay | ReplayResult) -> list[Measu
     return [Measure(Column(head, unit), key, field, value) for head, unit, key, field, value in declared]
 
 
-def _percent(value: float) -> str:
-    """Two decimals; of a replay that diverges three digits and an exponent."""
-    return f"{value:.2f}" if abs(value) < MOST else figures(value)
-
-
 def table(machine: Hoist | Axis, result: ReplayResult) -> Table:
     """A line a run, and one for all."""
     rows: list[tuple[str, Replay | ReplayResult]] = [(run.name, run) for run in result.runs]
@@ -83,42 +87,22 @@ def table_of_replays(
     machine: Hoist | Axis, first: str, rows: Sequence[tuple[str, Replay | ReplayResult]], band_hz: float
 ) -> Table:
     """rows: name and figures of each; first: what they are."""
-    w = words_of(machine)
-    note = (
-        f"All rms. Speed errors in per cent of {w.scale}; restarted: set back to the measured motion every 2 s. "
-        f"Residual: measured minus predicted {w.quantity}, both below {band_hz:.3g} Hz; moving: without rests; "
-        f"noise: that of the logged {w.quantity} in this band."
-    )
+    note = said.replay_note(words_of(machine), band_hz)
     columns = [words(first), *(measure.column for measure in measures(machine, rows[0][1]))]
     return Table(columns, [[name, *(m.text for m in measures(machine, replay))] for name, replay in rows], note)
 
 
 def sentences(machine: Hoist | Axis, result: ReplayResult, remedy: str = REMEDY) -> list[str]:
     """What these figures say of the model, the drifting one first. remedy: what to do where it explains too little."""
-    kind, w, open_loop = kind_of(machine), words_of(machine), f"{figures(result.speed_rmse_percent)} %"
-    first = f"Open loop the model is {open_loop} off; the paper has {PAPER_PERCENT} % for its own machine."
-    if kind.nominal_speed is None:
-        first += " That figure adds up every bias from the run's first sample on: judge by the residual."
-    else:
+    kind, w, drift = kind_of(machine), words_of(machine), None
+    if kind.nominal_speed is not None:
         inertia = kind.rigid(machine, result.runs[0].simulated.payload_kg).inertia
         drift = 100.0 * 10.0 / inertia / kind.nominal_speed(machine)
-        first += (
-            f" That figure adds up every bias: 1 {w.unit} of {w.quantity} that the model does not know moves the speed "
-            f"by {drift:.1f} % within 10 s. Judge by the other columns."
-        )
-    moving, noise = result.residual_rms_moving, result.noise_rms
-    if not moving > 0.0:
-        return [first, "The machine never moves in these runs: they say nothing of friction or inertia."]
-    if not noise_is_floor(machine, result):
-        return [
-            first,
-            f"The {w.quantity} residual is {_percent(result.residual_percent)} % of the {w.quantity} itself. "
-            "Its floor lies above the noise given: that of the position, differentiated twice, comes on top.",
-        ]
-    explained = "the model explains these runs."
-    lacks = f"values are off, or the model lacks something. {remedy}"
-    times = f"While moving, the residual is {moving / noise:.1f} times the noise: " if noise else ""
-    return [first, f"{times}{explained if moving <= EXPLAINED * noise else lacks}"]
+    explained = result.residual_rms_moving <= EXPLAINED * result.noise_rms
+    return [
+        said.open_loop(result, w, PAPER_PERCENT, drift),
+        said.residual(result, w, noise_is_floor(machine, result), explained, remedy),
+    ]
 
 
 def noise_is_floor(machine: Hoist | Axis, result: ReplayResult) -> bool:

@@ -183,8 +183,8 @@ def decision_table(decision: Decision) -> Table | None:
         lines.append([*names, *cells, "out" if one.broken else f"{one.total:.2f}"])
     where = f"At {decision.payload_kg:g} kg each" if judged.payload else "Each"
     note = (
-        f"{where} reference with its best limits in the time of the one taken ({BEST}), its quickest where none is so "
-        f"quick. Sum: weighted sum of shares; the least is taken. {metric_note(metrics)}"
+        f"{where} reference with its best limits within the time of the one taken ({BEST}); a slower one with its "
+        f"quickest. Sum: weighted sum of shares; the least is taken. {metric_note(metrics)}"
     )
     return Table([words("reference"), words("with"), *metric_heads(metrics), Column("sum")], lines, note)
 
@@ -388,7 +388,7 @@ def figures_of(result: Result) -> list[Noted]:
     if any(".limits." in column for axis in axes for column in axis.columns):
         note = (
             "Each point is a run; the line joins those that no other run beats in both. The knee is the run farthest "
-            "below the line between the front's ends: beyond it on either side a little of one cost is bought dearly."
+            "below the line between the front's ends."
         )
         every = [*good, *(row for row in beside if row.assigned.keys() == good[0].assigned.keys())]
         names = [name for name in (judged.peak, SWING) if all(name in row.metrics for row in every)]

@@ -116,6 +116,14 @@ def heading(text: str, height: int) -> dict[str, Any]:
     return {"text": text, "y": 1.0 - 22.0 / height, "yanchor": "middle"}
 
 
+def figure(title: str, height: int, data: list[dict[str, Any]], **layout: Any) -> Figure:
+    """A figure in the common look; layout: what is its own."""
+    import plotly.graph_objects as go
+
+    shared = {"template": TEMPLATE, "height": height, "hovermode": "closest", "title": heading(title, height)}
+    return go.Figure({"data": data, "layout": shared | layout})
+
+
 # The same figure on a dark ground: grounds, inks and greys change, the colours of the palette stay.
 GROUND, INK, LESS, GRID, ZERO = "#0E1117", "#E8E8E8", "#A8A8A8", "#2B303B", "#4A5060"
 _LIGHT_TO_DARK = {

@@ -105,7 +105,7 @@ def sentences(case: DesignCase, tuned: Tuned, weights: Weights) -> list[str]:
     loop = kind.looped
     if win.score.peak_percent >= 99.9 * loop.peak_limit(case.machine) / loop.input_scale(case.machine):
         who = "motors reach their torque" if kind.payload else f"drive reaches its {kind.drive.quantity}"
-        lines.append(f"The {who} limit in these moves: slower ramps or a jerk limit help, gains do not.")
+        lines.append(f"The {who} limit in these moves.")
     return lines
 
 

@@ -1,7 +1,6 @@
 """A machine watched by its logs: each cycle's estimates, and when they leave the machine's identified self.
 
-estimate.py  a cycle's parameters with standard errors, from its torque balance
-change.py    the healthy baseline, and the threshold of the sequential test, by simulation
+estimate.py  a cycle's parameters with standard errors, the healthy baseline, the threshold of the sequential test
 judge.py     cycle after cycle: baseline, events that are not the machine, alarms with their likeliest cause, trends
 cause.py     the diagnosis of an alarm's cycles, beside the healthy cycles and beside what earlier alarms found
 store.py     the state on disk: every cycle once, whole or not at all, and its copies

@@ -7,6 +7,7 @@ columns to signals for all of them. A log that is not described yet is waited fo
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -118,11 +119,10 @@ def _beside(file: Path) -> Path:
 
 def _sign(file: Path) -> tuple[int, ...]:
     """Changes when a file does; () where it is gone."""
-    try:
+    with contextlib.suppress(OSError):
         state = file.stat()
-    except OSError:
-        return ()
-    return state.st_size, state.st_mtime_ns
+        return state.st_size, state.st_mtime_ns
+    return ()
 
 
 def entry_of(file: Path, name: str, **said: float | None) -> Entry:

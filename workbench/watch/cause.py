@@ -30,8 +30,7 @@ from workbench.diagnose.hypotheses.fit import Fitted, estimates
 from workbench.diagnose.machines import machine_of, with_effects
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, get_value, kind_of, with_values
-from workbench.watch.change import Baseline
-from workbench.watch.estimate import shift
+from workbench.watch.estimate import Baseline, shift
 from workbench.watch.judge import SAME_PAYLOAD_KG, Cycle
 
 

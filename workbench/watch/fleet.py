@@ -204,8 +204,14 @@ class Workers:
             if self._homes.get(plan.name) not in workers:
                 homes = list(self._homes.values())
                 self._homes[plan.name] = min(workers, key=homes.count)
-        futures = [self._asked(look, plan) for plan in plans]
-        return [_answer(plan, future) for plan, future in zip(plans, futures, strict=True)]
+        looked = []
+        for plan, future in [(plan, self._asked(look, plan)) for plan in plans]:
+            try:
+                looked.append(Looked(*future.result(timeout=WORKER_S)))
+            except Exception as error:  # whatever a cluster ends a task with: lost worker, cancelled, no answer
+                reason = f"its worker gave no answer ({type(error).__name__}); it is tried again"
+                looked.append(Looked(Row(plan.name, "failed", trouble=reason)))
+        return looked
 
     def close(self, plan: Plan, report: bool) -> int:
         if self._client is None:
@@ -217,14 +223,6 @@ class Workers:
 
     def _asked(self, what: Callable[..., Any], plan: Plan, *more: Any) -> Any:
         return self._client.submit(what, plan, *more, workers=[self._homes[plan.name]], pure=False, retries=0)
-
-
-def _answer(plan: Plan, future: Any) -> Looked:
-    try:
-        return Looked(*future.result(timeout=WORKER_S))
-    except Exception as error:  # whatever a cluster ends a task with: lost worker, cancelled, no answer
-        reason = f"its worker gave no answer ({type(error).__name__}); it is tried again"
-        return Looked(Row(plan.name, "failed", trouble=reason))
 
 
 def run_fleet(

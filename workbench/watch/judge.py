@@ -29,8 +29,7 @@ import numpy as np
 
 from workbench.core.names import words_of
 from workbench.core.run import Array
-from workbench.watch.change import GROWTH, HEALTHY, LENGTHS, Baseline, learn, threshold
-from workbench.watch.estimate import Estimate
+from workbench.watch.estimate import GROWTH, HEALTHY, LENGTHS, Baseline, Estimate, learn, threshold
 
 LOAD = "carriage.mass_kg"
 SAME_PAYLOAD, SAME_PAYLOAD_KG = 0.02, 10.0  # relative, at least: stated payloads that are one

@@ -24,7 +24,6 @@ from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid
 
 PAYLOAD = "payload_kg"
 SERVED = "nsu=urn:workbench:plant;s=Plant.Outputs."
-SERVED_PAYLOAD = "payload_now_kg"
 
 
 class Node(Record):
@@ -108,15 +107,10 @@ def served_nodes(kind: Kind) -> NodesFile:
     """Those of a plant that `workbench serve --protocol opcua` serves."""
     shown = {signal.name for signal in kind.plant.signals}
     nodes = {name: Node(node=f"{SERVED}{name}") for name in kind.signals.names if name in shown}
-    nodes[kind.plant.input] = Node(node=f"{SERVED}{served_input(kind)}")
+    nodes[kind.plant.input] = Node(node=f"{SERVED}{kind.drive.quantity}_at_work_{kind.drive.suffix}")
     if kind.payload:
-        nodes[PAYLOAD] = Node(node=f"{SERVED}{SERVED_PAYLOAD}")
+        nodes[PAYLOAD] = Node(node=f"{SERVED}payload_now_kg")
     return NodesFile(nodes=nodes)
-
-
-def served_input(kind: Kind) -> str:
-    """The point of a served plant that has the input behind limits and lag."""
-    return f"{kind.drive.quantity}_at_work_{kind.drive.suffix}"
 
 
 SCHEME = "opc.tcp://"
@@ -215,21 +209,13 @@ class Line:
         from asyncua.common.subscription import OverflowPolicy
 
         async with Client(self.address, timeout=ANSWER_S) as client:
-            names = {}
-            for name, wanted in self._nodes.nodes.items():
-                names[await self._node(client, name, wanted)] = name
-            handler = _Handler(
-                self._cutter,
-                self._clock,
-                {node.nodeid: (name, self._nodes.nodes[name]) for node, name in names.items()},
-            )
-            period = 1e3 * max(self._every_s, TICK_S)
-            subscription = await client.create_subscription(
-                period, handler, queue_maxsize=10 * QUEUE, overflow=OverflowPolicy.DROP_OLDEST
-            )
-            await subscription.subscribe_data_change(
-                list(names), queuesize=QUEUE, sampling_interval=1e3 * self._every_s
-            )
+            nodes = [await self._node(client, name, wanted) for name, wanted in self._nodes.nodes.items()]
+            known = {node.nodeid: told for node, told in zip(nodes, self._nodes.nodes.items(), strict=True)}
+            handler = _Handler(self._cutter, self._clock, known)
+            kept = {"queue_maxsize": 10 * QUEUE, "overflow": OverflowPolicy.DROP_OLDEST}
+            subscription = await client.create_subscription(1e3 * max(self._every_s, TICK_S), handler, **kept)
+            every_ms = 1e3 * self._every_s
+            await subscription.subscribe_data_change(nodes, queuesize=QUEUE, sampling_interval=every_ms)
             self._connected = True
             if lost:
                 self.notes.put(Note(f"{self.address}: the line is back"))
@@ -318,14 +304,8 @@ def line_of(
     if once:
         raise InputError("a stream has no end; it is watched until it is stopped, or for a stated time", place="once")
     which = nodes_of(nodes, machine)
-    rules = CutRules(
-        which.motion,
-        still_speed(machine, still),
-        which.is_position,
-        stand_s,
-        silent_s,
-        triggered=TRIGGER in which.nodes,
-    )
+    speed = still_speed(machine, still)
+    rules = CutRules(which.motion, speed, which.is_position, stand_s, silent_s, triggered=TRIGGER in which.nodes)
     return Line(address, which, rules, machine, folder, every_s)
 
 
@@ -342,16 +322,12 @@ class _Handler:
         stamp = told.SourceTimestamp or told.ServerTimestamp or datetime.now(UTC)
         good = told.StatusCode is None or told.StatusCode.is_good()
         number = how.scale * float(value) + how.offset if good and isinstance(value, int | float) else math.nan
-        self._cutter.add(name, _seconds(stamp), number, self._clock())
+        utc = stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)  # as OPC UA's times are
+        self._cutter.add(name, utc.timestamp(), number, self._clock())
 
     def status_change_notification(self, status: Any) -> None:
         """The server has given the subscription up."""
         self.lost = str(status)
-
-
-def _seconds(stamp: datetime) -> float:
-    """Since 1970; OPC UA's times are UTC."""
-    return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()
 
 
 def _when(seconds: float) -> str:

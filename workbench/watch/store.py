@@ -157,7 +157,7 @@ class Store:
         what is there, until `replace`."""
         self.folder, self._settings, self._keys = folder, _settings(machine, rules), watched_keys(machine)
         self._now = folder / (f".{FILE}.part" if anew else FILE)
-        with _writable(folder):
+        with writable(folder):
             folder.mkdir(parents=True, exist_ok=True)
         self._lock = _locked(folder, wait_s, say)
         try:
@@ -198,7 +198,7 @@ class Store:
     def replace(self) -> None:
         """A store made anew takes the place of what was there, which stays as watch.sqlite.damaged."""
         self._db.close()
-        with contextlib.closing(self._lock), _writable(self.folder):
+        with contextlib.closing(self._lock), writable(self.folder):
             for end in ("-wal", "-shm"):
                 (self.folder / f"{FILE}{end}").unlink(missing_ok=True)
             if (self.folder / FILE).exists():
@@ -338,7 +338,7 @@ def replace_table(
 
     hidden = file.with_name(f".{file.name}.part")
     try:
-        with _writable(file):
+        with writable(file):
             table = pa.Table.from_pylist(list(rows), schema=None if schema is None else pa.schema(schema))
             pyarrow.parquet.write_table(table.replace_schema_metadata(metadata), hidden)
             os.replace(hidden, file)
@@ -387,7 +387,7 @@ def _code(error: sqlite3.Error) -> int:
 
 
 @contextmanager
-def _writable(place: Path) -> Iterator[None]:
+def writable(place: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:

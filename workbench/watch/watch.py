@@ -16,8 +16,7 @@ from workbench.core.run import Run
 from workbench.logs.campaign import Campaign
 from workbench.machines import Axis, Hoist, get_value
 from workbench.watch.arrivals import Arrivals, Arrived, entry_of
-from workbench.watch.change import WINDOW, Baseline
-from workbench.watch.estimate import estimate, watched_keys
+from workbench.watch.estimate import WINDOW, Baseline, estimate, watched_keys
 from workbench.watch.judge import SAME_PAYLOAD_KG, Alarm, Cause, Cycle, Judge, Judged, Rules, Trend
 from workbench.watch.opcua import Line
 from workbench.watch.store import (
@@ -27,6 +26,7 @@ from workbench.watch.store import (
     UnwritableError,
     digest_of,
     read_copies,
+    writable,
 )
 
 Say = Callable[[str], None]
@@ -55,20 +55,10 @@ class Watch:
     """One machine's logs and state. Built anew after a restart, it goes on where the store ends."""
 
     def __init__(
-        self,
-        folder: Path,
-        machine: Hoist | Axis,
-        state: Path,
-        rules: Rules,
-        *,
-        settle_s: float = 2.0,
-        line: Line | None = None,
-        diagnose: Diagnoser | None = None,
-        hook: str | None = None,
-        say: Say = lambda line: None,
-        wait_s: float = 0.0,
-        page: Callable[[Watch], None] = lambda watch: None,
-    ) -> None:
+        self, folder: Path, machine: Hoist | Axis, state: Path, rules: Rules, *, settle_s: float = 2.0,
+        line: Line | None = None, diagnose: Diagnoser | None = None, hook: str | None = None,
+        say: Say = lambda line: None, wait_s: float = 0.0, page: Callable[[Watch], None] = lambda watch: None,
+    ) -> None:  # fmt: skip
         """line: what writes logs into the folder. diagnose: asked about each new alarm; None: nobody is. hook: address
         that each new alarm is posted to. wait_s: how long another watch of this state is waited for. page: writes the
         page, whenever there is something new."""
@@ -114,7 +104,8 @@ class Watch:
             self._finish()
             if self._stale:
                 self.store.write_copies(self.judge)
-                self._write_page()
+                with writable(self.store.folder / "watch.html"):
+                    self._page(self)
                 self._stale = False
         except UnwritableError as error:
             if self.trouble is None:
@@ -125,13 +116,6 @@ class Watch:
                 self._say(f"{self.store.folder}: there is room again; the watch goes on")
             self.trouble = None
         return len(self.judge.cycles) - before, waiting
-
-    def _write_page(self) -> None:
-        try:
-            self._page(self)
-        except OSError as error:
-            reason = f"the page cannot be written: {error.strerror or error}"
-            raise UnwritableError(reason, file=self.store.folder) from error
 
     def _take_all(self, now: float) -> int:
         """Takes what is complete; how many logs are still waited for."""
@@ -193,13 +177,17 @@ class Watch:
 
     def _finish(self) -> None:
         """Alarms that nobody has diagnosed or told yet: of now, or of before a restart. A change is diagnosed when it
-        alarms; where no cause was named, again after 1, 2, 4, ... repeats, when it may have grown."""
+        alarms, beside what earlier alarms found; where no cause was named, again after 1, 2, 4, ... repeats."""
         for alarm in self.alarms if self._diagnose is not None else ():
             said, repeats = self.store.said()[alarm.cycle], self._repeats(alarm)
             asked = (said.diagnosis or {}).get("repeats", 0)
             named = (said.diagnosis or {}).get("verdict") == "named"
             if said.diagnosis is None or (not named and len(repeats) >= max(1, 2 * asked)):
-                answer = {**self._diagnosed(alarm, repeats), "repeats": len(repeats)}
+                try:
+                    answer = dict(self._asked(alarm.onset, [alarm, *repeats][-1].cycle, self._explained(alarm)))
+                except InputError as error:
+                    answer = {"verdict": None, "effects": [], "sentence": f"not diagnosed: {error}"}
+                answer["repeats"] = len(repeats)
                 self.store.say(alarm.cycle, said.model_copy(update={"diagnosis": answer}))
                 self._stale = True
                 name = self.judge.cycles[alarm.cycle].name
@@ -215,14 +203,6 @@ class Watch:
         later = [other for other in self.judge.alarms if other.cycle > alarm.cycle]
         end = next((i for i, other in enumerate(later) if not other.again), len(later))
         return later[:end]
-
-    def _diagnosed(self, alarm: Alarm, repeats: Sequence[Alarm]) -> dict[str, Any]:
-        """The diagnosis of the cycles since the onset, beside what earlier alarms found; a sentence where it cannot be
-        asked."""
-        try:
-            return dict(self._asked(alarm.onset, [alarm, *repeats][-1].cycle, self._explained(alarm)))
-        except InputError as error:
-            return {"verdict": None, "effects": [], "sentence": f"not diagnosed: {error}"}
 
     def _explained(self, alarm: Alarm) -> Effects:
         """The effects of the alarms before this one, fitted anew to the cycles just before its onset: they may have
@@ -248,11 +228,8 @@ class Watch:
         return self._diagnose(campaign, self.judge.baseline, since[-WINDOW:], explained)
 
     def _read_again(self, cycle: Cycle) -> Run:
-        said = {
-            "payload_kg": cycle.payload_kg, "start_position_m": cycle.start_position_m, "start_time_s": cycle.start_s,
-        }  # fmt: skip
-        file = Path(cycle.file)
-        return self._arrivals.read(Arrived(file, entry_of(file, cycle.name, **said)))
+        file, place = Path(cycle.file), {"start_position_m": cycle.start_position_m, "start_time_s": cycle.start_s}
+        return self._arrivals.read(Arrived(file, entry_of(file, cycle.name, payload_kg=cycle.payload_kg, **place)))
 
     def trend(self, alarm: Alarm) -> Trend | None:
         """How an alarm's likeliest cause has gone on since."""
@@ -294,12 +271,8 @@ class Watch:
 
 def _spread(cycles: Sequence[Cycle]) -> list[Cycle]:
     """At most MOST_DIAGNOSED of them, the newest of each payload first: variety separates causes."""
-    chosen: list[int] = []
-    newest = range(len(cycles) - 1, -1, -1)
-    for k in newest:
-        if all(abs(cycles[k].payload_kg - cycles[other].payload_kg) > SAME_PAYLOAD_KG for other in chosen):
-            chosen.append(k)
-    chosen += [k for k in newest if k not in chosen]
+    newest = {round(cycle.payload_kg / SAME_PAYLOAD_KG): k for k, cycle in enumerate(cycles)}
+    chosen = sorted(range(len(cycles)), key=lambda k: (k not in newest.values(), -k))
     return [cycles[k] for k in sorted(chosen[:MOST_DIAGNOSED])]
 
 
