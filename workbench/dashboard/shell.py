@@ -21,6 +21,8 @@ _STYLE = """<style>
 [class*="st-key-cards"] > * {flex: 1 1 10.5rem; min-width: 10.5rem;}
 @media (max-width: 500px) {[class*="st-key-cards"] > * {min-width: 100%;}}
 [class*="st-key-beside"] > * {flex: 1 1 26rem; min-width: min(26rem, 100%);}
+.st-key-told-and-drawn > :first-child {flex: 3 1 22rem;}
+.st-key-told-and-drawn > :nth-child(2) {flex: 1 1 15rem; max-width: 24rem;}
 </style>"""
 
 # On the dark ground the colour of buttons is a light one, on which white is hard to read.

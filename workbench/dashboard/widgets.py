@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 SMALL = 1e-4  # below it leading zeros are no number that people read
 SAME = 5e-4  # relative: a smaller difference is rounding to the reader
-WIDEST_NUMBER = 11  # characters that one of four cards shows
+WIDEST_NUMBER, WIDEST_OF_MANY = 11, 8  # characters that one of four cards shows, and one of more
 _UNIT = re.compile(r"(?<=\d) (?:N m|k?N|Hz|%|k?g|m?[ms])(?!\w)")  # that stays on its number's line
 Better = Literal["lower", "higher"]
 # `st.plotly_chart` draws a changed figure anew, and the reader's zoom is lost. This component changes the drawing.
@@ -135,7 +135,9 @@ def numbers(row: Sequence[Number]) -> None:
             delta, colour = _delta(number)
             alone = text(number.value, number.digits)
             both = f"{alone} {number.unit}".strip()
-            fits = len(both) <= WIDEST_NUMBER  # else the unit goes into the heading, or the value would be cut
+            fits = len(both) <= (
+                WIDEST_NUMBER if len(row) <= 4 else WIDEST_OF_MANY
+            )  # else the unit goes into the heading, or the value would be cut
             head, value = (number.label, both) if fits else (f"{number.label} ({number.unit})", alone)
             arrow: Any = "off" if delta and delta.startswith("±") else "auto"
             # Stretched: a number without a delta is as tall as its neighbours.

@@ -194,8 +194,8 @@ def _results(job: Job) -> None:
             "gap keep", f"corrected by {view.campaign}",
             lambda: load_machine(folder / "machine.yaml", check_effects=check),
         )  # fmt: skip
-    with st.container(border=True):
-        text, drawing = st.columns([2.4, 1.0]) if view.place else (st.container(), None)
+    with st.container(border=True), st.container(horizontal=True, key="told and drawn"):
+        text, drawing = st.container(), st.container() if view.place else None
         weighed = job.arguments["candidates"]
         asked = ["one effect at most"] if job.arguments["most_effects"] == 1 else []
         asked += [] if weighed is None else [f"{len(weighed)} candidate{'s' if len(weighed) != 1 else ''}"]

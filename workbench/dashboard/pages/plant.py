@@ -276,7 +276,8 @@ def _live(machine: Hoist) -> None:
     if not seen or not seen["now"]:
         return
     now, pace = seen["now"], seen["status"]["pace"]
-    left, right = st.columns([3.0, 1.0], vertical_alignment="center")
+    with st.container(horizontal=True, horizontal_alignment="distribute"):  # one under the other where it is narrow
+        left, right = st.container(width="content"), st.container(width="content")
     told = [f":{colour}-badge[{words}]" for flag, (colour, words) in STATES.items() if now[f"is_{flag}"]]
     left.markdown(" ".join(told) or ":green-badge[under command]")
     if seen["client_ended"]:
