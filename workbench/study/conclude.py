@@ -186,9 +186,9 @@ def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float, reference: 
     points, judged = list(groups), metrics_of(rows)
     several = max(map(len, groups.values())) > 1
     at = f"at {payload_kg:g} kg" if judged.payload else ""
-    with_it = f"with {words_of(reference)}" if len({row.reference for row in rows}) == 1 else ""
-    worst = "in the worst runs" if several else ""
-    where = ", ".join(filter(None, (" ".join(filter(None, (at, with_it if reference else ""))), worst)))
+    # Of one reference alone it is named; where other fields are swept too, the worst of their runs counts.
+    whose = f"with {words_of(reference).removesuffix(' with the same limits')}" if reference else ""
+    where = ", ".join(filter(None, (f"{at} {whose}".strip(), "in the worst runs" if several else "")))
     parts, same = [], []
     for metric in shown_in(View.SENTENCES, judged):
         if any(row.metrics.get(metric.name) is None for row in own):
