@@ -125,8 +125,8 @@ class Candidate:
     """A reference with its chosen values at a payload. values: of each criterion, the worst of its runs.
 
     setting: the chosen values, in words; assigned: by column; broken: why it is out; shares: u of each criterion;
-    total: their weighted sum; beside: not in the study, but run for the comparison. keeps: of one that is out, the values of a
-    swept condition at which it keeps every limit.
+    total: their weighted sum; beside: not in the study, but run for the comparison. keeps: of one that is out, the
+    values of a swept condition at which it keeps every limit.
     """
 
     payload_kg: float
