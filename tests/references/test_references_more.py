@@ -89,6 +89,7 @@ def test_samples_are_to_the_bit_what_the_plan_says_at_their_times(
     np.testing.assert_array_equal(profile.position_m, height)
     np.testing.assert_array_equal(profile.speed_m_s, speed)
     np.testing.assert_array_equal(profile.acceleration_m_s2, acceleration)
+    np.testing.assert_array_equal(plan.speed_at(plan.times(sample_time, plan.duration_s + 1.0)), speed)
 
 
 def test_a_jerk_limited_change_of_speed_takes_its_closed_form() -> None:

@@ -460,7 +460,7 @@ def test_two_inertias_say_how_far_their_answer_hangs_on_the_damping_of_the_coupl
 def test_the_bound_is_below_every_motion_of_its_time_and_the_limit_that_equal_time_exceeds_is_named():
     said, equal = from_the_bound(load_study(ROOT / "scenarios" / "references_at_their_best.yaml"))
     of_all, least, again = (float(peak) for peak in re.findall(r"(?:below|Above) ([\d.]+) N m per motor", said))
-    (found,) = (float(peak) for peak in re.findall(r"one has ([\d.]+) N m per motor", said))
+    (found,) = (float(peak) for peak in re.findall(r"one with ([\d.]+) N m per motor", said))
     assert of_all <= least == again <= found <= 1.005 * least
     above = {words: int(percent) for words, percent in re.findall(r"(?:are|,|and) ([a-zA-Z' ]+) by (\d+) %", said)}
     assert above["the motion of least torque peak"] <= 2 < above["the trapezoid"]

@@ -40,15 +40,6 @@ class Profile:
         return sum(end - start for start, end in self.move_windows)
 
 
-def sample_times(sample_time_s: float, duration_s: float) -> Array:
-    """0, T, 2T, … up to the first that is not before `duration_s`."""
-    if not (math.isfinite(sample_time_s) and sample_time_s > 0.0):
-        raise InputError(f"{sample_time_s:g} s, expected a positive time", place="sample_time_s")
-    # The small number keeps 49.76 s / 0.001 s from growing a sample by rounding.
-    samples = math.ceil(duration_s / sample_time_s - 1e-9) + 1
-    return np.arange(samples, dtype=np.float64) * np.float64(sample_time_s)
-
-
 class Plan(Protocol):
     """A motion of what moves that is exact and not yet sampled."""
 
@@ -75,6 +66,10 @@ class Plan(Protocol):
     def at(self, time_s: Array) -> tuple[Array, Array, Array]:
         """Height (m), speed (m/s) and acceleration (m/s²) at rising times (s)."""
 
+    def speed_at(self, time_s: Array) -> Array:
+        """The speed of `at` alone."""
+
+    def times(self, sample_time_s: float, duration_s: float | None = None) -> Array: ...
     def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile: ...
     def __hash__(self) -> int: ...
 
@@ -82,10 +77,22 @@ class Plan(Protocol):
 class Sampling:
     """Of every plan: its profile at a controller's samples."""
 
+    def times(self: Plan, sample_time_s: float, duration_s: float | None = None) -> Array:
+        """0, T, 2T, … up to the end of the plan, or to a longer `duration_s`."""
+        if not (math.isfinite(sample_time_s) and sample_time_s > 0.0):
+            raise InputError(f"{sample_time_s:g} s, expected a positive time", place="sample_time_s")
+        # The small number keeps 49.76 s / 0.001 s from growing a sample by rounding.
+        samples = math.ceil(max(self.duration_s, duration_s or 0.0) / sample_time_s - 1e-9) + 1
+        return np.arange(samples, dtype=np.float64) * np.float64(sample_time_s)
+
     def sample(self: Plan, sample_time_s: float, duration_s: float | None = None) -> Profile:
-        """The profile at 0, T, 2T, … up to the end of the plan, or held at rest up to a longer `duration_s`."""
-        time_s = sample_times(sample_time_s, max(self.duration_s, duration_s or 0.0))
+        """The profile at these times; held at rest after its end."""
+        time_s = self.times(sample_time_s, duration_s)
         return Profile(self.kind, time_s, *self.at(time_s), self.move_windows, self.move_limits)
+
+    def speed_at(self: Plan, time_s: Array) -> Array:
+        """The speed of `at` alone."""
+        return self.at(time_s)[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +135,13 @@ class MotionPlan(Sampling):
         for start_s, shape in self.moves:
             shape.add_to(time_s - start_s, position, speed, acceleration)
         return position, speed, acceleration
+
+    def speed_at(self, time_s: Array) -> Array:
+        """The speed of `at` alone, quicker."""
+        speed = np.zeros_like(time_s)
+        for start_s, shape in self.moves:
+            shape.add_speed_to(time_s - start_s, speed)
+        return speed
 
 
 def plan_motion(
@@ -275,37 +289,22 @@ def ramp_shape(
     return kind.ramp(Ramp(speed_m_s, next_speed_m_s, limits, time_s, load))
 
 
-def jog(
-    kind: PlannedKind,
-    speed_m_s: float,
-    next_speed_m_s: float,
-    limits: Limits,
-    for_s: float,
-    load: Load | None = None,
-) -> Shape:
-    """From one speed over to the next, then on at it until `for_s` is over; over to rest, it ends with its ramp.
-
-    InputError where the ramp takes longer than `for_s`.
-    """
-    ramp = ramp_shape(kind, speed_m_s, next_speed_m_s, limits, load)
-    if ramp.duration_s > for_s * (1.0 + 1e-9):
-        raise InputError(
-            f"from {speed_m_s:g} m/s to {next_speed_m_s:g} m/s takes {ramp.duration_s:.3g} s within the limits, "
-            f"for_s gives {for_s:g} s"
-        )
-    return ramp.held(for_s)
-
-
 def _jog(kind: PlannedKind, speed: float, step: Step, pair: LimitPair, place: str, load: Load | None) -> Shape:
+    """From one speed over to the next, then on at it until `for_s` is over; over to rest, it ends with its ramp."""
     assert step.speed_m_s is not None and step.for_s is not None
-    limits = pair.between(speed, step.speed_m_s)
     most = pair.towards(step.speed_m_s).speed_m_s
     if abs(step.speed_m_s) > most * (1.0 + 1e-9):
         raise InputError(f"{step.speed_m_s:g} m/s, the limit is {most:g} m/s that way", place=place)
     try:
-        return jog(kind, speed, step.speed_m_s, limits, step.for_s, load)
+        ramp = ramp_shape(kind, speed, step.speed_m_s, pair.between(speed, step.speed_m_s), load)
+        if ramp.duration_s > step.for_s * (1.0 + 1e-9):
+            raise InputError(
+                f"from {speed:g} m/s to {step.speed_m_s:g} m/s takes {ramp.duration_s:.3g} s within the limits, "
+                f"for_s gives {step.for_s:g} s"
+            )
     except InputError as error:
         raise InputError(error.problem, place=error.place or place) from error
+    return ramp.held(step.for_s)
 
 
 def _stays_on_rail(shape: Shape, here: float, rail_m: tuple[float, float], place: str) -> None:

@@ -53,6 +53,13 @@ class Shape:
             acceleration[first:last] += a
         position[last:] += self.distance_m
 
+    def add_speed_to(self, since_s: Array, speed: Array) -> None:
+        """The speed alone of `add_to`."""
+        first, last = np.searchsorted(since_s, (0.0, self.duration_s))
+        if first < last:
+            t = since_s[first:last]
+            speed[first:last] += self.motion.speed(t) if isinstance(self.motion, Pieces) else self.motion(t)[1]
+
     def going_on(self, time_s: Array) -> tuple[Array, Array, Array]:
         """The same, with the end speed kept after the end."""
         position, speed, acceleration = self.at(time_s)
@@ -99,19 +106,26 @@ class Pieces:
         )
 
     def __call__(self, time_s: Array) -> tuple[Array, Array, Array]:
-        position, speed, acceleration = np.empty((3, len(time_s)))
         power = np.arange(1.0, len(self.coefficients))[:, None]
         of_speed = self.coefficients[1:] * power
         of_acceleration = of_speed[1:] * power[:-1]
-        # Phase by phase: six times as fast as looking up each time's phase.
+        position, speed, acceleration = (
+            self._phase_by_phase(of, time_s) for of in (self.coefficients, of_speed, of_acceleration)
+        )
+        return position, speed, acceleration
+
+    def speed(self, time_s: Array) -> Array:
+        """The speed alone, which is all that a speed loop follows: a third of the work."""
+        return self._phase_by_phase(self.coefficients[1:] * np.arange(1.0, len(self.coefficients))[:, None], time_s)
+
+    def _phase_by_phase(self, coefficients: Array, time_s: Array) -> Array:
+        """Six times as fast as looking up each time's phase."""
+        values = np.empty(len(time_s))
         edges = [0, *np.searchsorted(time_s, self.start_s[1:]), len(time_s)]
         for k, (first, last) in enumerate(pairwise(edges)):
             if first < last:
-                t = time_s[first:last] - self.start_s[k]
-                position[first:last] = _polynomial(self.coefficients[:, k], t)
-                speed[first:last] = _polynomial(of_speed[:, k], t)
-                acceleration[first:last] = _polynomial(of_acceleration[:, k], t)
-        return position, speed, acceleration
+                values[first:last] = _polynomial(coefficients[:, k], time_s[first:last] - self.start_s[k])
+        return values
 
 
 def _polynomial(coefficients: Array, t: Array) -> Array:

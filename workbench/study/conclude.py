@@ -27,6 +27,7 @@ from workbench.study.beside import (
 from workbench.study.decide import decisions, take_sentences
 from workbench.study.front import Front, fronts
 from workbench.study.labels import (
+    NO_CHANGE,
     Label,
     SweptAxis,
     drawn_columns,
@@ -58,7 +59,6 @@ ANSWER, EQUAL_TIME = "answer.json", "equal_time.parquet"
 MOST_FINDINGS, MOST_FAILED = 3, 3
 MOST_BYTES = 1_000_000
 QUANTILES = (0.05, 0.5, 0.95)
-NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
 AT_THE_LIMIT = 0.85  # rms over limit: three quarters of the time are spent there
 
 
@@ -186,9 +186,9 @@ def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float, reference: 
     points, judged = list(groups), metrics_of(rows)
     several = max(map(len, groups.values())) > 1
     at = f"at {payload_kg:g} kg" if judged.payload else ""
-    with_it = f"with {words_of(reference)}" if len({row.reference for row in rows}) == 1 else ""
-    worst = "in the worst runs" if several else ""
-    where = ", ".join(filter(None, (" ".join(filter(None, (at, with_it if reference else ""))), worst)))
+    # Of one reference alone it is named; where other fields are swept too, the worst of their runs counts.
+    whose = f"with {words_of(reference).removesuffix(' with the same limits')}" if reference else ""
+    where = ", ".join(filter(None, (f"{at} {whose}".strip(), "in the worst runs" if several else "")))
     parts, same = [], []
     for metric in shown_in(View.SENTENCES, judged):
         if any(row.metrics.get(metric.name) is None for row in own):

@@ -186,11 +186,12 @@ class Decision:
         """
         if self.taken is None:
             return []
-        longest, best = self.taken.values[TIME] + SAME_TIME_S, []
+        longest, best = self.taken.values[TIME] + SAME_TIME_S, list[Candidate]()
         for reference in dict.fromkeys(one.reference for one in self.left):
             own = [one for one in self.left if one.reference == reference]
             in_time = [one for one in own if one.values[TIME] <= longest]
             best.append(in_time[0] if in_time else min(own, key=lambda one: one.values[TIME]))
+        best.sort(key=lambda one: (one.values[TIME] > longest, one.total))
         known = {one.reference for one in best}
         out = {one.reference: one for one in reversed(self.candidates) if one.reference not in known}
         return [*best, *reversed(out.values())]
@@ -204,8 +205,7 @@ class Decision:
             return None
         others = [one for one in self.at_equal_time if one.reference != self.taken.reference and not one.broken]
         if others:
-            in_time = [one for one in others if one.values[TIME] <= self.taken.values[TIME] + SAME_TIME_S]
-            return (in_time or others)[0]
+            return others[0]
         quickest = min(rest, key=lambda c: (round(c.values[TIME] / SAME_TIME_S), c.total))
         return quickest if quickest.values[TIME] < self.taken.values[TIME] - SAME_TIME_S else rest[0]
 

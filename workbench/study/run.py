@@ -18,11 +18,11 @@ from workbench.metrics import RunFacts, columns, run_metrics, set_of
 from workbench.references import Plan
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
 from workbench.study.grid import RunSpec
-from workbench.study.load import Study
 from workbench.study.rows import Row
 
 if TYPE_CHECKING:
     from workbench.logs.signal_files import Labelled
+    from workbench.study.load import Study
 
 
 def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tuple[Row, Run | None]]:
@@ -106,8 +106,10 @@ def _sampled(
     plan: Plan, sample_time_s: float, duration_s: float, per_displacement: float, placed: bool
 ) -> tuple[Array, Array | None]:
     """Cached by the plan's identity: equal motions are one plan."""
+    if not placed:
+        return plan.speed_at(plan.times(sample_time_s, duration_s)) * per_displacement, None
     profile = plan.sample(sample_time_s, duration_s)
-    return profile.speed_m_s * per_displacement, profile.position_m * per_displacement if placed else None
+    return profile.speed_m_s * per_displacement, profile.position_m * per_displacement
 
 
 def _finished(spec: RunSpec, plan: Plan, result: LoopResult) -> Row:

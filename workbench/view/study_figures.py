@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +12,9 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.machines import Kind
 from workbench.metrics import Metric, View, shown_in
-from workbench.study.conclude import NO_CHANGE, Correlation
+from workbench.study.conclude import Correlation
 from workbench.study.front import Front
-from workbench.study.labels import SweptAxis, drawn_in, metric_label, run_in_words, set_in, shown
+from workbench.study.labels import NO_CHANGE, SweptAxis, drawn_in, metric_label, run_in_words, set_in, shown
 from workbench.study.rows import Row, metrics_of
 from workbench.view.panels import Panels
 from workbench.view.style import (
@@ -38,13 +38,18 @@ if TYPE_CHECKING:
 MOST_COLUMNS = 3  # more leave no panel wide enough to read at 1280 px
 QUANTITIES = ("speed", "error", "torque", "tension")
 QUANTILES = (0.05, 0.5, 0.95)
-# Quantity -> title of its row, weight of its height.
-_ROWS = {
-    "speed": ("motor speed<br>(rad/s)", 1.0),
-    "error": ("set point − speed<br>(rad/s)", 0.75),
-    "torque": ("torque per motor<br>(N m)", 1.25),
-    "tension": ("wire tension<br>(kN)", 1.0),
-}
+Signal = Callable[[Run], Array]
+# Title of a row, weight of its height, what is drawn in it, its unit, the set point drawn beside it.
+Drawn = tuple[str, float, Signal, str, str]
+_ROWS: dict[str, Drawn] = {
+    "speed": ("motor speed<br>(rad/s)", 1.0, lambda run: run["speed_motor_rad_s"], "rad/s", "speed_reference_rad_s"),
+    "error": (
+        "set point − speed<br>(rad/s)", 0.75, lambda run: run["speed_reference_rad_s"] - run["speed_motor_rad_s"],
+        "rad/s", "",
+    ),
+    "torque": ("torque per motor<br>(N m)", 1.25, lambda run: harder_worked_nm(run), "N m", ""),
+    "tension": ("wire tension<br>(kN)", 1.0, lambda run: run["tension_drum_n"] / 1000.0, "kN", ""),
+}  # fmt: skip
 _SETTING = "%{text}<br>%{x:.4~g}, %{y:.4~g}"
 Runs = Sequence[tuple[str, Run]]
 
@@ -71,36 +76,14 @@ def overview(
     runs: (reference, run) with the closed loop's signals. nominal_torque_nm, torque_limit_nm: of one motor.
     window_s: the stretch of time drawn; without it all. quantities: some of QUANTITIES.
     """
-    payloads = [run.payload_kg for _, run in runs]
-    loads, every = few(payloads), len(set(payloads))
+    loads, every = few([run.payload_kg for _, run in runs]), len({run.payload_kg for _, run in runs})
     if len(loads) < every:
         title = f"{title} ({len(loads)} of {every} payloads)".strip()
-    panels = Panels(
-        title,
-        [_ROWS[q][0] for q in quantities],
-        [f"payload {p:g} kg" for p in loads],
-        row_weights=[_ROWS[q][1] for q in quantities],
-        one_cursor=True,
-    )
-    numbers = {reference: k for k, reference in enumerate(dict.fromkeys(reference for reference, _ in runs))}
-    for reference, run in sorted(runs, key=lambda one: numbers[one[0]]):
-        if run.payload_kg not in loads:
-            continue
-        part, column = _within(run, window_s), loads.index(run.payload_kg)
-        t, name, look = part.time_s, label(reference), line(reference, numbers[reference])
-        for row, quantity in enumerate(quantities):
-            if quantity == "speed":
-                panels.line(row, column, t, part["speed_motor_rad_s"], name, look, "rad/s")
-                _set_point(panels, row, column, t, part["speed_reference_rad_s"], "rad/s")
-            elif quantity == "error":
-                error = part["speed_reference_rad_s"] - part["speed_motor_rad_s"]
-                panels.line(row, column, t, error, name, look, "rad/s")
-            elif quantity == "torque":
-                panels.line(row, column, t, harder_worked_nm(part), name, look, "N m")
-            else:
-                panels.line(row, column, t, part["tension_drum_n"] / 1000.0, name, look, "kN")
-                for start, end in slack_stretches(part):
-                    panels.shade(row, column, start, end, PURPLE, edge=2.0, text="slack")
+    panels = _over_time(title, [_ROWS[q] for q in quantities], runs, window_s, loads)
+    for _, run in runs if "tension" in quantities else ():
+        for start, end in slack_stretches(_within(run, window_s)) if run.payload_kg in loads else ():
+            row, column = quantities.index("tension"), loads.index(run.payload_kg)
+            panels.shade(row, column, start, end, PURPLE, edge=2.0, text="slack")
     if "torque" in quantities:
         for column in range(len(loads)):  # the lightest payload leaves the most room for the lines' names
             _limits(panels, quantities.index("torque"), column, nominal_torque_nm, torque_limit_nm, "N m", column == 0)
@@ -123,24 +106,34 @@ def axis_overview(
     loop, unit, drive, rate = kind.looped, kind.moved.unit, kind.drive, kind.moved.speed_unit
     x_ref, v_ref = loop.references
     speed = "velocity" if unit == "m" else "speed"
-    rows = [f"position<br>({unit})", f"tracking error<br>(m{unit})", f"{speed}<br>({rate})"]
-    rows.append(f"{drive.quantity}<br>({drive.unit})")
-    panels = Panels(title, rows, row_weights=[1.0, 1.0, 1.0, 1.25], one_cursor=True)
-    for number, (name, run) in enumerate(runs):
-        part = _within(run, window_s)
-        error = 1000.0 * (part[x_ref] - part[loop.position])
-        drawn = (part[loop.position], error, part[loop.speed], part[kind.plant.input])
-        for row, (values, of) in enumerate(zip(drawn, (unit, f"m{unit}", rate, drive.unit), strict=True)):
-            panels.line(row, 0, part.time_s, values, label(name), line(name, number), of)
-        _set_point(panels, 0, 0, part.time_s, part[x_ref], unit)
-        _set_point(panels, 2, 0, part.time_s, part[v_ref], rate)
+    rows: list[Drawn] = [
+        (f"position<br>({unit})", 1.0, lambda run: run[loop.position], unit, x_ref),
+        (f"tracking error<br>(m{unit})", 1.0, lambda run: 1000.0 * (run[x_ref] - run[loop.position]), f"m{unit}", ""),
+        (f"{speed}<br>({rate})", 1.0, lambda run: run[loop.speed], rate, v_ref),
+        (f"{drive.quantity}<br>({drive.unit})", 1.25, lambda run: run[kind.plant.input], drive.unit, ""),
+    ]
+    panels = _over_time(title, rows, runs, window_s)
     _limits(panels, 3, 0, nominal, limit, drive.unit, True, both_ways=True)
     return panels.figure(height)
 
 
-def _set_point(panels: Panels, row: int, column: int, time_s: Array, values: Array, unit: str) -> None:
-    """Its legend entry comes last."""
-    panels.line(row, column, time_s, values, "set points", line("set point", width=1.2), unit, legendrank=2000)
+def _over_time(
+    title: str, rows: Sequence[Drawn], runs: Runs, window_s: tuple[float, float] | None, loads: Sequence[float] = ()
+) -> Panels:
+    """A line a run in each row; with loads a column for each."""
+    heads = [f"payload {p:g} kg" for p in loads] or [""]
+    panels = Panels(title, [row[0] for row in rows], heads, row_weights=[row[1] for row in rows], one_cursor=True)
+    numbers = {name: k for k, name in enumerate(dict.fromkeys(name for name, _ in runs))}
+    for name, run in sorted(runs, key=lambda one: numbers[one[0]]):
+        if loads and run.payload_kg not in loads:
+            continue
+        part, column = _within(run, window_s), loads.index(run.payload_kg) if loads else 0
+        for row, (_, _, signal, unit, asked) in enumerate(rows):
+            panels.line(row, column, part.time_s, signal(part), label(name), line(name, numbers[name]), unit)
+            if asked:  # its legend entry comes last
+                look = line("set point", width=1.2)
+                panels.line(row, column, part.time_s, part[asked], "set points", look, unit, legendrank=2000)
+    return panels
 
 
 def _limits(

@@ -48,25 +48,30 @@ class Score:
 
 def score_of(problem: Problem, fit: Fitted) -> Score:
     """A fit's score at the best sizes of the model error, to a factor of STEP."""
+    value, best = likeliest(problem, fit.residual)
     errors = problem.errors
+    excess = rms(errors.sized(best).model_error) / max(rms(errors.sized((1.0, 1.0)).model_error), 1e-300)
+    return Score(value + fit.prior, best, excess)
+
+
+def likeliest(problem: Problem, residual: Array) -> tuple[float, Sizes]:
+    """The score of a residual without tolerances, and the sizes of the model error at which it is least."""
     tried: dict[Sizes, float] = {}
 
     def value(sizes: Sizes) -> float:
         if sizes not in tried:
-            tried[sizes] = _value(errors.sized(sizes), fit.residual)
+            tried[sizes] = _value(problem.errors.sized(sizes), residual)
         return tried[sizes]
 
-    best = errors.sizes
+    best = problem.errors.sizes
     while True:
         g, h = best
         around = [(g * STEP, h), (g / STEP, h), (g, h * STEP), (g, h / STEP)]
         inside = [sizes for sizes in around if _within(sizes)]
         better = min(inside, key=value, default=best)  # sizes that a first search needed may lie beyond the bounds
         if value(better) >= value(best):
-            break
+            return value(best), best
         best = better
-    excess = rms(errors.sized(best).model_error) / max(rms(errors.sized((1.0, 1.0)).model_error), 1e-300)
-    return Score(value(best) + fit.prior, best, excess)
 
 
 def explained(problem: Problem, before: Fitted, after: Fitted, score: Score) -> float:
@@ -174,8 +179,9 @@ def discounted(
 
     The first effect is compared with the model error where it acts: rows count by how much it changes them; a further
     one with all of it, for it may be no more than that. What acts at speed is compared with that at speed: rows count
-    less the more of their model error is that near standstill. An axis' noise is what its log shows, to NOISE_KNOWN:
-    where it is larger, a lag explains the rest.
+    less the more of their model error is that near standstill. What the machine has shown is no more than what is left
+    beside the effect: the sizes follow the quick part of a residual, and may promise more of the slow. An axis' noise
+    is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains the rest.
     """
     if data <= 0.0:
         return data
@@ -187,6 +193,7 @@ def discounted(
         share = share * np.abs(before[rows] - after[rows])
     default = float(np.mean(share * errors.sized((1.0, 1.0)).model_error[rows] ** 2))
     shown = float(np.mean(share * errors.model_error[rows] ** 2)) if max(errors.sizes) > 1.0 else 0.0
+    shown = min(shown, float(np.mean(share * after[rows] ** 2)))
     if kind_of(problem.machine).floor == "own":
         default += ((1.0 + settings.NOISE_KNOWN) ** 2 - 1.0) * float(np.mean(share * problem.row_noise**2))
     taken = float(np.mean(share * (before[rows] ** 2 - after[rows] ** 2)))

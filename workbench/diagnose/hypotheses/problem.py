@@ -88,7 +88,7 @@ class Problem:
         self.row_noise = np.full(self.inputs, self.noise)
         self.evaluations = 0
         self.kept: dict[Any, Any] = {}  # held-out fits, by fit and folds: several steps ask for the same
-        self.lagging = False
+        self.deaf = False
         if self.line is not None:
             name = self.line.signal
             self.tension = [lowpass(run.time_s, run[name], self.band_hz) for run in self.runs]
@@ -141,13 +141,14 @@ class Problem:
 
     @property
     def struck(self) -> bool:
-        """Whether impacts of a play come again in the runs, and no lag of a sensor has made them."""
-        return not self.lagging and any(len(impacts) for impacts in self.bench.impacts)
+        """Whether impacts of a play come again in the runs, and neither a lag of a sensor nor a wrong inertia has made
+        them."""
+        return not self.deaf and any(len(impacts) for impacts in self.bench.impacts)
 
     def without_impacts(self) -> Problem:
-        """The same campaign, where a lag of a sensor explains what looked like impacts: kinks of a late signal."""
+        """The same campaign, where something else explains what looked like impacts, as the kinks of a late signal."""
         beside = copy(self)
-        beside.lagging = True
+        beside.deaf = True
         return beside
 
     @property

@@ -21,9 +21,11 @@ from workbench.diagnose.hypotheses.evidence import (
     STEP,
     Weighed,
     beyond,
+    beyond_model_error,
     cost,
     discounted,
     inexact,
+    likeliest,
     score_of,
     weigh,
 )
@@ -53,6 +55,8 @@ from workbench.diagnose.hypotheses.signatures import (
 )
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect, Ranged, ranges_of
+from workbench.machines import value_names, with_values
+from workbench.simulate.motion import impacts_of
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
 FEW = 3  # of them to begin with
@@ -139,6 +143,7 @@ def searched(
     late_s = search.late_s()
     if late_s > 0.0:
         search = Search(problem.moving_after(late_s), effects, tell, rivals, base)
+    search.hear_impacts()
     most_effects = 1 if quick else most_effects
     few = FEW  # single effects are enough to tell the sizes, in most campaigns
     for _ in range(1 + SEARCHED_AGAIN):
@@ -200,6 +205,16 @@ class Search:
             fits = [fit_hypothesis(self.problem, (), self.held, z, LAST_ROUND) for z in self._starts()]
             self._base = min(fits, key=lambda fit: fit.objective)
         return self._base
+
+    def hear_impacts(self) -> None:
+        """Take impacts for a play's only where the inertia that the base fit asks for hears them too: with a wrong one
+        each change of the acceleration looks like an impact."""
+        if self.problem.struck:
+            machine, setting = self.problem.machine, self.base_fit().setting
+            own = set(self.base) & set(value_names(machine))
+            fitted = with_values(machine, {key: float(np.mean(setting[self.base[key].symbol])) for key in own})
+            if not any(len(impacts) for impacts in impacts_of(fitted, self.problem.runs)):
+                self.problem = self.problem.without_impacts()
 
     def late_s(self) -> float:
         """The delay of the log's motion in the base fit, s; 0 up to TOO_LATE sampling steps."""
@@ -477,9 +492,7 @@ class Search:
     def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> float:
         """The evidence that a further effect adds to a leader, by its linear estimate. least: the gain that the
         leader's inexact law alone could give."""
-        taken = promise.signature.columns @ promise.amounts
-        z = self._aside(leader, taken, promise.signature)
-        left = leader.residual - taken + leader.jacobian @ (z - leader.z)
+        left = self._beside(leader, promise)
         data = discounted(self.problem, (promise.signature.effect.id,), promise.data, leader.residual, left)
         paid = promise.gain - promise.evidence
         return promise.gain - promise.data + beyond(data, least) - paid
@@ -530,16 +543,35 @@ class Search:
             self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]
 
     def _promised(self, at: Fitted, signatures: Sequence[Signature]) -> dict[str, Promise]:
-        """Effect -> its best shape, linearly."""
+        """Effect -> its best shape, linearly: of the SHAPES_KEPT best the one that explains most beyond the model error
+        that stays beside it."""
         projection = Projection.of(self.problem, at)
-        best: dict[str, Promise] = {}
+        by_effect: dict[str, list[Promise]] = {}
         for signature in signatures:
             data, prior, amounts = projection.gain(signature)
             size = signature.columns.shape[1] + len(signature.at)
             promise = Promise(data + prior, data, data + prior - cost(self.problem, size), signature, amounts)
-            if signature.effect.id not in best or promise.evidence > best[signature.effect.id].evidence:
-                best[signature.effect.id] = promise
+            by_effect.setdefault(signature.effect.id, []).append(promise)
+        best: dict[str, Promise] = {}
+        for name, promises in by_effect.items():
+            kept = sorted(promises, key=lambda promise: -promise.evidence)[:SHAPES_KEPT]
+            best[name] = kept[0] if len(kept) == 1 else max(kept, key=lambda promise: self._beyond(at, promise))
         return best
+
+    def _beyond(self, at: Fitted, promise: Promise) -> float:
+        """What a promised effect adds to the likelihood of a fit, less what may be model error."""
+        left = self._beside(at, promise)
+        if not np.all(np.isfinite(left)):
+            return -math.inf
+        value, sizes = likeliest(self.problem, left)
+        data = likeliest(self.problem, at.residual)[0] - value
+        return discounted(self.problem, (promise.signature.effect.id,), data, at.residual, left, sizes, not at.effects)
+
+    def _beside(self, at: Fitted, promise: Promise) -> Array:
+        """(samples,) what a fit leaves beside a promised effect, its own parameters refitted linearly."""
+        taken = promise.signature.columns @ promise.amounts
+        z = self._aside(at, taken, promise.signature)
+        return at.residual - taken + at.jacobian @ (z - at.z)
 
     def _fit_with(self, at: Fitted, promise: Promise) -> Fitted:
         more, start = start_of(self.problem, promise.signature, promise.amounts)
@@ -582,8 +614,22 @@ class Search:
             return
         if not np.isfinite(fitted.objective):
             self.failures[names] = "the simulation breaks down at these values"
-        elif names not in self.fits or fitted.objective < self.fits[names].objective:
+        elif names not in self.fits or self._better(fitted, self.fits[names]):
             self.fits[names] = fitted
+
+    def _better(self, one: Fitted, other: Fitted) -> bool:
+        """Of two fits of one hypothesis, by what each explains beyond the model error that stays beside it, and by the
+        objective where neither does: a fine ripple of the machine's own may fit better than the large one that is the
+        cause, at sizes of the model error that were found without it."""
+        base = self.base_fit()
+        none = score_of(self.problem, base)
+
+        def worth(fit: Fitted) -> tuple[float, float]:
+            score = score_of(self.problem, fit)
+            gain = beyond_model_error(self.problem, base, fit, none.value - score.value, score.sizes)
+            return max(gain, 0.0), -fit.objective
+
+        return worth(one) > worth(other)
 
 
 def _effects_of(parameter: FreeParameter) -> set[str]:

@@ -46,8 +46,8 @@ class Judged:
 
     held: the fit that the answer was judged on. left: what it leaves. floor: rms of noise and model error, in the
     input's unit: what a machine without a gap leaves. explained: share of the gap's energy. signs: of an unknown cause.
-    counted: the evidence as it was ranked. groups: of hypotheses that differ in name only. mimics: those that were not
-    established, with what speaks against each.
+    stands: whether best is established, and the answer judged on it. counted: the evidence as it was ranked. groups: of
+    hypotheses that differ in name only. mimics: those that were not established, with what speaks against each.
     """
 
     word: VerdictWord
@@ -63,6 +63,7 @@ class Judged:
     unknown_probability: float
     reasons: tuple[Reason, ...]
     counted: tuple[tuple[Names, float], ...]
+    stands: bool
     groups: tuple[tuple[Names, ...], ...] = ()
     mimics: Mapping[Names, Constancy] = field(default_factory=dict)
 
@@ -120,6 +121,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         unknown_probability=next(row.probability for row in rows if row.verdict == "unknown"),
         reasons=_reasons(left, signs, best, vetoes, mimics),
         counted=counted,
+        stands=stands,
         groups=groups,
         mimics=mimics,
     )
@@ -127,13 +129,15 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
 
 def judged_to_help(search: SearchResult) -> Judged:
     """The verdict. A cause is not named if its correction makes held-out runs worse, nor beside others if what it gains
-    there is not significant."""
+    there is not significant; nor does such a one speak for an unknown cause."""
     barred: list[Names] = []
     while True:
         judged = judge(search, barred)
-        if not judged.names or (deserved(search, judged.names)):
+        asked = {judged.names, judged.best.names if judged.best is not None and judged.stands else ()} - {()}
+        idle = [names for names in asked if not deserved(search, names)]
+        if not idle:
             return judged
-        barred.append(judged.names)
+        barred += idle
 
 
 def deserved(search: SearchResult, names: Names) -> bool:
@@ -175,21 +179,22 @@ def established(
     mimics: dict[Names, Constancy] = {}
     listed = [w for w in weighed if not w.rival]
     able = [w for w in listed if w.evidence > settings.calibration()["threshold"]]
+    no_laws = {w.names: why for w in able if (why := _against(problem, w, near)) is not None}
+    laws = [w for w in able if w.names not in no_laws]
     imitated = False
-    for w in able:
-        part = any(set(w.names) < set(names) for names in mimics) and w.evidence > settings.HALF * able[0].evidence
-        as_good = not imitated and w.evidence > able[0].evidence - max(
-            settings.DECISIVE, settings.NEARLY * able[0].evidence
+    for w in laws:
+        part = any(set(w.names) < set(names) for names in mimics) and w.evidence > settings.HALF * laws[0].evidence
+        as_good = not imitated and w.evidence > laws[0].evidence - max(
+            settings.DECISIVE, settings.NEARLY * laws[0].evidence
         )
         if not (part or as_good):
             continue
-        why = _against(problem, w, near)
+        why = next((one for one in constancies(problem, near, w.fit) if one.broken), None)
         if why is None:
-            why = next((one for one in constancies(problem, near, w.fit) if one.broken), None)
-            imitated |= why is not None
-        if why is None:
-            return w, mimics
+            return w, mimics | no_laws
+        imitated = True
         mimics[w.names] = why
+    mimics = {**mimics, **no_laws}
     if able:  # none holds: what was not looked at is no better
         return None, {w.names: mimics.get(w.names, next(iter(mimics.values()))) for w in able}
     return next(iter(listed), None), mimics

@@ -128,7 +128,7 @@ def friction_load_dependent(s: Any, e: Any, p: Any) -> Scalar:
     place=GUIDE, subsystem=OF, regime="time",
     parameters=[
         amount("a", "friction_fraction", "extra friction of the cold machine over its warm one", "1", 3.0, 0.1, 0.5),
-        Parameter("tau", "time_constant_s", "of warming up", "1", 10.0, 5000.0, 30.0, 200.0, domain="positive",
+        Parameter("tau", "time_constant_s", "of warming up", "1", 1.0, 5000.0, 30.0, 200.0, domain="positive",
                   tries=(50.0, 150.0, 400.0, 1200.0)),
     ],
     reads={
