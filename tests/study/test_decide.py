@@ -356,6 +356,24 @@ def test_who_is_said_to_be_beaten_in_every_criterion_is():
     assert f"Beaten in every criterion: {made.dominated[0].words}" in take_sentences([made])[0]
 
 
+def test_what_a_swept_value_does_is_told_at_the_setting_that_is_taken():
+    """By the runs themselves: everything but the swept value as it is recommended."""
+    own = study("ringing_wire")
+    rows = list(run_study(own).rows)
+    made = decisions(rows, own.machine)[-1]
+    assert made.taken is not None
+    (said,) = [text for text in answer_of(own, rows).sentences if text.startswith("Wire damping time from")]
+    column = "sweep.machine.wire.damping_time_s"
+    alike = [
+        r for r in rows
+        if r.reference == made.taken.reference and made.taken.assigned.items() <= r.assigned.items()
+    ]  # fmt: skip
+    ends = [min(alike, key=lambda r: r.assigned[column]), max(alike, key=lambda r: r.assigned[column])]
+    swings = [float(x) for x in re.findall(r"swing goes from ([\d.]+) to ([\d.]+) kN", said)[0]]
+    assert swings == pytest.approx([r["wire_tension_swing_n"] / 1000.0 for r in ends], rel=0.01)
+    assert made.taken.setting in said
+
+
 def test_two_that_are_alike_are_said_to_be():
     rows = [row("trapezoid", 36.0, 560.0), row("ruckig", 36.0, 559.0)]
     (said,) = take_sentences(decisions(rows, default_hoist()))
