@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -114,7 +114,10 @@ def metrics_page() -> str:
 
 def references_page() -> str:
     """What is planned from moves and limits, then what is recorded."""
-    titles = {"Planned from moves and limits": planned_kinds(), "Recorded": recorded_kinds()}
+    titles: dict[str, Mapping[str, Any]] = {
+        "Planned from moves and limits": planned_kinds(),
+        "Recorded": recorded_kinds(),
+    }
     return "\n".join(
         table(
             title,
@@ -127,21 +130,23 @@ def references_page() -> str:
 
 def keys_page() -> str:
     """The keys of each file that a user writes: default, allowed values, meaning; then why the bounds are there."""
-    parts, reasons, seen = [], {}, {}
+    parts: list[str] = []
+    reasons: dict[tuple[str, str], None] = {}
+    seen: dict[type, str] = {}
     for title, record in FILES.items():
         parts += [f"## {title}", "", *_block("", record, title, seen, reasons)]
     rows = [[*limits.split(" … "), reason] for (limits, reason) in reasons]
     return "\n".join([*parts, table("Why the bounds are there", ["from", "to", "reason"], rows)])
 
 
-def _titled() -> Iterator[tuple[str, type[BaseModel]]]:
-    for record in RECORDS:
-        words = [str(record.model_fields[name].default) for name in ("kind", "motion") if name in record.model_fields]
-        yield f"machine.yaml, {' '.join(words)}", record
-    yield from {"A scenario": Scenario, "runs.yaml": RunsFile, "A file of `workbench size`": SizeFile}.items()
+def titled(record: type[BaseModel]) -> str:
+    words = [str(record.model_fields[name].default) for name in ("kind", "motion") if name in record.model_fields]
+    return f"machine.yaml, {' '.join(words)}"
 
 
-FILES: Mapping[str, type[BaseModel]] = dict(_titled())
+FILES: Mapping[str, type[BaseModel]] = {titled(record): record for record in RECORDS} | {
+    "A scenario": Scenario, "runs.yaml": RunsFile, "A file of `workbench size`": SizeFile,
+}  # fmt: skip
 
 
 def _block(
@@ -170,7 +175,7 @@ def _block(
 def explained(record: type[BaseModel], keys: Collection[str]) -> tuple[str, dict[str, str]]:
     """A record's docstring: its own text, and what it says of each key as `key, key: meaning`."""
     one = f"(?:{'|'.join(sorted(map(re.escape, keys), key=len, reverse=True))})"
-    text, meanings = "", {}
+    text, meanings = "", dict[str, str]()
     for base in reversed([base for base in record.__mro__ if issubclass(base, Record) and base is not Record]):
         said = " ".join(inspect.cleandoc(vars(base).get("__doc__") or "").split())
         own, *parts = re.split(rf"(?:(?<=^)|(?<=[.;,] ))({one}(?:, {one})*): ", said)
@@ -243,7 +248,7 @@ def gallery_page() -> str:
 
 def criteria_page() -> str:
     """The usual criteria of the decision: of the default hoist at 9000 kg and of the EMPS axis."""
-    machines = {"hoist, 9000 kg": (default_hoist(), 9000.0), "axis": (load_machine(EMPS), None)}
+    machines = {"hoist, 9000 kg": (default_hoist(), 9000.0), "axis": (load_machine(EMPS), 0.0)}
     rows = [
         [title, f"`{c.name}`", c.limit_words, c.text(c.scale) if c.scale else "–", f"{c.weight:g}"]
         for title, (machine, payload_kg) in machines.items()

@@ -226,10 +226,15 @@ def test_the_power_is_the_size_from_which_nine_of_ten_are_named_and_what_never_i
     assert named.interval[0] < named.amount < named.interval[1]
     assert (never.effect, never.amount, never.interval) == ("torque_offset", None, None)
     assert "> 3470" in tables.power_table(power).by_column["named in 9 of 10 from"]
-    assert "the quickest one again, makes effects show at down to 50 % of these sizes" in power.sentences[0]
+    assert (
+        "the quickest one again, makes effects show at down to 50 % of these sizes" in tables.power_sentences(power)[0]
+    )
     little = power_of(power_score(rig), {"friction_viscous": 0.99}, "another one")
     assert little is not None
-    assert "makes an effect show at a size that is smaller by more than 3 %; another one comes" in little.sentences[0]
+    assert (
+        "makes an effect show at a size that is smaller by more than 3 %; another one comes"
+        in tables.power_sentences(little)[0]
+    )
     drawn = tables.power(power.effects, power.unit)
     assert [trace.name for trace in drawn.data] == ["these runs", "with one more run", "not within the sizes tried"]
     few = power_score(rig)

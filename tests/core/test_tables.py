@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from workbench.core.table import Column, Table, words
-from workbench.core.templates import render
+from workbench.core.templates import Sentences, render
 
 TABLE = Table(
     [words("run"), Column("speed error\nopen loop", "%"), Column("proba-\nbility")],
@@ -115,3 +115,13 @@ def test_a_narrow_table_wraps_the_heads_of_numbers_and_cuts_words_but_no_number(
     assert max(map(len, lines)) <= 44
     assert {"1.00", "0.50", "595.6"} <= set(lines[-1].split())
     assert [line.count("forward") for line in lines].count(2) == 1
+
+
+def test_a_sentence_of_a_template_is_one_line_and_empty_lines_part_sentences():
+    said = Sentences("view/blind_words.j2")
+    first, second = said.each("sheet", ["003", "7 < 9"], True)
+    assert first == "No diagnosis came of 003, 7 < 9; counted as wrong."  # plain text: nothing is escaped
+    assert second.startswith("All campaigns come from the plant's own equations") and "\n" not in second
+    assert said.sheet([], False) == ""
+    with pytest.raises(AttributeError):
+        said.no_such_sentence()

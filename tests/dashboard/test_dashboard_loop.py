@@ -12,9 +12,12 @@ import pytest
 from tests.support.dashboard_app import errors, figures, page
 from workbench.analysis.family import family, operating_points
 from workbench.analysis.loop import INPUTS, SHOWN, step_response
+from workbench.analysis.tune import Goal, Weights
 from workbench.analysis.usual import usual_controller
 from workbench.control import PiSettings
+from workbench.core.errors import InputError
 from workbench.dashboard.desk import edited, usual_desk
+from workbench.dashboard.pages import loop
 from workbench.dashboard.pages.loop import gain_steps, rule_settings
 from workbench.machines import default_hoist, with_values
 from workbench.view.loop import HZ, RAD_S, bode, gang_of_four
@@ -98,6 +101,28 @@ def test_tune_fills_the_sliders_and_keeps_to_its_goal():
     assert tuned.kp_nm_s_per_rad != usual_controller(default_hoist()).kp_nm_s_per_rad
     assert "winner" in app.dataframe[0].value["what"].tolist()
     assert app.select_slider(key=KP).value == tuned.kp_nm_s_per_rad
+
+
+def test_weights_and_what_is_tuned_too_reach_the_tuning(monkeypatch: pytest.MonkeyPatch):
+    asked: dict[str, Any] = {}
+
+    def tune(machine: Any, settings: Any, points: Any, trial: Any, goal: Any, weights: Any, **more: Any) -> None:
+        asked.update(more, goal=goal, weights=weights)
+        raise InputError("enough")
+
+    monkeypatch.setattr(loop, "tune", tune)
+    app = page("Loop").run()
+    app.pills(key="loop also").set_value(["notch", "schedule"])
+    app.number_input(key="loop peak").set_value(5.0)
+    app.radio(key="loop goal").set_value(loop.REJECTION)
+    app.button(key="loop tune").click().run()
+    assert errors(app) == ["enough"] and not app.exception
+    assert (asked["also"], asked["weights"], asked["goal"]) == (
+        ("notch", "schedule"), Weights(1.0, 5.0, 1.0), Goal(None, 1.4),
+    )  # fmt: skip
+    for what in ("tracking error", "peak", "rms"):
+        app.number_input(key=f"loop {what}").set_value(0.0)
+    assert errors(app.run()) == ["Weights: 0, 0 and 0, expected at least one above 0"]
 
 
 def test_a_bandwidth_out_of_reach_says_what_the_drive_allows(lagging):

@@ -133,15 +133,64 @@ def test_a_number_has_sane_digits_and_a_difference_of_rounding_no_colour(value, 
     assert widgets._delta(widgets.Number("time", value, "s", by, "lower")) == change
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("study.jerk", 2.0), ("study.acceleration", 0.9), ("study.bandwidth", 1.2), ("study.ff inertia", 1.0)],
-)
-def test_a_slider_changes_the_numbers(drawn, key: str, value: float):
-    app = against_ruckig().run()
-    app.slider(key=key).set_value(value).run()
+def test_a_slider_changes_the_numbers_and_the_range_of_another(drawn):
+    app, last = good(against_ruckig().run()), metrics(drawn)
+    for key, value in {
+        "study.jerk": 2.0,
+        "study.acceleration": 0.9,
+        "study.bandwidth": 1.2,
+        "study.ff inertia": 1.0,
+    }.items():
+        good(app.slider(key=key).set_value(value).run())
+        assert metrics(app) != last
+        last = metrics(app)
+    good(app.slider(key="study.start").set_value(24.0).run())  # near the top, which leaves this room to move
+    assert app.slider(key="study.way").value == 1.0
+
+
+def test_runs_that_fail_are_said_and_references_not_compared_where_one_of_them_fails():
+    app = trapezoid_and_ruckig(page("Study").run())
+    app.multiselect(key="study.payloads").set_value([0.0, "30000"]).run()
     assert not app.exception
-    assert metrics(app) != metrics(drawn)
+    assert app.warning[0].value.startswith("2 of 4 runs failed") and "30000 kg, trapezoid" in app.warning[0].value
+    assert metrics(app)["Torque peak per motor"][0].endswith(" N m") and len(figures(app)) == 3
+    app.multiselect(key="study.payloads").set_value([0.0, 4500.0, 9000.0])
+    # From the rail's end, and hard: the trapezoid overshoots out of the rail with every load.
+    app.slider(key="study.start").set_value(0.0)
+    app.slider(key="study.acceleration").set_value(1.5).run()
+    assert app.warning[0].value.startswith("3 of 6 runs failed")
+    value, delta = metrics(app)["Torque peak per motor"]
+    assert value.endswith(" N m") and not value.startswith("–") and delta == ""
+
+
+def test_what_no_control_shows_is_kept_from_a_loaded_scenario():
+    text = SCENARIO + "events: {emergency_stop_s: 5.0, emergency_deceleration_m_s2: 2.0}\nsettle_s: 4.5\n"
+    scenario = read_standalone(loads(text, "s.yaml"))
+    again = desk_of(scenario, default_hoist()).scenario
+    assert again.events == scenario.events and again.settle_s == 4.5
+    assert plan_study(again, default_hoist()).specs[0].limits == plan_study(scenario, default_hoist()).specs[0].limits
+    other = SCENARIO.replace("[{by_m: 10.0}, {dwell_s: 1.5}, {by_m: -10.0}]", "[{to_m: 9.0}, {by_m: 2.0}]")
+    scenario = read_standalone(loads(other, "s.yaml"))
+    assert edited(desk_of(scenario, default_hoist()).scenario, default_hoist(), {"jerk": 2.0}).moves == scenario.moves
+
+
+def test_a_session_has_a_private_folder_that_goes_with_it_or_with_its_server(tmp_path: Path):
+    script = (
+        "import streamlit as st\nfrom workbench.dashboard.session import workspace\nst.text(str(workspace()))\n"
+        "(workspace() / 'x').write_text('1')\n"
+    )
+    one, two = AppTest.from_string(script).run(), AppTest.from_string(script).run()
+    a, b = Path(one.text[0].value), Path(two.text[0].value)
+    assert a != b and a.stat().st_mode & 0o777 == 0o700 and a.parent.stat().st_mode & 0o777 == 0o700
+    one.session_state["workbench workspace"]._end()
+    assert not a.exists() and b.is_dir()
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left, ours = tmp_path / f"session-{gone.pid}-abc", tmp_path / f"session-{os.getpid()}-abc"
+    left.mkdir()
+    ours.mkdir()
+    session.sweep(tmp_path)
+    assert ours.is_dir() and not left.exists()
 
 
 def test_a_link_shows_the_study_that_it_was_copied_from():
@@ -163,13 +212,6 @@ def test_a_link_that_was_cut_is_one_error(cut: float):
     assert whole is not None
     with pytest.raises(InputError, match="study: is damaged"):
         from_address(whole[: int(cut * len(whole))])
-
-
-def test_a_link_of_another_machine_gives_its_runs():
-    machine = with_values(default_hoist(), {"wire.damping_time_s": 0.0025, "drive.torque_lag_s": 0.004})
-    scenario = usual_desk(machine).scenario
-    desk, _ = from_address(in_address(scenario, machine) or "")
-    assert plan_study(desk.scenario, default_hoist()).machine == machine
 
 
 def test_gains_are_carried_from_loop_to_study_and_back():
@@ -213,14 +255,6 @@ def test_a_stretch_of_time_stays_while_sliders_move_and_a_bad_one_is_said():
     assert errors(app)[0].startswith("from … to: 500 to 21 s, expected a stretch") and not app.exception
 
 
-def test_runs_that_fail_are_said_and_the_others_shown():
-    app = trapezoid_and_ruckig(page("Study").run())
-    app.multiselect(key="study.payloads").set_value([0.0, "30000"]).run()
-    assert not app.exception
-    assert app.warning[0].value.startswith("2 of 4 runs failed") and "30000 kg, trapezoid" in app.warning[0].value
-    assert metrics(app)["Torque peak per motor"][0].endswith(" N m") and len(figures(app)) == 3
-
-
 def test_a_payload_that_one_reference_cannot_carry_is_said_to_be_left_out_of_the_table():
     app = page("Study").run()
     app.multiselect(key="study.payloads").set_value([0.0, "22000"]).run()
@@ -229,23 +263,6 @@ def test_a_payload_that_one_reference_cannot_carry_is_said_to_be_left_out_of_the
     assert said.endswith("Table and verdict are of 0 kg and leave out 22000 kg; the lights are of all runs.")
     assert app.info[0].value.startswith("No recommendation")  # an alarm stands
     assert errors(app)[0].startswith("Overload: torque peak 100 %") and not app.exception
-
-
-def test_references_are_not_compared_where_one_of_them_fails():
-    app = trapezoid_and_ruckig(page("Study").run())
-    # From the rail's end, and hard: the trapezoid overshoots out of the rail with every load.
-    app.slider(key="study.start").set_value(0.0)
-    app.slider(key="study.acceleration").set_value(1.5).run()
-    assert app.warning[0].value.startswith("3 of 6 runs failed")
-    value, delta = metrics(app)["Torque peak per motor"]
-    assert value.endswith(" N m") and not value.startswith("–") and delta == ""
-
-
-def test_a_start_near_the_top_leaves_room_to_move():
-    app = page("Study").run()
-    app.slider(key="study.start").set_value(24.0).run()
-    assert not app.exception and not app.error
-    assert app.slider(key="study.way").value == 1.0
 
 
 def test_limits_and_weights_that_are_set_decide():
@@ -302,6 +319,8 @@ def test_an_uploaded_machine_is_what_is_run(drawn):
     app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
     assert not app.exception and "Choose a machine.yaml." in [info.value for info in app.info]
     assert len(figures(app)) == 4  # of the machine chosen before
+    bad = sent(app, "name: x\nwinch: 3\n", "study machine file")
+    assert errors(bad)[0].startswith("machine.yaml:") and not bad.exception
     from workbench.machines.files import machine_text
 
     heavier = with_values(default_hoist(), {"carriage.mass_kg": 12000.0})
@@ -311,14 +330,6 @@ def test_an_uploaded_machine_is_what_is_run(drawn):
     (overload,) = errors(app)
     assert overload.startswith("Overload: rms torque 105 % of nominal torque")
     assert metrics(app)["Smallest wire tension"] != metrics(drawn)["Smallest wire tension"]
-
-
-def test_a_bad_machine_is_one_clear_error():
-    app = page("Study").run()
-    app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
-    app.file_uploader(key="study machine file").upload("m.yaml", b"name: x\nwinch: 3\n", "application/yaml").run()
-    (shown,) = errors(app)
-    assert shown.startswith("machine.yaml:") and not app.exception
 
 
 def test_a_saved_scenario_is_read_by_the_study_command(tmp_path: Path):
@@ -332,20 +343,6 @@ def test_a_saved_scenario_is_read_by_the_study_command(tmp_path: Path):
     assert study.specs[0].limits == plan_study(scenario, machine).specs[0].limits
     rows, own = run_study(study).rows, run_study(plan_study(scenario, machine)).rows
     assert [row.metrics for row in rows] == [row.metrics for row in own]
-
-
-def test_what_no_control_shows_is_kept_from_a_loaded_scenario():
-    text = SCENARIO + "events: {emergency_stop_s: 5.0, emergency_deceleration_m_s2: 2.0}\nsettle_s: 4.5\n"
-    scenario = read_standalone(loads(text, "s.yaml"))
-    again = desk_of(scenario, default_hoist()).scenario
-    assert again.events == scenario.events and again.settle_s == 4.5
-    assert plan_study(again, default_hoist()).specs[0].limits == plan_study(scenario, default_hoist()).specs[0].limits
-
-
-def test_moves_that_are_not_up_and_down_stay_as_loaded():
-    text = SCENARIO.replace("[{by_m: 10.0}, {dwell_s: 1.5}, {by_m: -10.0}]", "[{to_m: 9.0}, {by_m: 2.0}]")
-    scenario = read_standalone(loads(text, "s.yaml"))
-    assert edited(desk_of(scenario, default_hoist()).scenario, default_hoist(), {"jerk": 2.0}).moves == scenario.moves
 
 
 def test_kept_runs_stand_side_by_side_in_compare():
@@ -403,30 +400,6 @@ def test_an_error_shows_the_files_name_and_no_markdown():
     assert not app.exception and not app.markdown
     assert errors(app) == ["machine.yaml:3: **bold** $x$ [a](b)"]
     assert "\\*\\*bold" in app.error[0].value
-
-
-def test_a_session_has_a_private_folder_that_goes_with_it():
-    script = (
-        "import streamlit as st\nfrom workbench.dashboard.session import workspace\nst.text(str(workspace()))\n"
-        "(workspace() / 'x').write_text('1')\n"
-    )
-    one, two = AppTest.from_string(script).run(), AppTest.from_string(script).run()
-    a, b = Path(one.text[0].value), Path(two.text[0].value)
-    assert a != b and a.is_dir()
-    assert a.stat().st_mode & 0o777 == 0o700 and a.parent.stat().st_mode & 0o777 == 0o700
-    folder = one.session_state["workbench workspace"]
-    folder._end()
-    assert not a.exists() and b.is_dir()
-
-
-def test_what_a_server_that_is_gone_left_behind_is_swept(tmp_path: Path):
-    gone = subprocess.Popen([sys.executable, "-c", ""])
-    gone.wait()
-    left, ours = tmp_path / f"session-{gone.pid}-abc", tmp_path / f"session-{os.getpid()}-abc"
-    left.mkdir()
-    ours.mkdir()
-    session.sweep(tmp_path)
-    assert ours.is_dir() and not left.exists()
 
 
 def test_a_file_that_is_too_large_is_refused_before_it_is_read():

@@ -356,6 +356,24 @@ def test_who_is_said_to_be_beaten_in_every_criterion_is():
     assert f"Beaten in every criterion: {made.dominated[0].words}" in take_sentences([made])[0]
 
 
+def test_what_a_swept_value_does_is_told_at_the_setting_that_is_taken():
+    """By the runs themselves: everything but the swept value as it is recommended."""
+    own = study("ringing_wire")
+    rows = list(run_study(own).rows)
+    made = decisions(rows, own.machine)[-1]
+    assert made.taken is not None
+    (said,) = [text for text in answer_of(own, rows).sentences if text.startswith("Wire damping time from")]
+    column = "sweep.machine.wire.damping_time_s"
+    alike = [
+        r for r in rows
+        if r.reference == made.taken.reference and made.taken.assigned.items() <= r.assigned.items()
+    ]  # fmt: skip
+    ends = [min(alike, key=lambda r: r.assigned[column]), max(alike, key=lambda r: r.assigned[column])]
+    swings = [float(x) for x in re.findall(r"swing goes from ([\d.]+) to ([\d.]+) kN", said)[0]]
+    assert swings == pytest.approx([r["wire_tension_swing_n"] / 1000.0 for r in ends], rel=0.01)
+    assert made.taken.setting in said
+
+
 def test_two_that_are_alike_are_said_to_be():
     rows = [row("trapezoid", 36.0, 560.0), row("ruckig", 36.0, 559.0)]
     (said,) = take_sentences(decisions(rows, default_hoist()))
@@ -460,7 +478,7 @@ def test_two_inertias_say_how_far_their_answer_hangs_on_the_damping_of_the_coupl
 def test_the_bound_is_below_every_motion_of_its_time_and_the_limit_that_equal_time_exceeds_is_named():
     said, equal = from_the_bound(load_study(ROOT / "scenarios" / "references_at_their_best.yaml"))
     of_all, least, again = (float(peak) for peak in re.findall(r"(?:below|Above) ([\d.]+) N m per motor", said))
-    (found,) = (float(peak) for peak in re.findall(r"one has ([\d.]+) N m per motor", said))
+    (found,) = (float(peak) for peak in re.findall(r"one with ([\d.]+) N m per motor", said))
     assert of_all <= least == again <= found <= 1.005 * least
     above = {words: int(percent) for words, percent in re.findall(r"(?:are|,|and) ([a-zA-Z' ]+) by (\d+) %", said)}
     assert above["the motion of least torque peak"] <= 2 < above["the trapezoid"]

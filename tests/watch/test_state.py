@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import resource
+import shlex
 import shutil
 import signal
 import sqlite3
@@ -25,11 +26,6 @@ from workbench.watch.store import Store
 from workbench.watch.watch import Watch
 
 OPTIONS = "--settle", "0.02", "--healthy", str(RULES.healthy), "--skip-diagnosis"
-
-
-@pytest.fixture
-def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
 
 
 @pytest.fixture(scope="module")
@@ -263,7 +259,7 @@ def test_a_state_of_the_version_before_is_taken_over(place: Path, commands: Comm
 
 
 def test_a_reader_that_leaves_early_is_no_alarm(place: Path):
-    line = " ".join([sys.executable, "-m", "workbench", *map(str, words(place, "--once")), "2>/dev/null"])
+    line = f"{shlex.join([sys.executable, '-m', 'workbench', *map(str, words(place, '--once'))])} 2>/dev/null"
     done = subprocess.run(["bash", "-c", f"{line} | true; exit ${{PIPESTATUS[0]}}"], check=False)
     assert done.returncode in (1, 2)  # 1 where all was written before the reader left
     if done.returncode == 2:

@@ -47,12 +47,18 @@ class EffectPower:
 
 @dataclass(frozen=True)
 class Power:
-    """effects: those with enough cases. unit: of the input."""
+    """effects: those with enough cases; few: the others. unit: of the input. run: the one more that buys
+    most, in words; "" where none was tried."""
 
     effects: tuple[EffectPower, ...]
     unit: str
-    note: str
-    sentences: tuple[str, ...]
+    few: tuple[str, ...]
+    run: str
+
+    @property
+    def best_ratio(self) -> float:
+        """The smallest size that shows with one more run over that without."""
+        return min((one.ratio for one in self.effects if one.ratio is not None), default=1.0)
 
 
 def power_of_rig(scores: Sequence[Score]) -> Power | None:
@@ -89,25 +95,7 @@ def power_of(score: Score, one_more: Mapping[str, float] | None = None, run: str
         for k, (name, members) in enumerate(cases.items())
     )
     few = sorted({r["label"]["effects"][0] for r in score.rows if measures.single(r)} - set(cases))
-    note = (
-        "Amounts are off the value at which the effect vanishes; >: the largest size tried is not enough. "
-        "From a logistic regression over the size, of which "
-        f"effects share the slope and, loosely, the threshold; effects with fewer than {LEAST} cases are left out"
-        + (f" ({', '.join(few)})." if few else ".")
-    )
-    sentences = []
-    if one_more:
-        least = min((one.ratio for one in effects if one.ratio is not None), default=1.0)
-        bought = (
-            "No run of a few that were tried makes an effect show at a size that is smaller by more than "
-            f"{100.0 * LITTLE:g} %; {run} comes nearest."
-            if least > 1.0 - LITTLE
-            else f"One more run, {run}, makes effects show at down to {100.0 * least:.0f} % of these sizes; of a few "
-            "runs it is the one that buys most."
-        )
-        how = "That is computed from the effects' signatures in the simulated runs, and not by further diagnoses."
-        sentences.append(f"{bought} {how}")
-    return Power(effects, rig["unit"], note, tuple(sentences))
+    return Power(effects, rig["unit"], tuple(few), run if one_more else "")
 
 
 def _effect(

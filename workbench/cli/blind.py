@@ -144,7 +144,7 @@ def score_(
         if table:
             click.echo(f"\n{head}" if head else "")
             if power is not None and head == POWER:
-                print_text(power.sentences)
+                print_text(view.power_sentences(power))
             print_table(table)
     if missed := view.miss_lines(rows, misses):
         print_text(["", "Misses", *missed])

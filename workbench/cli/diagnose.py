@@ -25,8 +25,6 @@ from workbench.diagnose.diagnose import Diagnosis
 from workbench.effects.loading import know
 from workbench.effects.registry import UserFile, user_files
 from workbench.logs import Campaign
-from workbench.study.cluster import client_on, each_on
-from workbench.study.load import load_study
 from workbench.view.diagnosis import brief_sections, write_diagnosis
 from workbench.view.numbers import NOTHING, figures
 
@@ -69,8 +67,12 @@ def diagnose(
     options: dict[str, Any] = {
         "baseline": baseline, "most_effects": max_effects, "seed": seed, "quick": quick,
         "validate": names_in(validate), "band_hz": band,
-        "scenario": None if scenario is None else load_study(scenario),
+        "scenario": None,
     }  # fmt: skip
+    if scenario is not None:
+        from workbench.study.load import load_study
+
+        options["scenario"] = load_study(scenario)
     if len(campaigns) == 1 and cluster is None:
         read = load_campaign(campaigns[0], runs, machine, band)
         _one(read, {**options, "candidates": chosen_candidates(candidates, read.machine)}, out)
@@ -169,6 +171,8 @@ def _answers(
     if cluster is None:
         yield from ((name, answered(name, campaign, *asked)) for name, campaign in campaigns.items())
     elif campaigns:
+        from workbench.study.cluster import client_on, each_on
+
         with client_on(cluster) as client:
             yield from each_on(client, cluster, list(campaigns), lambda name: (answered, name, campaigns[name], *asked))
 

@@ -33,6 +33,8 @@ class Sentences:
         return _environment(escape=False).get_template(self._name, globals=self._names).module
 
     def __getattr__(self, macro: str) -> Callable[..., str]:
+        if macro.startswith("_"):  # what Python asks of any object
+            raise AttributeError(macro)
         return lambda *values: " ".join(self.each(macro, *values))
 
     def each(self, macro: str, *values: Any) -> list[str]:

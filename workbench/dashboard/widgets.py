@@ -297,7 +297,9 @@ def _form(
         elif kind in ("number", "integer"):
             cast, step, shown = (int, 1, "%d") if kind == "integer" else (float, None, "%.6g")
             low, high, start = (None if v is None else cast(v) for v in (spec.get("minimum"), spec.get("maximum"), now))
-            made[name] = st.number_input(label, low, high, key=held(own, start), step=step, format=shown)
+            # What may be left out is None once it is emptied; anything else is its least value.
+            empty: Any = None if len(options) > 1 else "min"
+            made[name] = st.number_input(label, low, high, empty, step, shown, key=held(own, start))
         elif kind == "string" and "const" not in spec:
             made[name] = st.text_input(label, key=held(own, now))
     return made

@@ -36,10 +36,10 @@ from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.motion import own_impacts
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.study.consequences import Consequences, consequences_of
-from workbench.study.load import Study
 
 if TYPE_CHECKING:
     from workbench.diagnose.unknown import Explained, Unknown
+    from workbench.study.load import Study
 
 MOSTLY = {
     "speed": "with speed",

@@ -475,9 +475,10 @@ def from_the_bound(study: Study) -> list[str]:
         for forces in ([b.dual_n for b in still], [b.primal_n for b in still], [b.dual_n for b in any_end])
     )
     said = (
-        f"Followed exactly, no motion in the {BASELINE}'s time{where} has a {word} peak below {_down(least_of_all)} "
-        f"{unit}, and none that leaves the load at rest one below {_down(least)} {unit} (one has {-_down(-found)} "
-        f"{unit}); {'pin' if judged.payload else 'viscous'} friction and the loop's errors are left out."
+        f"No motion in the {BASELINE}'s time{where} that is followed exactly has a {word} peak below "
+        f"{_down(least_of_all)} {unit}; with the load at rest at its end none has one below {_down(least)} {unit}, and "
+        f"one with {-_down(-found)} {unit} exists. {'Pin' if judged.payload else 'Viscous'} friction and the loop's "
+        "errors are not included."
     )
     away = [(100.0 * (peak(own_moves) / least - 1.0), name) for name, own_moves in moves.items()]
     for side, chosen in (("Above", [a for a in away if a[0] >= 0.0]), ("Below", [a for a in away if a[0] < 0.0])):

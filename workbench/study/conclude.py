@@ -24,9 +24,10 @@ from workbench.study.beside import (
     from_the_bound,
     on_another_damping,
 )
-from workbench.study.decide import decisions, take_sentences
+from workbench.study.decide import Candidate, decisions, take_sentences
 from workbench.study.front import Front, fronts
 from workbench.study.labels import (
+    NO_CHANGE,
     Label,
     SweptAxis,
     drawn_columns,
@@ -58,7 +59,6 @@ ANSWER, EQUAL_TIME = "answer.json", "equal_time.parquet"
 MOST_FINDINGS, MOST_FAILED = 3, 3
 MOST_BYTES = 1_000_000
 QUANTILES = (0.05, 0.5, 0.95)
-NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
 AT_THE_LIMIT = 0.85  # rms over limit: three quarters of the time are spent there
 
 
@@ -150,10 +150,13 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     return said
 
 
-def variations(rows: Sequence[Row], told: bool = False, beside: Sequence[Row] = (), reference: str = "") -> list[str]:
+def variations(
+    rows: Sequence[Row], told: bool = False, beside: Sequence[Row] = (), taken: Candidate | None = None
+) -> list[str]:
     """What a sweep or a sample does; of a study that varies nothing, and has `told` no decision, the largest peak.
 
-    beside: runs with further values, among which the knee is sought too. reference: whose effects are told, "" for all.
+    beside: runs with further values, among which the knee is sought too. taken: at whose setting the effects are told,
+    that of all runs without it.
     """
     good, axes = [row for row in rows if row.ok], swept_axes(rows)
     if not good:
@@ -165,8 +168,13 @@ def variations(rows: Sequence[Row], told: bool = False, beside: Sequence[Row] = 
         varied = here[0].assigned.keys()
         further = [row for row in beside if row.payload_kg == heaviest and row.assigned.keys() == varied]
         said += _knee(fronts([*here, *further])[0], axes, swept_axes([*here, *further]))
-    own = [row for row in here if row.reference == reference]
-    said += [text for axis in axes for text in _effect(axis, own or here, heaviest, reference if own else "")]
+    for axis in axes:
+        fixed = {name: value for name, value in taken.assigned.items() if name not in axis.columns} if taken else {}
+        own = [row for row in here if taken and row.reference == taken.reference]
+        own = [row for row in own if all(row.assigned.get(name) == value for name, value in fixed.items())]
+        whose = [f"with {words_of(own[0].reference).removesuffix(' with the same limits')}"] if own else []
+        whose += [one.say(one.at(own[0])) for one in axes if own and fixed.keys() & set(one.columns)]
+        said += _effect(axis, own or here, heaviest, ", ".join(whose))
     said += scatter(good) if drawn_columns(good) else []
     if said or told:
         return said
@@ -177,7 +185,7 @@ def variations(rows: Sequence[Row], told: bool = False, beside: Sequence[Row] = 
     return [f"The largest {judged.input_words} peak is {peak}{share}, with {worst.reference}{where}."]
 
 
-def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float, reference: str) -> Iterator[str]:
+def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float, whose: str) -> Iterator[str]:
     """What an axis does at the heaviest payload, of all runs at a value the worst; only of references that read it."""
     own = [row for row in rows if any(reads(row.reference, column) for column in axis.columns)]
     groups = axis.grouped(own)
@@ -186,9 +194,7 @@ def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float, reference: 
     points, judged = list(groups), metrics_of(rows)
     several = max(map(len, groups.values())) > 1
     at = f"at {payload_kg:g} kg" if judged.payload else ""
-    with_it = f"with {words_of(reference)}" if len({row.reference for row in rows}) == 1 else ""
-    worst = "in the worst runs" if several else ""
-    where = ", ".join(filter(None, (" ".join(filter(None, (at, with_it if reference else ""))), worst)))
+    where = ", ".join(filter(None, (f"{at} {whose}".strip(), "in the worst runs" if several else "")))
     parts, same = [], []
     for metric in shown_in(View.SENTENCES, judged):
         if any(row.metrics.get(metric.name) is None for row in own):
@@ -203,7 +209,7 @@ def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float, reference: 
         yield f"{words} makes no difference {f'{where} ' if where else ''}to {listed(same)}."
         return
     start = f"{words} from {axis.short(points[0])} to {axis.short(points[-1])}" if axis.numeric else words
-    yield f"{start}: {f'{where}, ' if several else f'{where} '}{listed(parts)}.".replace(":  ", ": ")
+    yield f"{start}: {where}{',' if several or whose else ''} {listed(parts)}.".replace(":  ", ": ")
 
 
 def _course(axis: SweptAxis, points: Sequence[tuple[float | str, ...]], values: Sequence[float], unit: str) -> str:
@@ -371,10 +377,10 @@ def answer_of(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> An
         with suppress(InputError):  # a comparison that cannot be planned leaves the study's own rows as they are
             rivals, asked = beside(study, rows), answers(study)
     made = decisions(rows, study.machine, study.scenario.decide, rivals)
-    taken, best = take_sentences(made), made[-1].candidates[0]
+    taken, best = take_sentences(made), next(one for one in made[-1].candidates if not one.beside)
     alarmed = alarm([use for use in utilisation(rows, study.machine) if not use.told])
     first = [*asked_sentences(study, asked), *taken, *([alarmed] if alarmed else [])]
-    found = [*troubles(rows, peak_limit(study.machine)), *variations(rows, bool(taken), rivals, best.reference)]
+    found = [*troubles(rows, peak_limit(study.machine)), *variations(rows, bool(taken), rivals, best)]
     if simulate and len(found) < MOST_FINDINGS and (damping := on_another_damping(study)) is not None:
         found.append(damping)
     if len(found) < MOST_FINDINGS and not study.scenario.sweep and not study.scenario.sample:

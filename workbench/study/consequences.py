@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,13 +27,14 @@ from workbench.effects import effects_for, sizes_of
 from workbench.machines import HOIST, LOOPED, AnyKind, Axis, Hoist, Kind, kind_of, looped, studied
 from workbench.metrics import Metric, find, set_of
 from workbench.references import LimitPair, Limits, Step, motion_time_s
-from workbench.study.conclude import NO_CHANGE
 from workbench.study.grid import RunSpec
-from workbench.study.labels import listed
-from workbench.study.load import Study, changed, plan_study
+from workbench.study.labels import NO_CHANGE, listed
 from workbench.study.rows import Row
 from workbench.study.run import run_specs
-from workbench.study.scenario import Scenario
+
+if TYPE_CHECKING:
+    from workbench.study.load import Study
+    from workbench.study.scenario import Scenario
 
 REFERENCES = ("trapezoid", "ruckig")
 MS_LIMIT = 1.4
@@ -80,6 +81,8 @@ class SmallStudy:
     def specs(self, machine: Hoist | Axis) -> list[RunSpec]:
         """The runs on a machine, metrics only."""
         if self.scenario is not None:
+            from workbench.study.load import changed, plan_study
+
             bare = changed(self.scenario, {"sweep": None, "sample": None, "outputs": {"signals": "none"}})
             return list(plan_study(bare, machine).specs)
         rest, settle = (DWELL_S, SETTLE_S) if self.kind.payload else (AXIS_REST_S, AXIS_REST_S)

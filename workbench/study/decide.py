@@ -124,9 +124,9 @@ def criteria_for(
 class Candidate:
     """A reference with its chosen values at a payload. values: of each criterion, the worst of its runs.
 
-    setting: the chosen values, in words; broken: why it is out; shares: u of each criterion; total: their weighted sum;
-    beside: not in the study, but run for the comparison. keeps: of one that is out, the values of a swept condition at
-    which it keeps every limit.
+    setting: the chosen values, in words; assigned: by column; broken: why it is out; shares: u of each criterion;
+    total: their weighted sum; beside: not in the study, but run for the comparison. keeps: of one that is out, the
+    values of a swept condition at which it keeps every limit.
     """
 
     payload_kg: float
@@ -137,6 +137,7 @@ class Candidate:
     broken: tuple[str, ...]
     beside: bool = False
     keeps: str = ""
+    assigned: Mapping[str, float | str] = field(default_factory=dict)
     shares: Mapping[str, float] = field(default_factory=dict)
     total: float = math.nan
 
@@ -255,6 +256,7 @@ def candidates(rows: Sequence[Row], criteria: Sequence[Criterion]) -> Iterator[C
         yield Candidate(
             own[0].payload_kg, reference, ", ".join(axis.say(axis.at(own[0])) for axis in chosen), values, len(own),
             broken, keeps=_kept(own, conditions[0], criteria) if broken and len(conditions) == 1 else "",
+            assigned={column: own[0].assigned[column] for axis in chosen for column in axis.columns},
         )  # fmt: skip
 
 

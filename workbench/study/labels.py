@@ -12,6 +12,7 @@ from workbench.metrics import by_name
 from workbench.references import planned_kinds
 from workbench.study.rows import Row, with_payload
 
+NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
 _UNITS = {
     "nm_s_per_rad": "N m s/rad",
     "nm_per_rad": "N m/rad",

@@ -18,11 +18,11 @@ from workbench.metrics import RunFacts, columns, run_metrics, set_of
 from workbench.references import Plan
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
 from workbench.study.grid import RunSpec
-from workbench.study.load import Study
 from workbench.study.rows import Row
 
 if TYPE_CHECKING:
     from workbench.logs.signal_files import Labelled
+    from workbench.study.load import Study
 
 
 def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tuple[Row, Run | None]]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from workbench.blind import measures
 from workbench.blind.make import validation
 from workbench.blind.measures import MEASURES, OF_A_METHOD, Row, Share, median, numbers, right, right_word
-from workbench.blind.power import EffectPower, Power
+from workbench.blind.power import LEAST, LITTLE, EffectPower, Power
 from workbench.blind.score import Score, Sheet, WithNextRun
 from workbench.core.errors import InputError
 from workbench.core.json_records import plain
@@ -289,7 +289,12 @@ def power_table(chart: Power) -> Table:
         Column("95 % interval"): lambda e: NOTHING if e.interval is None else "–".join(map(_three, e.interval)),
         Column("with one\nmore run"): with_more,
     }
-    return table_of(chart.effects, cells, chart.note)
+    return table_of(chart.effects, cells, said.power_note(chart, LEAST))
+
+
+def power_sentences(chart: Power) -> list[str]:
+    """What one more run would buy; none where none was tried."""
+    return said.each("power", chart, LITTLE)
 
 
 def _three(value: float) -> str:
@@ -453,7 +458,7 @@ def sections(sheet: Sheet, chart: Power | None = None, next_runs: Sequence[WithN
     ]
     if chart is not None:
         drawn = [(power(chart.effects, chart.unit), "")]
-        parts.append(Section("The power of these runs", chart.sentences, (), [power_table(chart)], drawn))
+        parts.append(Section("The power of these runs", power_sentences(chart), (), [power_table(chart)], drawn))
     if next_runs:
         text, table = settled_text(next_runs, rows), next_runs_table(next_runs)
         parts.append(Section("Open cases with the recommended next run", [text], tables=[table]))
@@ -480,7 +485,7 @@ def _blocks(part: Section) -> Iterator[str]:
 def to_json(sheet: Sheet, power: Power | None = None, next_runs: Sequence[WithNextRun] = ()) -> dict[str, Any]:
     """Everything that the page shows. folders: what was scored; cases: each campaign's label and answer."""
     rows, kinds = sheet.rows, measures.by_kind(sheet.rows)
-    said: dict[str, Any] = {
+    told: dict[str, Any] = {
         "format": 3,
         "folders": [_folder(score) for score in sheet.scores],
         "campaigns": sheet.cases,
@@ -507,10 +512,13 @@ def to_json(sheet: Sheet, power: Power | None = None, next_runs: Sequence[WithNe
             }
             for case in next_runs
         ],
-        "power": None if power is None else plain(power),
+        "power": None if power is None else {
+            "effects": list(map(vars, power.effects)), "unit": power.unit,
+            "note": said.power_note(power, LEAST), "sentences": power_sentences(power),
+        },
         "cases": [_case(row) for row in rows],
     }  # fmt: skip
-    shown: dict[str, Any] = plain(said)
+    shown: dict[str, Any] = plain(told)
     return shown
 
 

@@ -183,8 +183,8 @@ def decision_table(decision: Decision) -> Table | None:
         lines.append([*names, *cells, "out" if one.broken else f"{one.total:.2f}"])
     where = f"At {decision.payload_kg:g} kg each" if judged.payload else "Each"
     note = (
-        f"{where} reference with its best limits in the time of the one taken ({BEST}), its quickest where none is so "
-        f"quick. Sum: weighted sum of shares; the least is taken. {metric_note(metrics)}"
+        f"{where} reference with its best limits within the time of the one taken ({BEST}); a slower one with its "
+        f"quickest. Sum: weighted sum of shares; the least is taken. {metric_note(metrics)}"
     )
     return Table([words("reference"), words("with"), *metric_heads(metrics), Column("sum")], lines, note)
 

@@ -12,9 +12,9 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.machines import Kind
 from workbench.metrics import Metric, View, shown_in
-from workbench.study.conclude import NO_CHANGE, Correlation
+from workbench.study.conclude import Correlation
 from workbench.study.front import Front
-from workbench.study.labels import SweptAxis, drawn_in, metric_label, run_in_words, set_in, shown
+from workbench.study.labels import NO_CHANGE, SweptAxis, drawn_in, metric_label, run_in_words, set_in, shown
 from workbench.study.rows import Row, metrics_of
 from workbench.view.panels import Panels
 from workbench.view.style import (

@@ -97,8 +97,22 @@ async function draw(box) {
   const data = quantities ? figure.data.map(trace => ({...trace, hoverinfo: "none", hovertemplate: null})) : figure.data;
   if (quantities) layout.hovermode = "x"; // the values stand in a table of their own
   await Plotly.react(box, data, layout, {...config, modeBarButtonsToAdd: buttons});
+  if (box.narrow) await keepInside(box, Plotly);
   if (quantities && !box.reads) readOut(box);
   box.removeAttribute("data-drawing");
+}
+
+// Words that would leave a narrow figure at a side are moved back into it.
+async function keepInside(box, Plotly) {
+  const edge = box.getBoundingClientRect(), moves = {};
+  for (const drawn of box.querySelectorAll(".annotation[data-index]")) {
+    const number = drawn.dataset.index, note = box.layout.annotations[number];
+    const words = (drawn.querySelector(".annotation-text-g") ?? drawn).getBoundingClientRect();
+    const by = Math.max(0, words.right + 3 - edge.right) - Math.max(0, edge.left + 3 - words.left);
+    const key = note.showarrow === false ? "xshift" : "ax";
+    if (by) moves[`annotations[${number}].${key}`] = (note[key] ?? 0) - by;
+  }
+  if (Object.keys(moves).length) await Plotly.relayout(box, moves);
 }
 
 function fit(box) {
