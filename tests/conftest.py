@@ -11,10 +11,13 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import hypothesis
 import pytest
+
+if TYPE_CHECKING:
+    from tests.support.commands import Commands
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -73,6 +76,14 @@ def main_module_kept() -> Iterator[None]:
     sys.modules["__main__"] = MAIN
     yield
     sys.modules["__main__"] = MAIN
+
+
+@pytest.fixture
+def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
+    """Runs commands in this process."""
+    from tests.support.commands import Commands
+
+    return Commands(capsys)
 
 
 @pytest.fixture

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.support.emps_campaign import RUNS
@@ -51,6 +53,18 @@ def test_a_rail_that_changes_its_friction_at_one_height_is_unknown_and_in_the_ma
     assert diagnosis.verdict.reasons[0] == Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, ("friction_step",))
     assert diagnosis.corrected.measured_correction is not None
     assert diagnosis.shrink.after < 1.3 * diagnosis.shrink.noise
+
+
+def test_two_fast_runs_ask_for_the_slow_one_that_tells_the_laws_over_speed_apart(shared_data: Path):
+    campaign = read_campaign(shared_data / "campaigns" / "02")
+    fast = tuple(run for run in campaign.runs if run.name in ("empty_fast", "full_fast"))
+    diagnosis = diagnose(replace(campaign, runs=fast), study=False)
+    assert diagnosis.verdict.effects == ("friction_viscous",)
+    assert diagnosis.next_run is not None and diagnosis.next_run.planned is not None
+    asked = diagnosis.next_run.planned.run["speed_motor_rad_s"]
+    seen = max(float(np.max(np.abs(run["speed_motor_rad_s"]))) for run in fast)
+    assert float(np.max(np.abs(asked))) < 0.5 * seen
+    assert diagnosis.next_run.separation > 3.0 > diagnosis.next_run.now
 
 
 def values(diagnosis: Diagnosis) -> dict[str, tuple[float, float]]:

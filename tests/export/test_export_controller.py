@@ -53,11 +53,6 @@ SETTINGS = {
 each_setting = pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
 
 
-@pytest.fixture
-def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 @each_setting
 def test_the_program_is_the_controller_of_the_studies_and_the_record_reaches_its_limits(settings: PiSettings):
     program, record = checked(settings, HOIST, 4500.0)  # asserts that they agree

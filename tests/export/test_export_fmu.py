@@ -111,11 +111,6 @@ def full_loop2(tmp_path_factory: pytest.TempPathFactory) -> Exported:
 
 
 @pytest.fixture
-def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
-@pytest.fixture
 def one(plant3: Exported) -> Instance:
     return plant3.instance()
 

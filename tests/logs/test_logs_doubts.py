@@ -25,11 +25,6 @@ def read(folder: Path) -> Campaign:
     return read_campaign(folder)
 
 
-@pytest.fixture
-def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 HOISTS = ("17", "40")  # torque filtered, twice as large
 AXES = ("09", "14")  # neither as rigid as the law that they are compared with
 
@@ -128,12 +123,12 @@ def test_a_wrong_payload_is_told_with_the_one_that_fits(campaigns: Path):
     assert fits == pytest.approx(4500.0, rel=0.05)
 
 
-def test_a_command_says_it(workbench: Commands, campaigns: Path, tmp_path: Path):
+def test_a_command_says_it(commands: Commands, campaigns: Path, tmp_path: Path):
     folder = tmp_path / "lifts"
     shutil.copytree(campaigns / "01", folder)
     runs_yaml = (folder / "runs.yaml").read_text()
     half = runs_yaml.index("half_fast")
     (folder / "runs.yaml").write_text(runs_yaml[:half] + runs_yaml[half:].replace("4500.0", "4.5", 1))
-    said = " ".join(workbench("replay", folder).out.split())
+    said = " ".join(commands("replay", folder).out.split())
     assert "half_fast: torque_motor_nm holds +2" in said
     assert "check the torque's scale and offset, and payload_kg" in said

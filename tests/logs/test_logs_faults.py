@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -135,7 +136,7 @@ def test_parquet_text_column_is_refused_by_name_and_null_is_a_missing_sample(tmp
     assert "1 missing sample in 1 gap bridged" in read_campaign(tmp_path).runs[0].notes[0]
 
 
-MATLAB_FAULTS = {
+MATLAB_FAULTS: dict[str, dict[str, Any]] = {
     r"columns differ in length: time_s 500, .*speed_motor_rad_s 499": {"speed_motor_rad_s": np.ones(499)},
     r"no column time_s; the file has: torque_motor1_nm": {"time_s": np.ones((4, 500)), "note": "a log"},
     r"speed_motor_rad_s: holds complex128, expected real numbers": {"speed_motor_rad_s": np.ones(500) * 1j},

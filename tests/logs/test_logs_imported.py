@@ -25,11 +25,6 @@ HOIST = default_hoist()
 RPM = np.pi / 30.0
 
 
-@pytest.fixture
-def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 @cache
 def run() -> Run:
     return hoist_runs(HOIST)[2]

@@ -51,11 +51,6 @@ def session(clock: Hand, said: list[str]) -> Session:
     return Session(LivePlant(HOIST, 0.001, 4500.0, 9.0), 0.001, 0.1, clock=clock, say=said.append)
 
 
-@pytest.fixture
-def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 def steps(session: Session, clock: Hand, count: int, torque_nm: float | None = None) -> None:
     """torque None: the client is silent."""
     for _ in range(count):

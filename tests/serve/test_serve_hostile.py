@@ -41,11 +41,6 @@ def session_of(payload_kg: float = 4500.0, clock: Hand | None = None, said: list
     return Session(plant, 0.001, 0.1, clock=clock or Hand(), say=(said if said is not None else []).append)
 
 
-@pytest.fixture
-def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 @pytest.mark.parametrize("protocol", ["udp", "modbus", "opcua"])
 def test_no_packet_ends_the_loop_or_shows_what_is_no_number(protocol: str, capfd: pytest.CaptureFixture[str]):
     """Nor is there more than one line of a kind in five seconds; and no library prints a traceback."""

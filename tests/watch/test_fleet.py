@@ -23,11 +23,6 @@ machines:
 
 
 @pytest.fixture
-def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
-@pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A machine with an alarm that no call has told of and a new log, a new one with two logs, and a damaged state."""
     save_machine(HOIST, tmp_path / "machine.yaml")

@@ -28,11 +28,6 @@ from workbench.watch.watch import Watch
 OPTIONS = "--settle", "0.02", "--healthy", str(RULES.healthy), "--skip-diagnosis"
 
 
-@pytest.fixture
-def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A state of 60 cycles with an alarm, and its machine."""

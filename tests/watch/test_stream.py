@@ -38,11 +38,6 @@ start_position_m: 9.0
 """
 
 
-@pytest.fixture
-def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 # Where a cycle begins and ends.
 
 

@@ -36,11 +36,6 @@ KEYS = watched_keys(HOIST)
 FEW = Rules(cycles_between=1000.0, healthy=60)
 
 
-@pytest.fixture
-def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 # The estimate.
 
 

@@ -19,7 +19,7 @@ from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.search import SearchResult, searched
 from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.diagnose.isolability import Isolability, isolability
-from workbench.diagnose.isolation.next_run import NextRun, next_run
+from workbench.diagnose.isolation.next_run import APART, NextRun, next_run
 from workbench.diagnose.location.where import Where, where_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.progress import Progress, Stage, Tell
@@ -29,7 +29,7 @@ from workbench.diagnose.readiness.noise import informative_band, motion_noise
 from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.residual_tests import ResidualTest, residual_tests
 from workbench.diagnose.verdict.answer import Candidate, Left, ReasonKind, Remainder, Verdict, shared
-from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged_to_help, steps
+from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged_to_help, runner_up, steps
 from workbench.effects import Effect, effects_for
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
@@ -267,7 +267,10 @@ def diagnose(
     say(Progress(Stage.SEPARATE))
     apart = isolability(problem, search)
     also = alike(judged, problem.active.kind)
-    more = next_run(problem, search, _open(judged, alternatives(judged, problem.active.kind)))
+    asked = _open(judged, alternatives(judged, problem.active.kind))
+    more = next_run(problem, search, asked)
+    if judged.word == "named" and len(asked) == 1 and (rival := runner_up(judged, problem.active.kind)):
+        more = next_run(problem, search, [*asked, rival], settled=APART)
     say(Progress(Stage.SHRINK))
     unlisted = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.UNLISTED_EXPLAINS_MORE]
     fits = [search.fits[names] for names in unlisted if names in search.fits]

@@ -217,16 +217,9 @@ class TableFitter:
         return np.array(costs)
 
     def fit(
-        self,
-        at: Array,
-        columns: Array,
-        turn: bool,
-        lever: float,
-        levels: Array | None = None,
-        z: Array | None = None,
-        residual: Array | None = None,
-        bend: float | None = None,
-    ) -> TableFit:
+        self, at: Array, columns: Array, turn: bool, lever: float, levels: Array | None = None, z: Array | None = None,
+        residual: Array | None = None, bend: float | None = None,
+    ) -> TableFit:  # fmt: skip
         """at: (points,). columns: (samples, 2 points). lever: input over force, so that sizes are right.
 
         levels, z, residual: the state of a driven simulation with a table; without a table by default.
@@ -234,14 +227,31 @@ class TableFitter:
         """
         z = self.z if z is None else z
         residual = self.residual if residual is None else residual
-        levels = np.zeros(columns.shape[1]) if levels is None else levels
-        x = np.hstack([-self.jacobian, columns])
+        state = np.concatenate([z, np.zeros(columns.shape[1]) if levels is None else levels])
+        x, base = np.hstack([-self.jacobian, columns]), len(z)
         normal, right = self._normal(x, residual)
-        size = self.fitted.rms(self.problem.inputs) / lever
-        fits = []
-        for bend_allowed in BENDS if bend is None else (bend,):
-            holds = _smooth(at, turn, bend_allowed * size, LOOSE * size)
-            fits.append(self._solved(normal, right, holds, x, residual, z, levels, bend_allowed))
+        size, of_group = self.fitted.rms(self.problem.inputs) / lever, self.groups[: self.problem.inputs]
+        noise = np.asarray(np.bincount(of_group, minlength=self.count) * self.problem.noise**2, dtype=float)
+
+        def solved(bend: float) -> TableFit:
+            hold = np.zeros((len(state),) * 2)
+            hold[:base, :base] = np.diag(1.0 / self.std**2)
+            hold[base:, base:] = _smooth(at, turn, bend * size, LOOSE * size)
+            pull = hold @ state
+            fitted = state + self._step(normal.sum(0) + hold, right.sum(0) - pull)
+            after, others = [], []
+            for g in range(self.count):
+                without = self._step(normal.sum(0) - normal[g] + hold, right.sum(0) - right[g] - pull)
+                rows = np.flatnonzero(of_group == g)
+                after.append(float(np.sum((residual[rows] - x[rows] @ without) ** 2)))
+                others.append(state + without)
+            spread = np.array(others)[:, base:] - np.mean(others, axis=0)[base:]
+            std = np.sqrt((self.count - 1) / self.count * np.sum(spread**2, axis=0))
+            return TableFit(
+                fitted[base:], fitted[:base], std, self.before, np.array(after), noise, bend, np.array(others)
+            )
+
+        fits = [solved(allowed) for allowed in (BENDS if bend is None else (bend,))]
         least = min(float(fit.after.sum()) for fit in fits)
         return next(fit for fit in fits if fit.after.sum() <= NEARLY * least)
 
@@ -250,37 +260,6 @@ class TableFitter:
         white = self.problem.errors.whiten(np.column_stack([x, residual]))
         parts = [white[self.groups == g] for g in range(self.count)]
         return np.array([p[:, :-1].T @ p[:, :-1] for p in parts]), np.array([p[:, :-1].T @ p[:, -1] for p in parts])
-
-    def _solved(
-        self,
-        normal: Array,
-        right: Array,
-        holds: Array,
-        x: Array,
-        residual: Array,
-        z: Array,
-        levels: Array,
-        bend: float,
-    ) -> TableFit:
-        base = len(z)
-        hold = np.zeros((base + len(levels),) * 2)
-        hold[:base, :base] = np.diag(1.0 / self.std**2)
-        hold[base:, base:] = holds
-        pull = hold @ np.concatenate([z, levels])
-        step = self._step(normal.sum(0) + hold, right.sum(0) - pull)
-        after, others = [], []
-        for g in range(self.count):
-            without = self._step(normal.sum(0) - normal[g] + hold, right.sum(0) - right[g] - pull)
-            rows = np.flatnonzero(self.groups[: self.problem.inputs] == g)
-            after.append(float(np.sum((residual[rows] - x[rows] @ without) ** 2)))
-            others.append(np.concatenate([z, levels]) + without)
-        spread = np.array(others)[:, base:] - np.mean(others, axis=0)[base:]
-        std = np.sqrt((self.count - 1) / self.count * np.sum(spread**2, axis=0))
-        sizes = np.bincount(self.groups[: self.problem.inputs], minlength=self.count)
-        noise = np.asarray(sizes * self.problem.noise**2, dtype=float)
-        return TableFit(
-            levels + step[base:], z + step[:base], std, self.before, np.array(after), noise, bend, np.array(others)
-        )
 
     def _step(self, normal: Array, right: Array) -> Array:
         """The least-squares step. Logarithmic parameters move by CAREFUL at most; the others are refitted to that."""
@@ -301,9 +280,9 @@ def _smooth(at: Array, turn: bool, bend: float, size: float) -> Array:
     m = len(at)
     rows = []
     for k in range(m) if turn else range(1, m - 1):
-        before, after = (at[k] - at[k - 1]) % TURN, (at[(k + 1) % m] - at[k]) % TURN
-        if not turn:
-            before, after = at[k] - at[k - 1], at[k + 1] - at[k]
+        before, after = at[k] - at[k - 1], at[(k + 1) % m] - at[k]
+        if turn:
+            before, after = before % TURN, after % TURN
         # The kink over the shorter step: the second difference where the steps are alike.
         step = min(before, after)
         row = np.zeros(m)

@@ -55,12 +55,14 @@ class Offer:
     separation: float
 
 
-def next_run(problem: Problem, search: SearchResult, open_effects: Sequence[Fitted | str | Names]) -> NextRun | None:
+def next_run(
+    problem: Problem, search: SearchResult, open_effects: Sequence[Fitted | str | Names], settled: float = math.inf
+) -> NextRun | None:
     """The cheapest run that separates the first open hypothesis from the others, or else the best one.
 
     For each planned run the predictions of the hypotheses are compared after base parameters and effects were
     refitted to all data within the tolerances. Differences below LEAST of the noise are ignored. None if fewer
-    than two hypotheses are open.
+    than two hypotheses are open, or if the campaign sets them `settled` standard deviations apart already.
     """
     fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None][
         : RIVALS + 1
@@ -72,6 +74,8 @@ def next_run(problem: Problem, search: SearchResult, open_effects: Sequence[Fitt
         return None
     campaign = [on_campaign(problem, fit) for fit in fits]
     now = _apart(fits, campaign, None)
+    if now > settled:
+        return None
     ahead = Problem(problem.machine, [candidate.run for candidate in planned], problem.band_hz)
     trial = [on_menu(problem, ahead, fit) for fit in fits]
     logged = tuple(s for s in kind_of(problem.machine).to_log if all(s in run for run in problem.runs))

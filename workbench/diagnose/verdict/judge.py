@@ -297,6 +297,16 @@ def alternatives(judged: Judged, kind: str, within: float = 12.0) -> tuple[Names
     return tuple(others)
 
 
+def runner_up(judged: Judged, kind: str) -> Names:
+    """The best other hypothesis of as many effects, listed or not, that is no freer law of the same; () without one."""
+    for w in judged.weighed:
+        mine, its = set(judged.names) - set(w.names), set(w.names) - set(judged.names)
+        freer = any(same_but_freer(a, b, kind) for a in its for b in mine)
+        if len(w.names) == len(judged.names) and len(its) == 1 and w.evidence > 0.0 and not freer:
+            return w.names
+    return ()
+
+
 def alike(judged: Judged, kind: str) -> Names:
     """Effects of `alternatives` that are not of the answer."""
     hypotheses = alternatives(judged, kind)
