@@ -19,7 +19,7 @@ from tests.support.fitted_runs import fitted_to, made_by, rms
 from tests.support.noisy_runs import hoist_runs
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import either, sentence_of
-from workbench.diagnose.gap import folds_of, shrink_of
+from workbench.diagnose.gap import folds_of, shrink_of, worst_tolerance
 from workbench.diagnose.hypotheses.evidence import MOST, Score, Weighed, cost, score_of
 from workbench.diagnose.hypotheses.fit import Fitted, covariance, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
@@ -338,6 +338,24 @@ def test_a_listed_cause_that_the_fits_miss_is_not_said_to_be_on_no_list():
     assert "has a cause that no effect of the library explains (probability 0.85)" in said(0.85)
     assert said(0.15).startswith("No effect of the library as it was fitted explains the gap")
     assert "probability 0.15 that its cause is none of them" in said(0.15)
+
+
+def test_no_gap_is_not_credited_to_tolerances_that_the_refit_breaks():
+    """The stated chance is that of a brute force over honest machines, and only an improbable value is stated."""
+    parameters = {f"p{k}": types.SimpleNamespace(std=0.1, logarithmic=False) for k in range(6)}
+    honest = np.abs(np.random.default_rng(4).standard_normal((200_000, len(parameters)))).max(axis=1)
+    shrink = types.SimpleNamespace(unit="N m", before=0.1, after=0.1, noise=0.07)
+    answer = types.SimpleNamespace(word="no_gap", ranking=[Hypothesis("no_gap", (), 0.76)])
+    for count in (-3.5, -1.5, 2.9, 3.2):
+        base = types.SimpleNamespace(z=np.array([0.0, 0.1 * count, 0.01, 0.0, -0.02, 0.0]))
+        key, tolerances, chance = worst_tolerance(cast(Any, parameters), cast(Any, base))
+        assert (key, tolerances) == ("p1", pytest.approx(count))
+        seen = float(np.mean(honest > abs(count)))
+        assert chance == pytest.approx(seen, rel=0.02, abs=4.0 * math.sqrt(seen / honest.size))
+        gap = types.SimpleNamespace(worst_tolerance=(key, tolerances), by_chance=chance)
+        said = sentence_of(cast(Any, answer), cast(Any, shrink), cast(Any, None), (), gap=cast(Any, gap))
+        assert ("within its tolerances" in said) == (chance >= 0.01)
+        assert ("ask for p1 3.5 tolerances below its value" in said) == (count == -3.5)
 
 
 # The shrink

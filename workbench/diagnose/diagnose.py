@@ -13,7 +13,17 @@ from workbench.core.run import Run
 from workbench.core.shown import Shown
 from workbench.core.verb import attribute
 from workbench.diagnose.candidates import candidates as candidate_rows
-from workbench.diagnose.gap import Delivered, Gap, Shrink, delivered_of, folds_of, gap_of, shrink_of, unseen_over_seen
+from workbench.diagnose.gap import (
+    UNLIKELY,
+    Delivered,
+    Gap,
+    Shrink,
+    delivered_of,
+    folds_of,
+    gap_of,
+    shrink_of,
+    unseen_over_seen,
+)
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
 from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.search import SearchResult, searched
@@ -72,17 +82,31 @@ def either(names: Names, twins: Sequence[Names]) -> str:
 
 
 def sentence_of(
-    judged: Judged, shrink: Shrink, rest: Remainder, also: Names, tabled: bool = False, unlisted: Iterable[str] = ()
+    judged: Judged,
+    shrink: Shrink,
+    rest: Remainder,
+    also: Names,
+    tabled: bool = False,
+    unlisted: Iterable[str] = (),
+    gap: Gap | None = None,
 ) -> str:
     """The first sentence of the report: the answer, its probability, and the reduction of the gap.
 
     tabled: whether the corrected machine contains the measured force of an unknown cause. unlisted: effects of the
-    library that the corrected machine contains in its place, and that no answer may name unasked.
+    library that the corrected machine contains in its place, and that no answer may name unasked. gap: without a cause,
+    the base parameter that the refit moves improbably far is stated.
     """
     unit = shrink.unit
     sure = judged.ranking[0].probability
     size = f"{shrink.before:.2g} {unit} rms on runs held out, noise {shrink.noise:.2g} {unit}"
     if judged.word == "no_gap":
+        if gap is not None and gap.by_chance < UNLIKELY:
+            key, count = gap.worst_tolerance
+            return (
+                f"No gap stands out ({size}; {chance(sure)}), but these runs ask for {key} {abs(count):.1f} tolerances "
+                f"{'above' if count > 0.0 else 'below'} its value, as one machine in {1.0 / gap.by_chance:,.0f} would "
+                "by chance: check that value."
+            )
         return f"No gap: within its tolerances the model explains these runs ({size}; {chance(sure)})."
     if judged.word == "unknown":
         # Rivals are weighed beside what may be named: one of them may well explain it.
@@ -303,7 +327,13 @@ def diagnose(
         )
     remainder = remainder_of(problem, fit or search.within_tolerances, len(search.base.z), shrink, seed)
     sentence = sentence_of(
-        judged, shrink, remainder, also, corrected.measured_correction is not None, unknown.effects if unknown else ()
+        judged,
+        shrink,
+        remainder,
+        also,
+        corrected.measured_correction is not None,
+        unknown.effects if unknown else (),
+        gap,
     )
     verdict = Verdict(
         judged.word,

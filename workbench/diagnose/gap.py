@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import norm
 from scipy.stats import t as student
 
 from workbench.core.errors import InputError
@@ -31,6 +32,7 @@ class Gap:
 
     residual_rms, noise_rms: input, N m (N), below band_hz. force_rms_n: the same as a force on the carriage (None on
     an axis). speed_rmse_percent: open-loop replay of the refitted machine. nominal_*: before any refit.
+    by_chance: probability that the furthest of as many honest values lies as far off as the worst tolerance says.
     """
 
     residual_rms: float
@@ -43,6 +45,7 @@ class Gap:
     worst_tolerance: tuple[str, float]
     significant: bool
     sentences: tuple[str, ...]
+    by_chance: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ class Delivered:
 
 EXCESS = 0.8  # of the noise, rms beside it: a machine without a gap stays below (no model is exact)
 STRETCHED = 4.0  # tolerances: the furthest of ten honest values lies further off once in 1,600 machines
-UNLIKELY = 0.01  # probability: a run that leaves more than its like does is not like the others
+UNLIKELY = 0.01  # probability: of a run that leaves more than its like does, of a value so far off its tolerance
 UNLIKE = 0.1  # of the residual, rms: runs of one machine differ by so much, whatever the others' scatter is
 
 
@@ -136,9 +139,9 @@ def gap_of(problem: Problem, search: SearchResult, plain: ReplayResult, refitted
     """
     base, keys = search.base, base_parameters(problem.machine, problem.runs)
     left = refitted.residual_rms_moving
-    worst = worst_tolerance(keys, base)
+    key, count, by_chance = worst_tolerance(keys, base)
     excess = math.sqrt(max(left**2 - problem.noise**2, 0.0))
-    stretched = abs(worst[1]) > STRETCHED
+    stretched = abs(count) > STRETCHED
     kind = kind_of(problem.machine)
     lift = None if kind.transmission is None else kind.transmission(problem.machine)
     gap = Gap(
@@ -149,22 +152,25 @@ def gap_of(problem: Problem, search: SearchResult, plain: ReplayResult, refitted
         speed_rmse_percent=refitted.speed_rmse_percent,
         nominal_residual_rms=plain.residual_rms_moving,
         nominal_speed_rmse_percent=plain.speed_rmse_percent,
-        worst_tolerance=worst,
+        worst_tolerance=(key, count),
         significant=excess > EXCESS * problem.noise or stretched,
         sentences=(),
+        by_chance=by_chance,
     )
     return replace(gap, sentences=tuple(_sentences(gap, unit_of(problem.machine))))
 
 
-def worst_tolerance(keys: Mapping[str, Scalar], base: Fitted) -> tuple[str, float]:
-    """The key of the base parameter that the fit moved furthest, and by how many of its tolerances."""
+def worst_tolerance(keys: Mapping[str, Scalar], base: Fitted) -> tuple[str, float, float]:
+    """The key of the base parameter that the fit moved furthest, by how many of its tolerances, and the probability
+    that the furthest of as many honest values (normal, the tolerance as standard deviation) lies so far off."""
     moved = {
         key: float(z) / parameter.std
         for (key, parameter), z in zip(keys.items(), base.z, strict=False)  # the base parameters are the first of all
         if not parameter.logarithmic
     }
     key = max(moved, key=lambda k: abs(moved[k]), default="")
-    return key, moved.get(key, 0.0)
+    count = moved.get(key, 0.0)
+    return key, count, -math.expm1(len(moved) * math.log1p(-2.0 * norm.sf(abs(count)))) if count else 1.0
 
 
 def unit_of(machine: Hoist | Axis) -> str:
