@@ -160,8 +160,8 @@ ROUGH = {"overload_use_percent": 5e-3, "speed_error_iae_rad": 1e-3}  # sums in p
 @pytest.mark.parametrize(("name", "value", "signals", "other"), CASES, ids=lambda x: x if isinstance(x, str) else "")
 def test_a_metric_of_a_trace_is_its_closed_form(name, value, signals, other):
     n = max((len(signal) for signal in signals.values()), default=100)
-    near = {"rel": ROUGH.get(name, 1e-6), "abs": DT if name == "settling_time_s" else 1e-12}
-    assert metric(name, trace(n, **signals), **other) == pytest.approx(value, **near)
+    absolute = DT if name == "settling_time_s" else 1e-12
+    assert metric(name, trace(n, **signals), **other) == pytest.approx(value, rel=ROUGH.get(name, 1e-6), abs=absolute)
 
 
 def test_every_metric_of_the_loop_has_a_closed_form_here():
