@@ -475,14 +475,22 @@ def from_the_bound(study: Study) -> list[str]:
         for forces in ([b.dual_n for b in still], [b.primal_n for b in still], [b.dual_n for b in any_end])
     )
     said = (
-        f"No motion in the {BASELINE}'s time{where} that is followed exactly has a {word} peak below "
-        f"{_down(least_of_all)} {unit}; with the load at rest at its end none has one below {_down(least)} {unit}, and "
-        f"one with {-_down(-found)} {unit} exists. {'Pin' if judged.payload else 'Viscous'} friction and the loop's "
+        f"No motion within the speed limit and in the {BASELINE}'s time{where}, followed exactly, has a {word} peak "
+        f"below {_down(least_of_all)} {unit}; with the load at rest at its end none has one below {_down(least)} {unit}, "
+        f"and one with {-_down(-found)} {unit} exists. {'Pin' if judged.payload else 'Viscous'} friction and the loop's "
         "errors are not included."
     )
+
+    def faster(shape: Shape, distance: float) -> bool:
+        return shape.limits.speed_m_s > 1.001 * limits.towards(distance).speed_m_s
+
     away = [(100.0 * (peak(own_moves) / least - 1.0), name) for name, own_moves in moves.items()]
     for side, chosen in (("Above", [a for a in away if a[0] >= 0.0]), ("Below", [a for a in away if a[0] < 0.0])):
-        names = [f"{words_of(name)} by {abs(p):.0f} %{_longer(moves[name], moves[BASELINE])}" for p, name in chosen]
+        names = [
+            f"{words_of(name)} by {abs(p):.0f} %{_longer(moves[name], moves[BASELINE])}"
+            + " (beyond the speed limit)" * any(map(faster, moves[name], distances))
+            for p, name in chosen
+        ]
         if names:
             said += f" {side} {_down(least)} {unit} {'is' if len(names) == 1 else 'are'} {listed(names)}."
     if EQUAL not in moves:
