@@ -476,9 +476,9 @@ def from_the_bound(study: Study) -> list[str]:
     )
     said = (
         f"No motion within the speed limit and in the {BASELINE}'s time{where}, followed exactly, has a {word} peak "
-        f"below {_down(least_of_all)} {unit}; with the load at rest at its end none has one below {_down(least)} {unit}, "
-        f"and one with {-_down(-found)} {unit} exists. {'Pin' if judged.payload else 'Viscous'} friction and the loop's "
-        "errors are not included."
+        f"below {_down(least_of_all)} {unit}; with the load at rest at its end none has one below {_down(least)} "
+        f"{unit}, and one with {-_down(-found)} {unit} exists. {'Pin' if judged.payload else 'Viscous'} friction and "
+        "the loop's errors are not included."
     )
 
     def faster(shape: Shape, distance: float) -> bool:
