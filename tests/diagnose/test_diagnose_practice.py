@@ -132,7 +132,7 @@ def emps(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Emps:
 
 def test_friction_taken_out_of_a_real_axis_comes_back(emps: Emps):
     diagnosis = emps(coulomb=0.0)
-    assert diagnosis.verdict.effects == ("friction_coulomb",)
+    assert diagnosis.verdict.effects == diagnosis.candidates[0].effects == ("friction_coulomb",)
     assert values(diagnosis)["level_n"][0] == pytest.approx(20.3935, rel=0.05)
     claimed = {*diagnosis.verdict.effects, *diagnosis.verdict.alike}
     assert not claimed & {"friction_stribeck", "friction_position_dependent"}

@@ -20,13 +20,15 @@ FAR = 3.0  # tolerances
 
 
 def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar]) -> tuple[Candidate, ...]:
-    """All weighed hypotheses, the best first; then those with a linear fit only, then those whose fit failed."""
+    """The answer and all other hypotheses weighed, the best first; then those with a linear fit only, then those whose
+    fit failed."""
     problem, near, folds = search.problem, search.within_tolerances, folds_by_run(search.problem)
     without = held_out(problem, near, folds).rms(problem.inputs)
     before = near.rms(problem.inputs) ** 2
     gap = max(before - problem.noise**2, 1e-300)
     rows = []
-    for k, hypothesis in enumerate(judged.weighed):
+    # A freer law that is alike may have the larger evidence.
+    for k, hypothesis in enumerate(sorted(judged.weighed, key=lambda weighed: weighed.names != judged.names)):
         unseen = held_out(problem, hypothesis.fit, folds).rms(problem.inputs) if k < SCORED else None
         against = _against(search, judged, hypothesis, keys)
         if unseen is not None and unseen > without:
