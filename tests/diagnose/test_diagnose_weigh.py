@@ -19,7 +19,7 @@ from tests.support.fitted_runs import fitted_to, made_by, rms
 from tests.support.noisy_runs import hoist_runs
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import either, sentence_of
-from workbench.diagnose.gap import folds_of, shrink_of, worst_tolerance
+from workbench.diagnose.gap import folds_of, shrink_of, stretch_of, worst_tolerance
 from workbench.diagnose.hypotheses.evidence import MOST, Score, Weighed, cost, score_of
 from workbench.diagnose.hypotheses.fit import Fitted, covariance, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
@@ -356,7 +356,14 @@ def test_no_gap_is_not_credited_to_tolerances_that_the_refit_breaks():
         gap = types.SimpleNamespace(worst_tolerance=(key, tolerances), by_chance=chance)
         said = sentence_of(cast(Any, answer), cast(Any, shrink), cast(Any, None), (), gap=cast(Any, gap))
         assert ("within its tolerances" in said) == (chance >= 0.01)
-        assert ("ask for p1 3.5 tolerances below its value" in said) == (count == -3.5)
+        assert ("put p1 3.5 tolerances below its value" in said) == (count == -3.5)
+    base = types.SimpleNamespace(z=np.array([6.0, 0.0, 0.0, 0.0, 0.0, 0.0]))  # 60 tolerances: never by chance
+    *worst, chance = worst_tolerance(cast(Any, parameters), cast(Any, base))
+    gap = types.SimpleNamespace(worst_tolerance=tuple(worst), by_chance=chance)
+    assert (
+        stretch_of(cast(Any, gap))
+        == "p0 60.0 tolerances above its value, as one machine in over a million would by chance"
+    )
 
 
 # The shrink

@@ -14,7 +14,6 @@ from workbench.core.shown import Shown
 from workbench.core.verb import attribute
 from workbench.diagnose.candidates import candidates as candidate_rows
 from workbench.diagnose.gap import (
-    UNLIKELY,
     Delivered,
     Gap,
     Shrink,
@@ -22,6 +21,7 @@ from workbench.diagnose.gap import (
     folds_of,
     gap_of,
     shrink_of,
+    stretch_of,
     unseen_over_seen,
 )
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
@@ -100,13 +100,8 @@ def sentence_of(
     sure = judged.ranking[0].probability
     size = f"{shrink.before:.2g} {unit} rms on runs held out, noise {shrink.noise:.2g} {unit}"
     if judged.word == "no_gap":
-        if gap is not None and gap.by_chance < UNLIKELY:
-            key, count = gap.worst_tolerance
-            return (
-                f"No gap stands out ({size}; {chance(sure)}), but these runs ask for {key} {abs(count):.1f} tolerances "
-                f"{'above' if count > 0.0 else 'below'} its value, as one machine in {1.0 / gap.by_chance:,.0f} would "
-                "by chance: check that value."
-            )
+        if gap is not None and (stretch := stretch_of(gap)):
+            return f"No gap stands out ({size}; {chance(sure)}), but these runs put {stretch}: check that value."
         return f"No gap: within its tolerances the model explains these runs ({size}; {chance(sure)})."
     if judged.word == "unknown":
         # Rivals are weighed beside what may be named: one of them may well explain it.

@@ -77,6 +77,7 @@ class Delivered:
 EXCESS = 0.8  # of the noise, rms beside it: a machine without a gap stays below (no model is exact)
 STRETCHED = 4.0  # tolerances: the furthest of ten honest values lies further off once in 1,600 machines
 UNLIKELY = 0.01  # probability: of a run that leaves more than its like does, of a value so far off its tolerance
+RARE = 1e-6  # probability: a smaller one is no number that anybody checks
 UNLIKE = 0.1  # of the residual, rms: runs of one machine differ by so much, whatever the others' scatter is
 
 
@@ -189,16 +190,24 @@ def _sentences(gap: Gap, unit: str) -> list[str]:
         f"Replayed in open loop, the speed is off by {gap.speed_rmse_percent:.3g} % "
         f"({gap.nominal_speed_rmse_percent:.3g} % before the refit).",
     ]
-    key, count = gap.worst_tolerance
-    if abs(count) > STRETCHED:
-        sentences.append(
-            f"Left to itself the refit moves {key} by {abs(count):.1f} tolerances: more than an honest nominal value "
-            "is off."
-        )
-    sentences.append(
-        "There is a gap." if gap.significant else "Noise and tolerances account for what remains: no significant gap."
-    )
+    if stretch := stretch_of(gap):
+        sentences.append(f"Left to itself the refit puts {stretch}.")
+    account = "Noise accounts" if stretch else "Noise and tolerances account"
+    sentences.append("There is a gap." if gap.significant else f"{account} for what remains: no significant gap.")
     return sentences
+
+
+def stretch_of(gap: Gap) -> str:
+    """How far the refit moves a base parameter, and how seldom an honest value lies so far off; "" where that is not
+    improbable."""
+    if gap.by_chance >= UNLIKELY:
+        return ""
+    key, count = gap.worst_tolerance
+    seldom = f"in {1.0 / gap.by_chance:,.0f}" if gap.by_chance > RARE else "in over a million"
+    return (
+        f"{key} {abs(count):.1f} tolerances {'above' if count > 0.0 else 'below'} its value, as one machine {seldom} "
+        "would by chance"
+    )
 
 
 DRAWS = 2000  # of the bootstrap
