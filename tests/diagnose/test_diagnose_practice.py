@@ -55,6 +55,15 @@ def test_a_rail_that_changes_its_friction_at_one_height_is_unknown_and_in_the_ma
     assert diagnosis.shrink.after < 1.3 * diagnosis.shrink.noise
 
 
+def test_runs_that_decide_ask_for_no_further_one():
+    """The demo's runs rule the runner-up out by evidence, whatever is expected of runs like them."""
+    campaign = read_campaign(Path(__file__).parents[2] / "scenarios" / "demo_campaign")
+    diagnosis = diagnose(campaign, most_effects=1, study=False)
+    assert diagnosis.verdict.effects == ("friction_load_dependent",)
+    assert diagnosis.candidates[1].merit < 0.5 * diagnosis.candidates[0].merit
+    assert diagnosis.next_run is None
+
+
 def test_two_fast_runs_ask_for_the_slow_one_that_tells_the_laws_over_speed_apart(shared_data: Path):
     campaign = read_campaign(shared_data / "campaigns" / "02")
     fast = tuple(run for run in campaign.runs if run.name in ("empty_fast", "full_fast"))

@@ -62,7 +62,8 @@ def next_run(
 
     For each planned run the predictions of the hypotheses are compared after base parameters and effects were
     refitted to all data within the tolerances. Differences below LEAST of the noise are ignored. None if fewer
-    than two hypotheses are open, or if the campaign sets them `settled` standard deviations apart already.
+    than two hypotheses are open, or if the campaign sets them `settled` standard deviations apart already or no run
+    would.
     """
     fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None][
         : RIVALS + 1
@@ -88,6 +89,8 @@ def next_run(
             break
     plain = choose(offers, now)
     best = _designed(problem, fits, campaign, plain) if plain.separation > now else plain
+    if settled < math.inf and best.separation <= settled:
+        return None
     return NextRun(
         _why(problem, fits, best, now), best.planned.payload_kg, best.planned.words, best.signals, best.separation, now,
         plain.separation, chance_to_decide(best.separation), best.planned,

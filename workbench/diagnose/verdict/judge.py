@@ -298,11 +298,13 @@ def alternatives(judged: Judged, kind: str, within: float = 12.0) -> tuple[Names
 
 
 def runner_up(judged: Judged, kind: str) -> Names:
-    """The best other hypothesis of as many effects, listed or not, that is no freer law of the same; () without one."""
+    """The best other hypothesis of as many effects, listed or not, that is no freer law of the same; () without one
+    that has HALF of the answer's evidence: what has less, the runs themselves rule out."""
+    least = settings.HALF * max((w.evidence for w in judged.weighed if w.names == judged.names), default=0.0)
     for w in judged.weighed:
         mine, its = set(judged.names) - set(w.names), set(w.names) - set(judged.names)
         freer = any(same_but_freer(a, b, kind) for a in its for b in mine)
-        if len(w.names) == len(judged.names) and len(its) == 1 and w.evidence > 0.0 and not freer:
+        if len(w.names) == len(judged.names) and len(its) == 1 and w.evidence > least and not freer:
             return w.names
     return ()
 
