@@ -16,7 +16,14 @@ from workbench.core.errors import InputError
 from workbench.dashboard.desk import usual_desk
 from workbench.machines import default_hoist, shipped_hoist
 from workbench.references import LimitPair, Limits
-from workbench.study.beside import ELASTOMER, QUESTIONS, RINGING, beside, damping_sentence, on_another_damping
+from workbench.study.beside import (
+    ELASTOMER,
+    QUESTIONS,
+    RINGING,
+    beside,
+    damping_sentence,
+    on_another_damping,
+)
 from workbench.study.conclude import (
     Answer,
     alarm,
@@ -39,6 +46,7 @@ from workbench.study.decide import (
     weight_that_turns,
 )
 from workbench.study.grid import RunSpec
+from workbench.study.labels import words_of
 from workbench.study.load import Study, changed, load_study, plan_study
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, peak_limit, run_specs, run_study
@@ -410,6 +418,21 @@ def test_the_optimum_is_lowest_of_its_time_and_speed_in_the_closed_loop_too():
     peaks = {row.reference: row[PEAK] for row in result().rows}
     assert peaks["optimal"] < min(peaks["trapezoid"], peaks["ruckig_least_peak"])
     assert peaks["ruckig_equal_time"] < peaks["ruckig_least_peak"]
+
+
+def test_what_lies_below_the_bound_runs_faster_in_the_closed_loop_than_the_bound_allows():
+    said = from_the_bound(result().study)[0]
+    below = said.partition(" Below ")[2]
+    nominal = result().study.machine.motor.nominal_speed_rad_s
+    # The set point's speed, from the simulation: the largest one less what the motor overshoots it by.
+    speeds = {
+        r.reference: r["peak_speed_percent"] - 100.0 * r["speed_overshoot_rad_s"] / nominal for r in result().rows
+    }
+    for name in REFERENCES:
+        faster = speeds[name] > 1.005 * speeds["trapezoid"]
+        assert f"{words_of(name)} by" in said
+        assert (f"{words_of(name)} by" in below) == faster, name
+    assert below.count("(beyond the speed limit)") == 1 and "(beyond" not in said.partition(" Below ")[0]
 
 
 def test_overload_is_red_and_said_first():
