@@ -17,6 +17,7 @@ from workbench.core.table import words as head
 from workbench.dashboard import chosen, jobs, session, widgets
 from workbench.dashboard.jobs import VIEW, Job, Teller
 from workbench.dashboard.widgets import Number, held, plain, points, problem, said
+from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.effects import check, effects_for
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import kind_of, load_machine, plant_of
@@ -122,9 +123,9 @@ def show() -> None:
 def _asked(campaign: Campaign) -> dict[str, Any]:
     """What the controls say."""
     most = st.segmented_control(
-        "Missing at once, at most", [1, 2], required=True, key=held("gap most effects", 2),
+        "Missing at once, at most", [1, MOST_EFFECTS], required=True, key=held("gap most effects", MOST_EFFECTS),
         format_func=lambda count: f"{count} effect{'s' if count > 1 else ''}",
-        help="Two at once takes longer, for pairs are weighed too.",
+        help="A further effect is named only where its gain on held-out runs is significant.",
     )  # fmt: skip
     effects = effects_for(plant_of(campaign.machine).kind)
     listed = [name for name, effect in effects.items() if effect.listed]
@@ -136,7 +137,7 @@ def _asked(campaign: Campaign) -> dict[str, Any]:
     if which == OWN:
         key = held(f"gap own {campaign.machine.kind}", listed[:1])
         candidates = st.multiselect("Effects to weigh", list(effects), key=key)
-    return {"most_effects": int(most or 2), "candidates": candidates}
+    return {"most_effects": int(most or MOST_EFFECTS), "candidates": candidates}
 
 
 def begin(campaign: Campaign, arguments: Mapping[str, Any]) -> Job:
