@@ -15,6 +15,7 @@ from workbench.blind.score import open_all, sheet_of, with_next_runs, with_oracl
 from workbench.cli.options import Cluster, MostEffects, NamedGroup, command
 from workbench.cli.show import print_table, print_text
 from workbench.core.whole_folder import check_free
+from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.view import blind as view
 
 POWER = "The power of these runs"
@@ -85,7 +86,7 @@ def run_(
     *,
     processes: Processes = 2,
     count: Annotated[int | None, Count] = None,
-    max_effects: MostEffects = 5,
+    max_effects: MostEffects = MOST_EFFECTS,
     cluster: Cluster = None,
 ) -> None:
     """Diagnose the campaigns of FOLDER, each in a process and a folder without label or seed.

@@ -22,6 +22,7 @@ from workbench.core.errors import InputError, one_line
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder
 from workbench.diagnose.diagnose import Diagnosis
+from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.effects.loading import know
 from workbench.effects.registry import UserFile, user_files
 from workbench.logs import Campaign
@@ -36,7 +37,7 @@ def diagnose(
     out: Path | None = None,
     baseline: Literal["tolerances", "nominal"] = "tolerances",
     candidates: str | None = None,
-    max_effects: MostEffects = 5,
+    max_effects: MostEffects = MOST_EFFECTS,
     quick: bool = False,
     seed: Annotated[int, click.IntRange(min=0)] = 0,
     runs: Runs = None,

@@ -25,6 +25,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 import click
 
 from workbench.core.errors import InputError, nearest
+from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 
 UNITS = ("_hz", "_kg", "_m", "_s")  # what a library's parameter is called beyond its option
 
@@ -34,7 +35,7 @@ OtherMachine = Annotated[Path | None, "Another machine.yaml, such as an identifi
 Cluster = Annotated[
     str | None, "Run on Dask: tcp://host:port, or local:N for N local processes.", {"metavar": "ADDRESS"}
 ]
-MostEffects = Annotated[int, click.IntRange(1, 5), "Largest number of effects that may be missing at once."]
+MostEffects = Annotated[int, click.IntRange(1, MOST_EFFECTS), "Largest number of effects that may be missing at once."]
 Runs = Annotated[str | None, "Names of the runs to use, separated by commas. Default: all."]
 Band = Annotated[float | None, "Band of the torque residual (-3 dB) in Hz. Default: from the machine."]
 Payloads = Annotated[str | None, "Payloads in kg, separated by commas."]

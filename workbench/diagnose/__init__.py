@@ -1,16 +1,15 @@
 """The sim-to-real gap: its location, the unmodelled effect that causes it, its reduction.
 
-`diagnose.diagnose` runs the steps in order and returns a `records.Diagnosis`. The packages:
+`diagnose.diagnose` runs the steps in order and returns a `diagnose.Diagnosis`. The packages:
 
 readiness     whether the runs can be diagnosed, and the condition of their logs
 hypotheses    parameters, residuals, fits, and the search among the effects
 verdict       remaining residual, evidence, probabilities; the numbers are in calibration.json
-location      the gap, and where it lies
-isolation     which effects the runs can tell apart, and which run would decide
-unexplained   an unknown cause as a table over the variable that explains it best
+location      where the gap lies
+isolation     which run would decide between open hypotheses
 
-Each package has its records in `records.py`. Beside them: candidates (rows of the report), machines (a fit as
-machine.yaml), shrink, words.
+Beside them: gap (its size and reduction), isolability (which effects these runs can discriminate), candidates (rows of
+the report), machines (a fit as machine.yaml), unknown and law (a cause that no effect explains), saved.
 """
 
 from workbench.core.verb import make_callable
