@@ -197,19 +197,25 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
 
 
 def held(
-    key: str, value: Any, options: Collection[Any] | None = None, read: Callable[[Any], Any] = lambda shown: shown
+    key: str,
+    value: Any,
+    options: Collection[Any] | None = None,
+    read: Callable[[Any], Any] = lambda shown: shown,
+    anew: bool = True,
 ) -> str:
     """The widget shows what the visitor has set in it, also where another page was looked at meanwhile; `value`, what
     the page keeps, where that has been changed by anything else, or where what it shows is none of the options.
 
-    read: what the page makes of what is shown. It is written anew each time: a browser shows a widget's own beginning
-    where it was not drawn in between.
+    read: what the page makes of what is shown. anew: it is written each time, for a browser goes on showing what nobody
+    can read in a field. A slider has nothing such, and a step that is taken while the page is drawn would be undone.
     """
     before, shown = st.session_state.get(f"{key} was", (value, value))
     now = st.session_state.get(key, shown)
     if not (_same(value, before) or _same(value, read(shown))) or (options is not None and now not in options):
         now = value
-    st.session_state[key], st.session_state[f"{key} was"] = now, (value, now)
+    if anew or key not in st.session_state or st.session_state[key] != now:
+        st.session_state[key] = now
+    st.session_state[f"{key} was"] = (value, now)
     return key
 
 
@@ -241,11 +247,12 @@ class Field:
 
 def number(field: Field, value: float, key: str) -> float:
     """What the field stands at. A slider's range takes in the value that it is given."""
-    held(key, value)
+    held(key, value, anew=not field.slides)
     now = float(st.session_state[key])
     if field.most is None:
         now = min(max(now, field.low), field.high)
-    st.session_state[key] = now
+    if now != st.session_state[key]:
+        st.session_state[key], st.session_state[f"{key} was"] = now, (value, now)
     if not field.slides:
         return float(st.number_input(field.words, field.low, field.high, key=key, step=None, format="%.4g"))
     low, high = min(field.low, now), max(field.high, now)
@@ -253,11 +260,17 @@ def number(field: Field, value: float, key: str) -> float:
         return low
     typed = f"{key} typed"
     st.session_state[typed] = now
+
+    def take() -> None:
+        # A slider that moved while its last step was drawn comes with what the field showed before that step.
+        if st.session_state[key] == st.session_state[f"{key} was"][1]:
+            st.session_state[key] = float(st.session_state[typed])
+
     left, right = st.columns([1.4, 1.0], vertical_alignment="bottom")
     least = field.low if field.most is None or field.steps else 0.0
     right.number_input(
         f"{field.words}, typed", least, max(high, field.most or high), key=typed, step=None, format="%.4g",
-        on_change=lambda: st.session_state.update({key: float(st.session_state[typed])}), label_visibility="collapsed",
+        on_change=take, label_visibility="collapsed",
     )  # fmt: skip
     if field.steps:  # as the field beside it shows it: 121300, not 1.213e+05
         form = lambda value: f"{float(f'{value:.4g}'):.10g}"  # noqa: E731
