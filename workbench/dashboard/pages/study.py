@@ -19,7 +19,7 @@ from workbench.core.table import Column, Table, words
 from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import session_machine
 from workbench.dashboard.pages import compare
-from workbench.dashboard.widgets import Number, chart, guarded, held, plain, problem, table, text
+from workbench.dashboard.widgets import Number, chart, fold, guarded, held, plain, problem, table, text
 from workbench.logs.signal_files import FORMS
 from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
 from workbench.machines.files import machine_text
@@ -75,8 +75,9 @@ def show() -> None:
         stretch = _window(result, max(float(run.time_s[-1]) for _, run in runs))
         figure = view.over_time(runs, result.study.machine, "", stretch, height=740)
         chart(figure, "study over time", "The references' signals over time")
-    with st.expander("One reference against the trapezoid", icon=":material/compare:"):
-        _numbers(result)
+    if (part := fold("One reference against the trapezoid", "against", "compare")).open:
+        with part:
+            _numbers(result)
     _forces(runs)
     _take_away(result)
     with guarded():
@@ -227,7 +228,9 @@ def _lights(result: StudyResult, made: Sequence[Decision], note: str) -> None:
         return
     most, bounds = max(every, key=lambda use: use.percent), {use.what: use.bound for use in every}
     head = f"{SIGN[most.light]} Used of what machine and drive bear: at most {most.used} {most.bound} ({most.where})"
-    with st.expander(plain(head)):
+    if not (part := fold(plain(head), "lights")).open:
+        return
+    with part:
         lines = [["used of what is borne", *bounds], ["---"] * (len(bounds) + 1)]
         for kind, used in uses.items():
             said = {use.what: f":{COLOURS[use.light]}[{SIGN[use.light]}] {use.percent:.0f} % {use.light}"
@@ -399,7 +402,9 @@ def _take_away(result: StudyResult) -> None:
     name = result.study.scenario.name
     # Taken here: Streamlit calls the function of a download in a thread that belongs to no session.
     folder = session.workspace()
-    with st.expander("Signals and report", icon=":material/download:"), st.container(horizontal=True):
+    if not (part := fold("Signals and report", "signals", "download")).open:
+        return
+    with part, st.container(horizontal=True):
         signals = [
             (f"Signals ({ending})", lambda write=write: write(labelled_runs(result)), f"{name}.{ending}", kind)
             for ending, (write, kind) in FORMS.items()
