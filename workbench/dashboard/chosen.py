@@ -30,7 +30,7 @@ from workbench.core.errors import InputError
 from workbench.dashboard import session, uploads
 from workbench.dashboard.jobs import INPUTS
 from workbench.dashboard.uploads import Uploaded
-from workbench.dashboard.widgets import held, plain, problem
+from workbench.dashboard.widgets import fold, held, plain, problem
 from workbench.effects import check
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.formats.known import suffixes
@@ -151,10 +151,10 @@ def _with_drive(machine: Hoist | Axis, name: str, key: str) -> Hoist | Axis:
     """The machine behind the drive's times that are set here; its own to begin with."""
     own = {field: 1e3 * getattr(machine.drive, field) for field in DRIVE_TIMES}
     values = {**session.get(f"drive of {name}", dict, own)}
-    with st.expander("Drive", expanded=False, icon=":material/bolt:"):
+    if (part := fold("Drive", "drive", "bolt")).open:
         for field, label in DRIVE_TIMES.items():
             widget = held(f"{key.partition(' ')[0]} {field} {own[field]:g}", values[field])
-            values[field] = st.number_input(label, 0.0, 200.0, step=0.5, key=widget, format="%g")
+            values[field] = part.number_input(label, 0.0, 200.0, step=0.5, key=widget, format="%g")
     session.put(f"drive of {name}", values)
     changed = {f"drive.{field}": 1e-3 * value for field, value in values.items() if value != own[field]}
     return with_values(machine, changed) if changed else machine

@@ -3,6 +3,7 @@
 chart(figure, key)        a plotly figure over the page's width, light or dark as the page is
 numbers([Number(...)])    a row of the numbers that decide, with deltas green or red
 held(key, value)          the key of a widget that shows a value that the page keeps
+fold(label, key)          a fold whose content is drawn only while it is open
 number(Field(...), value) a slider with a field beside it in which any value may be typed
 form(kind, values, key)   the fields of a record, drawn from its schema
 table(shown)              a report's table
@@ -161,6 +162,11 @@ def table(shown: Table) -> None:
     st.dataframe(arrow_table(columns), hide_index=True, column_config=align, lazy=False)
     if shown.note:
         st.caption(said(shown.note))
+
+
+def fold(label: str, key: str, icon: str = "") -> Any:
+    """A fold whose content is drawn only while it is open: `if (part := fold(…)).open:`."""
+    return st.expander(label, key=f"fold {key}", icon=f":material/{icon}:" if icon else None, on_change="rerun")
 
 
 # ---- figures ------------------------------------------------------------------------------------------------------

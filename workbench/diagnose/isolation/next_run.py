@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,8 @@ class NextRun:
     """The run that would decide between the open hypotheses.
 
     separation: distance of their predictions with this run, in standard deviations; now: without it; menu: with the
-    best plain run that takes no longer. decides: the probability that the likelihoods then differ by more than DECIDED.
+    best plain run that takes no longer, `plain`. decides: the probability that the likelihoods then differ by more than
+    DECIDED.
     """
 
     why: str
@@ -44,6 +46,13 @@ class NextRun:
     menu: float = math.nan
     decides: float = math.nan
     planned: Planned | None = field(default=None, compare=False)
+    plain: Planned | None = field(default=None, compare=False)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Plain data: the run, its motion, and what it decides."""
+        fields = {key: value for key, value in vars(self).items() if key not in ("planned", "plain")}
+        return fields | (self.planned.motion if self.planned else {})
 
 
 @dataclass(frozen=True)
@@ -93,7 +102,7 @@ def next_run(
         return None
     return NextRun(
         _why(problem, fits, best, now), best.planned.payload_kg, best.planned.words, best.signals, best.separation, now,
-        plain.separation, chance_to_decide(best.separation), best.planned,
+        plain.separation, chance_to_decide(best.separation), best.planned, plain.planned,
     )  # fmt: skip
 
 
