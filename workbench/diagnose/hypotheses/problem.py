@@ -28,7 +28,9 @@ from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, beside, impacts_of
 
-THIN = 0.07  # periods of the band from one simulated sample to the next: beyond that its low-pass takes all
+# Periods of the band from one sample that a search simulates to the next, by `Kind.floor`: what that changes is below
+# what the sensors of a hoist leave, and below what friction at reversals leaves of an axis.
+THIN = {"sensors": 0.07, "own": 0.05}
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the model error, which hangs together
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
@@ -67,7 +69,7 @@ class Problem:
         impacts = impacts_of(machine, runs)
         self.bench = InverseSimulation(
             machine, runs, band_hz, active=self.active, parts=parts(machine, runs), impacts=impacts,
-            thin=0.0 if any(map(len, impacts)) else THIN,
+            thin=0.0 if any(map(len, impacts)) else THIN[kind.floor],
         )  # fmt: skip
         self._idle = idle_sensors(machine, runs)
         self._smooth: dict[int, tuple[np.ndarray, LowpassAt]] = {}
@@ -91,7 +93,7 @@ class Problem:
         self.late = ranges_of(self.effect("speed_delay"), machine, self.runs)[0].symbol
         self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
         self.row_noise = np.full(self.inputs, self.noise)
-        self.thin = max(self.bench.every) > 1
+        self.thin = max(self.bench.every) > 1 or any(map(len, impacts))
         self.evaluations = 0
         self.kept: dict[Any, Any] = {}  # held-out fits, by fit and folds: several steps ask for the same
         self.deaf = False
