@@ -475,7 +475,7 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     assert len(truth) == len(free)
     ranges = ranges_of(effect, hoist.machine, hoist.runs)
     true = dict(zip([r.symbol for r in ranges], (4000.0, 8.2, 0.45), strict=True))
-    problem = made_by(hoist.exact(), {**setting_of(free, truth), **true})
+    problem = made_by(hoist, {**setting_of(free, truth), **true})
     none = np.zeros(problem.samples)
     problem.errors = replace(problem.errors, white=none + 0.1, moving=none, standstill=none)
     begin = dict(zip([r.symbol for r in ranges], (2500.0, 8.6, 0.7), strict=True))
