@@ -11,7 +11,7 @@ import streamlit as st
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import Document, dumps, load
 from workbench.dashboard import jobs, session, widgets
-from workbench.dashboard.chosen import chosen_machine
+from workbench.dashboard.chosen import session_machine
 from workbench.dashboard.desk import shipped_scenarios
 from workbench.dashboard.jobs import INPUTS, Job, Teller
 from workbench.dashboard.widgets import Number, held, plain, problem, table
@@ -95,7 +95,7 @@ def _new() -> None:
             return
         file = inputs[SCENARIO] = session.stored(upload, SCENARIO)
     own = st.toggle("On another machine", key="batches other machine", help="Than the one that the scenario names.")
-    machine = chosen_machine("batches machine") if own else None
+    machine = session_machine("batches machine") if own else None
     if name == UPLOAD:
         document, known = load(file), {batch.name: batch for batch in ships.values()}
         read_standalone(document, machine, known)  # what other files it names are not sought among the server's

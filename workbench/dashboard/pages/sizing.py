@@ -55,7 +55,7 @@ def show() -> None:
             section = jobs.read_view(Section, own[0])
             widgets.points(section.sentences)
             for shown in section.tables:
-                widgets.table(shown)
+                widgets.table(shown, in_words=True)
     else:
         jobs.cards(own)
 
