@@ -46,8 +46,8 @@ def diagnosed(visit: Visit) -> None:
 
 
 def ran(visit: Visit) -> None:
-    if not visit.page.get_by_text("Largest torque peak", exact=True).count():
-        press(visit, "Start", "Largest torque peak")
+    if not visit.page.get_by_text("Torque peak per motor", exact=True).count():
+        press(visit, "Start", "Torque peak per motor")
 
 
 def sized(visit: Visit) -> None:

@@ -181,10 +181,10 @@ def batches(visit: Visit, tmp_path: Path) -> None:
     page = visit.page
     visit.turn_to("Batches")
     page.get_by_test_id("stSidebar").get_by_role("button", name="Start").click()
-    page.get_by_text("Largest torque peak", exact=True).wait_for(timeout=browser.DRAWN_WITHIN_MS)
+    page.get_by_text("Torque peak per motor", exact=True).wait_for(timeout=browser.DRAWN_WITHIN_MS)
     address = page.url
     page.reload()
-    page.get_by_text("Largest torque peak", exact=True).wait_for(timeout=browser.DRAWN_WITHIN_MS)
+    page.get_by_text("Torque peak per motor", exact=True).wait_for(timeout=browser.DRAWN_WITHIN_MS)
     assert page.url == address
     visit.drawn()
     visit.shot("9 batches")
@@ -402,7 +402,7 @@ def test_two_visitors_at_once_have_downloads_jobs_and_uploads_of_their_own(chrom
                 assert name in Path(file.value.path()).read_text(encoding="utf-8")
         one.turn_to("Batches")
         one.page.get_by_test_id("stSidebar").get_by_role("button", name="Start").click()
-        one.page.get_by_text("Largest torque peak", exact=True).wait_for(timeout=browser.DRAWN_WITHIN_MS)
+        one.page.get_by_text("Torque peak per motor", exact=True).wait_for(timeout=browser.DRAWN_WITHIN_MS)
         one.turn_to("Signals")
         one.choose("Campaign", "upload a campaign")
         one.page.locator("input[type=file]").set_input_files(packed)

@@ -168,7 +168,8 @@ def table(shown: Table, in_words: bool = False) -> None:
     from workbench.study.rows import arrow_table, texts
 
     if in_words:
-        st.markdown(replace(shown, rows=[[said(cell) for cell in row] for row in shown.rows]).markdown())
+        short = [[c.replace(" ", "\u00a0") if len(c) < 8 else c for c in row] for row in shown.rows]
+        st.markdown(replace(shown, rows=[[said(cell) for cell in row] for row in short]).markdown())
         if shown.note:
             st.caption(said(shown.note))
         return

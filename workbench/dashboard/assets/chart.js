@@ -187,7 +187,7 @@ export default function ({data, parentElement}) {
   const box = parentElement.querySelector(":scope > .workbench-chart") ?? boxIn(parentElement);
   box.wanted = JSON.parse(new TextDecoder().decode(data));
   if (box.wanted.alt) box.setAttribute("aria-label", box.wanted.alt);
-  box.style.height = `${box.wanted.figure.layout.height ?? HEIGHT}px`;
+  box.style.height = `${size(box).height}px`;
   box.setAttribute("data-drawing", "");
   inTurn(() => draw(box));
   return () => {

@@ -200,7 +200,7 @@ def _results(job: Job) -> None:
         # One block of words, so that they stand close.
         text.markdown(
             f"{BADGES.get(view.verdict, '')} :small[{plain(' · '.join([view.of, *asked]))}]\n"
-            f"#### {said(view.sentence)}\n{plainly}{said(' '.join(view.lead))}"
+            f"##### {said(view.sentence)}\n{plainly}{said(' '.join(view.lead))}"
         )
         if view.place:
             drawing = for_dark_ground(view.place) if widgets.is_dark() else view.place

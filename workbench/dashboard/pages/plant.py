@@ -291,8 +291,6 @@ def _live(machine: Hoist) -> None:
                    help="of all motors, behind the drive's limits and lag"),
             Number("Drum tension", 1e-3 * now["tension_drum_n"], "kN"),
             Number("Payload", now["payload_now_kg"], "kg", digits=4),
-            Number("On time", pace["on_time_percent"], "%", digits=4,
-                   help=f"of {pace['steps']} steps at {pace['rate_hz']:g} Hz"),
         ]
     )  # fmt: skip
     limit = torque_limits(machine)["u_one" if now["is_motor_lost"] else "u_all"]
@@ -302,7 +300,8 @@ def _live(machine: Hoist) -> None:
     refused = sum(count for name, count in counts.items() if name.startswith("refused"))
     left, right = widgets.beside("pace")
     left.markdown(
-        f"| Steps | {pace['steps']} at {pace['rate_hz']:g} Hz |\n|---|---|\n| Overruns | {pace['overruns']} |\n"
+        f"| Steps | {pace['steps']} at {pace['rate_hz']:g} Hz |\n|---|---|\n"
+        f"| On time | {widgets.text(pace['on_time_percent'], 4)} % |\n| Overruns | {pace['overruns']} |\n"
         f"| Latest start | {widgets.text(pace['latest_start_ms'], 3)} ms after it was due |\n"
         f"| Commands | {counts.get('commands', 0)}, refused {refused} |\n"
         f"| Watchdog | tripped {counts.get('watchdog', 0)} times |"
