@@ -455,7 +455,11 @@ def read_standalone(
 
 def changed(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     """The scenario with other values at its top level, checked like a file. InputError names the key."""
-    data = scenario.model_dump() | dict(changes)
+    return checked(scenario.model_dump() | dict(changes))
+
+
+def checked(data: dict[str, Any]) -> Scenario:
+    """A scenario of plain values. InputError names the key that does not fit."""
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:

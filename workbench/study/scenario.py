@@ -30,12 +30,32 @@ from pydantic_core import CoreSchema
 
 from workbench.control import SETTINGS, AnyController, Events
 from workbench.core.errors import InputError, nearest
-from workbench.core.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Positive, Record, Speed
+from workbench.core.record import (
+    Acceleration,
+    Duration,
+    Finite,
+    Jerk,
+    NotNegative,
+    Payload,
+    Position,
+    Positive,
+    Record,
+    Speed,
+)
 from workbench.core.run import Array
 from workbench.machines import Axis, Hoist, Kind, get_value, kind_of, of_kind
 from workbench.machines.kinds.axis import LinearDrive, RotaryDrive
 from workbench.machines.kinds.hoist import BY_NAME, Drive
-from workbench.references import ReferenceKind, Step, planned_kind, planned_kinds, recorded_kinds, usual_kinds
+from workbench.references import (
+    LimitPair,
+    Limits,
+    ReferenceKind,
+    Step,
+    planned_kind,
+    planned_kinds,
+    recorded_kinds,
+    usual_kinds,
+)
 
 MOST_VALUES = 100_000
 
@@ -276,6 +296,8 @@ def _once(values: Sequence[object], what: str) -> None:
         raise ValueError(f"{what} {twice[0]} stands there twice; once is enough")
 
 
+LIMITS = ("speed_m_s", "acceleration_m_s2", "jerk_m_s3")
+WAYS = ("hoisting", "lowering")
 # Keys of a motion in radians, of a rotary axis -> those in metres.
 IN_METRES = {
     "by_rad": "by_m",
@@ -304,7 +326,7 @@ def unit_of(key: str) -> str:
 
 def key_in(unit: str, key: str) -> str:
     """A motion's key, given in metres, in that unit."""
-    return next(name for name, metres in IN_METRES.items() if metres == key) if unit == "rad" else key
+    return {metres: name for name, metres in IN_METRES.items()}.get(key, key) if unit == "rad" else key
 
 
 class MoveBlock(Record):
@@ -362,6 +384,19 @@ class LimitsBlock(DirectionLimits):
 
     hoisting: DirectionLimits = DirectionLimits()
     lowering: DirectionLimits = DirectionLimits()
+
+    def pair(self) -> LimitPair | None:
+        """Of both directions; None where nothing is given."""
+        both = [self.given() | getattr(self, way).given() for way in WAYS]
+        if not any(both):
+            return None
+        for way, given in zip(WAYS, both, strict=True):
+            if lacking := [name for name in LIMITS[:2] if name not in given]:
+                raise InputError(f"has no {lacking[0]} for {way}", place="limits")
+        try:
+            return LimitPair(*(Limits(**given) for given in both))
+        except InputError as error:
+            raise InputError(error.problem, place=f"limits.{error.place}") from error
 
 
 class RecordedBlock(Record):
@@ -456,7 +491,7 @@ class Scenario(Record):
     machine_overrides: dict[str, Any] = Field(default_factory=dict)
     plant: Literal["lumped", "multibody"] = "lumped"
     drive: Annotated[DriveChanges | None, *BY_NAME] = None
-    payloads_kg: Annotated[tuple[NotNegative, ...], Field(json_schema_extra=SOME)] | None = None
+    payloads_kg: Annotated[tuple[Payload, ...], Field(json_schema_extra=SOME)] | None = None
     start_position_m: Position | None = None
     start_position_rad: Annotated[Finite | None, RAD] = None
     moves: Annotated[tuple[MoveBlock, ...], Field(max_length=1000)] = ()
@@ -480,7 +515,6 @@ class Scenario(Record):
     def _payloads_differ(cls, payloads: tuple[float, ...] | None) -> tuple[float, ...] | None:
         if payloads is not None:
             _once(payloads, "payload")
-            check_payload_kg(max(payloads))
         return payloads
 
     @field_validator("references")
@@ -503,12 +537,6 @@ class Scenario(Record):
     def planned_kinds(self) -> tuple[str, ...]:
         """Those that are planned from moves and limits."""
         return tuple(item for item in self.references if isinstance(item, str))
-
-
-def check_payload_kg(payload_kg: float) -> None:
-    """A payload heavier than any hoist lifts is grams or newtons given as kilograms: ValueError."""
-    if payload_kg > 1e6:
-        raise ValueError(f"payload {payload_kg:g} kg is more than a thousand tonnes; is it in kg?")
 
 
 def check_kind(scenario: Scenario, machine: Hoist | Axis, varied: set[str]) -> None:
