@@ -24,6 +24,7 @@ import errno
 import os
 import platform
 import shutil
+import subprocess
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -92,18 +93,13 @@ def library_versions() -> dict[str, str]:
 
 
 def _commit(checkout: Path) -> str | None:
-    """The commit that is checked out, read from .git itself: git may not be installed."""
+    """The commit that is checked out; None where the program is installed, or git is not."""
+    if not (checkout / ".git").exists():
+        return None
     try:
-        git = checkout / ".git"
-        head = (git / "HEAD").read_text().strip()
-        if not head.startswith("ref: "):
-            return head
-        name = head.removeprefix("ref: ")
-        if (git / name).is_file():
-            return (git / name).read_text().strip()
-        packed = (git / "packed-refs").read_text().splitlines()
-        return next((line.split()[0] for line in packed if line.endswith(f" {name}")), None)
-    except OSError:
+        words = ["git", "-C", str(checkout), "rev-parse", "HEAD"]
+        return subprocess.run(words, capture_output=True, text=True, timeout=5.0).stdout.strip() or None
+    except (OSError, subprocess.SubprocessError):
         return None
 
 
