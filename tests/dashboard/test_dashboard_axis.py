@@ -28,7 +28,7 @@ from workbench.dashboard.pages.study import beside_ramps
 from workbench.machines import default_hoist, kind_of, shipped, with_values
 from workbench.machines.files import machine_text
 from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
-from workbench.study.decide import verdict
+from workbench.study.decide import decisions, take_sentences
 from workbench.study.load import load_study, plan_study
 from workbench.study.run import run_study
 
@@ -165,8 +165,8 @@ def test_the_verdict_of_an_axis_is_that_of_its_front(study):
     """What beats a choice under other limits is said in the verdict and drawn as the front."""
     scenario = shipped_axis_desk().scenario
     rows = run_study(plan_study(scenario, EMPS)).rows
-    said = verdict(rows, beside_ramps(scenario, EMPS), machine=EMPS)
-    assert said is not None and study.info[0].value.replace("\\", "").startswith(said)
+    said = " ".join(take_sentences(decisions(rows, EMPS, beside=beside_ramps(scenario, EMPS))))
+    assert study.info[0].value.replace("\\", "").startswith(said)
     (front,) = (drawn for drawn in figures(study) if "against force peak" in drawn["layout"]["title"]["text"])
     names = {line["name"] for line in front["data"]}
     assert {"front: beaten by no run", "chosen: trapezoid", "chosen: ruckig, same limits"} <= names

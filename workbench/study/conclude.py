@@ -115,7 +115,9 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     stuck = [row for row in at_limit if row[judged.rms] >= AT_THE_LIMIT * limit]
 
     def off(row: Row) -> str:
-        return f"{end.text(abs(row[end.name]))} {end.shown_unit} {judged.sides[row[end.name] <= 0.0]} it"
+        error = abs(row[end.name])
+        amount = f"{error:.2f} m" if judged.payload else f"{end.text(error)} {end.shown_unit}"
+        return f"{amount} {judged.sides[row[end.name] <= 0.0]} it"
 
     # What is so, of which runs, and of the worst of them how much.
     troubled: tuple[tuple[str, list[Row], Callable[[Row], float] | None, Callable[[Row], str]], ...] = (

@@ -110,7 +110,9 @@ class Fields:
         def own() -> float | None:
             root, path = split(name)
             value: Any = self.parts({})[root]
-            if root == "limits" and value is not None:
+            if value is None:
+                return None
+            if root == "limits":
                 key = IN_METRES.get(str(path[-1]), str(path[-1]))
                 both = {getattr(getattr(value, str(way)), key) for way in (path[:-1] or WAYS)}
                 return both.pop() if len(both) == 1 else None
@@ -312,6 +314,12 @@ class GridAxis:
     def sampled(self) -> bool:
         return bool(self.relative)
 
+    @cached_property
+    def worded(self) -> tuple[str, ...]:
+        """Fields of which some value is a word."""
+        columns = zip(self.names, zip(*self.values, strict=True), strict=True)
+        return tuple(name for name, values in columns if any(isinstance(value, str) for value in values))
+
     @property
     def moves(self) -> bool:
         """Whether it changes the motion."""
@@ -403,6 +411,10 @@ def labels_of(values: Sequence[Value]) -> list[str]:
     return [f"{k}" for k in range(len(values))]
 
 
+def _word(value: Value) -> str:
+    return value if isinstance(value, str) else f"{value:.15g}"
+
+
 def _short_names(names: Sequence[str]) -> dict[str, str]:
     """Each field by its last words, as many as tell it from the others."""
     words = {name: re.findall(r"[A-Za-z0-9_]+", name) for name in names}
@@ -468,8 +480,10 @@ class RunList(Sequence[RunSpec]):
         run_id = "_".join(filter(None, [label, reference, *(axis.labels[k] for axis, k in points)]))
         if len(run_id) > LONGEST_ID:
             run_id = "_".join(filter(None, (label, reference, hashlib.sha256(run_id.encode()).hexdigest()[:16])))
-        assigned = {f"sweep.{name}": value for name, value in swept.items()}
-        assigned |= {f"sample.{name}": value for name, value in sampled.items()}
+        # A column of the index holds numbers, or words where any of its values is one.
+        words = {name for axis in self.axes if not axis.sampled for name in axis.worded}
+        assigned = {f"sweep.{name}": _word(x) if name in words else float(x) for name, x in swept.items()}
+        assigned |= {f"sample.{name}": float(value) for name, value in sampled.items()}
         return RunSpec(
             run_id=run_id,
             scenario=scenario.name,
@@ -483,8 +497,7 @@ class RunList(Sequence[RunSpec]):
             plant=scenario.plant,
             record_every={"none": 0, "full": 1}.get(outputs.signals, thinned),
             recording=recording,
-            # Index columns hold numbers or words.
-            assigned={name: x if isinstance(x, str) else float(x) for name, x in assigned.items()},
+            assigned=assigned,
             problem=problem,
             **{part: parts[part] for part in ("machine", "moves", "limits", "controller", "events")},
         )
