@@ -124,7 +124,7 @@ def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[
         left=asdict(d.verdict.left),
         none={"chi2": base.chi2, "prior": base.prior, "samples": d.search.problem.samples},
         visible={name: (parameter, amount) for name, (parameter, amount) in d.isolability.visible.items()},
-        next_run=asdict(d.next_run) if d.next_run else None,
+        next_run=d.next_run.record if d.next_run else None,
         sparse=_sparse(d),
         warnings=tuple(map(str, d.warnings)),
         **spent,

@@ -76,11 +76,11 @@ class Correlation:
 
 def rank_correlations(rows: Sequence[Row], columns: Sequence[str], metric: str) -> list[Correlation]:
     """Of each field with the metric, the strongest first; a field or metric that is constant is left out."""
-    from scipy.stats import rankdata
-
     good = [row for row in rows if row.ok]
-    if len(good) < 3:
+    if len(good) < 3 or not columns:
         return []
+    from scipy.stats import rankdata  # half a second
+
     wanted, correlations = rankdata([row[metric] for row in good]), []
     for column in columns:
         values = [row.assigned.get(column) for row in good]

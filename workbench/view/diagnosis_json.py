@@ -36,9 +36,8 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
     law = None if d.unknown is None else d.unknown.law
     ranking = zip(v.ranking, probabilities([row.probability for row in v.ranking]), strict=True)
     next_run = d.next_run and _of(d.next_run, "why payload_kg profile signals")
-    if next_run and d.next_run and (planned := d.next_run.planned):
-        moves = [{key: value for key, value in vars(step).items() if value is not None} for step in planned.steps]
-        next_run |= {"start_position": planned.start_position, "speed": planned.limits.speed_m_s, "moves": moves}
+    if next_run and d.next_run and d.next_run.planned:
+        next_run |= d.next_run.planned.motion
     return {
         "format": 1,
         "campaign": d.campaign.name,

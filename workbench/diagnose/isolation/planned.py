@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -45,6 +46,12 @@ class Planned:
     @property
     def duration_s(self) -> float:
         return self.run.duration_s
+
+    @property
+    def motion(self) -> dict[str, Any]:
+        """Plain data, of which `from_moves` makes the run again."""
+        moves = [{key: value for key, value in vars(step).items() if value is not None} for step in self.steps]
+        return {"start_position": self.start_position, "speed": self.limits.speed_m_s, "moves": moves}
 
 
 @dataclass(frozen=True)
