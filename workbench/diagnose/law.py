@@ -338,14 +338,13 @@ def find_law(problem: Problem, fitted: Fitted, acts_on: str, name: str = "measur
     if not chosen:
         return None
     law = [terms[k] for k in chosen]
-    lowest, highest, _ = bounds_of(fitted.free)
+    low, high, _ = bounds_of(fitted.free)
     levels = [term for words in ("sign v", "1") for term in terms if term.formula == (words,) and term not in law]
     for level in levels:
         x = columns(problem, rides, law, acts_on, gain)
         base = start.solve(start.normal(x), [range(x.shape[1])])[0][0][: start.base]
-        if np.any(
-            (base < lowest - BEYOND) | (base > highest + BEYOND)
-        ):  # a mean that no tolerance of the machine holds
+        # A mean that no tolerance of the machine holds.
+        if np.any((base < low - BEYOND) | (base > high + BEYOND)):
             law.append(level)
     return _finished(problem, fitted, start, rides, gain, acts_on, law, name)
 
