@@ -2,7 +2,6 @@
 
 session_machine(key)        a select box and the drive's times; an uploaded machine.yaml that is good is kept and chosen
 hoist_of_session(key)       the same for a page that is for hoists only
-chosen_machine(key)         a machine for this page alone. Call inside `guarded()`.
 choose_machine(name)        the session's machine from the next run of a page on
 keep_machine(name, machine) makes a machine choosable on every page of this session; kept_machines() lists them
 keep_button(key, ...)       a button that does so
@@ -30,7 +29,7 @@ from workbench.core.errors import InputError
 from workbench.dashboard import session, uploads
 from workbench.dashboard.jobs import INPUTS
 from workbench.dashboard.uploads import Uploaded
-from workbench.dashboard.widgets import fold, held, plain, problem
+from workbench.dashboard.widgets import fold, held, plain, shown_errors
 from workbench.effects import check
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.formats.known import suffixes
@@ -109,12 +108,8 @@ def session_machine(key: str, takes: Takes = looped, expected: str = LOOPED) -> 
     options = [*offered, UPLOADED]
     choice = st.selectbox("Machine", options, key=held(key, here, options))
     if choice == UPLOADED:
-        try:
-            machine = _uploaded(key, takes, expected)
-        except InputError as error:  # it changes nothing
-            problem(error)
-        else:
-            if machine is not None:
+        with shown_errors():  # a bad file changes nothing
+            if (machine := _uploaded(key, takes, expected)) is not None:
                 choose_machine(keep_machine(machine.name, machine))
                 st.rerun()
         choice = here
@@ -128,16 +123,6 @@ def session_machine(key: str, takes: Takes = looped, expected: str = LOOPED) -> 
 def hoist_of_session(key: str) -> Hoist:
     machine = studied(session_machine(key, studied, STUDIED))
     assert machine is not None
-    return machine
-
-
-def chosen_machine(key: str) -> Hoist | Axis:
-    """The machine that the select box `key` names. InputError for a file that is not one."""
-    offered = _offered(looped)
-    choice = st.selectbox("Machine", [*offered, UPLOADED], key=held(key, DEFAULT, [*offered, UPLOADED]))
-    machine = offered.get(choice) or _uploaded(key, looped, LOOPED)
-    if machine is None:
-        st.stop()
     return machine
 
 

@@ -69,9 +69,11 @@ def late_starts(jitter: Mapping[str, int]) -> Figure:
 
     steps = max(sum(jitter.values()), 1)
     share = [100.0 * count / steps for count in jitter.values()]
-    names = [name.replace("us", "µs").replace("<", "< ").replace(">=", "≥ ") for name in jitter]
-    bars = {"type": "bar", "x": names, "y": share, "text": [f"{x:.2g} %" for x in share], "marker": {"color": BLUE}}
-    title = {"title": {"text": "how late the steps began"}}
+    names = [name.removesuffix(" us").replace(">=", "≥") for name in jitter]
+    words = [f"{x:.0f} %" if x >= 1.0 else "" for x in share]
+    bars = {"type": "bar", "x": names, "y": share, "text": words, "textposition": "outside", "cliponaxis": False,
+            "marker": {"color": BLUE}}  # fmt: skip
+    title = {"title": {"text": "how late the steps began (µs)"}, "tickfont": {"size": 10}, "type": "category"}
     layout = {"template": TEMPLATE, "height": 230, "xaxis": title, "yaxis": {"title": {"text": "% of steps"}},
               "margin": {"t": 30, "b": 60}}  # fmt: skip
     return go.Figure({"data": [bars], "layout": layout})

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from workbench.core import shown as core_shown
 from workbench.core.errors import InputError
@@ -31,11 +30,8 @@ from workbench.study.conclude import (
 from workbench.study.decide import TIME, Decision, decisions
 from workbench.study.front import fronts
 from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
-from workbench.study.load import plan_study
 from workbench.study.rows import Row, index_table, metrics_of, with_payload
 from workbench.study.run import StudyResult, peak_limit
-from workbench.study.scenario import Scenario
-from workbench.study.store import Finished
 from workbench.view.page import Section, save_page
 from workbench.view.study_figures import (
     QUANTITIES,
@@ -62,7 +58,7 @@ WIDEST_HEAD, WIDEST_RUN, WIDEST_NAME = 12, 42, 26  # characters of a head's line
 MOST_LINES = 60  # runs that are listed one by one
 MOST_CURVES, MOST_GROUPS, MOST_NAMED = 6, 3, 12
 SWING = "wire_tension_swing_n"
-Result = Finished | StudyResult
+Result = StudyResult
 Noted = tuple["Figure", str]
 
 
@@ -291,10 +287,8 @@ def _kept(result: Result) -> Answer | None:
 def _asked_again(result: Result) -> list[str]:
     """The answer of a result without one; only what its rows say where it cannot be planned here."""
     try:
-        if isinstance(result, StudyResult):
-            return answer(result.study, result.rows)
-        return answer(plan_study(Scenario.model_validate(dict(result.scenario)), result.machine), result.rows)
-    except (InputError, ValidationError):
+        return answer(result.study, result.rows)
+    except InputError:
         return sentences(result.rows, peak_limit(result.machine))
 
 
@@ -369,8 +363,7 @@ def decision(result: Result) -> list[Table]:
 
 
 def _decisions(result: Result) -> list[Decision]:
-    given = Scenario.model_validate(dict(result.scenario)).decide
-    return decisions(result.rows, result.machine, given, _beside(result))
+    return decisions(result.rows, result.machine, result.study.scenario.decide, _beside(result))
 
 
 def _beside(result: Result) -> Sequence[Row]:
@@ -548,7 +541,7 @@ def save_study_page(result: Result, path: Path) -> None:
     save_page([section], path, f"Study {result.name}", generator=MARK)
 
 
-def write_study_report(result: Finished, path: Path) -> None:
+def write_study_report(result: StudyResult, path: Path) -> None:
     """The page at a place of the user's; InputError where another file stands there, or it cannot be written."""
     if path.is_dir():
         raise InputError("is a folder, expected the name of an .html file", file=path)

@@ -213,7 +213,7 @@ def _decision(result: StudyResult) -> None:
     _failures(result.rows)
     shown = view.decision_table(made[-1]) if made else None
     if shown is not None:
-        table(replace(shown, note=""))
+        table(replace(shown, note=""), in_words=True)
     _lights(result, made, shown.note if shown is not None else "")
 
 
@@ -240,7 +240,7 @@ def _lights(result: StudyResult, made: Sequence[Decision], note: str) -> None:
         st.caption(plain("Per cent of: " + "; ".join(f"{what}, {bound}" for what, bound in bounds.items()) + "."))
         st.caption(plain(powers(note)))
         if made:
-            table(view.criteria_table(made[-1]))
+            table(view.criteria_table(made[-1]), in_words=True)
 
 
 def _failures(rows: Sequence[Row]) -> None:
