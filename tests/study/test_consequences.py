@@ -23,7 +23,7 @@ from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.study.consequences import Consequences, as_json, consequences_of, consequences_table, small_study
 from workbench.study.load import load_study
 from workbench.study.run import run_specs, run_study
-from workbench.view.consequences import before_and_after
+from workbench.view.diagnosis_figures import consequences as before_and_after
 
 ROOT = Path(__file__).resolve().parents[2]
 INERTIA = 1.656  # kg m², drive and drum of the default machine at the motor shaft
