@@ -73,14 +73,13 @@ def by_kind(head: str, table: Callable[[Sequence[Row]], Table], rows: Sequence[R
 
 def sheet_table(rows: Sequence[Row]) -> Table:
     """One row for each measure, one column for each kind and source."""
-    columns: dict[Column, Callable[[measures.Measure], str]] = {words("measured"): lambda measure: measure.line}
-    groups = measures.groups(rows)
-    for name, which in groups.items():
+    columns: dict[Column, list[str]] = {words("measured"): [measure.line for measure in MEASURES]}
+    for name, which in measures.groups(rows).items():
         kind = name.partition(",")[0]
-        columns.setdefault(Column(f"{kind},\nasked", "%"), lambda measure, kind=kind: measure.asked_text(kind))
-        columns[Column(name.replace(", ", ",\n"))] = lambda measure, which=which: measure.share(which).text()
-    shown = [measure for measure in MEASURES if any("/" in measure.share(which).text() for which in groups.values())]
-    return table_of(shown, columns, WILSON)
+        columns.setdefault(Column(f"{kind},\nasked", "%"), [measure.asked_text(kind) for measure in MEASURES])
+        columns[Column(name.replace(", ", ",\n"))] = [measure.share(which).text() for measure in MEASURES]
+    lines = [line for line in zip(*columns.values(), strict=True) if any("/" in cell for cell in line[1:])]
+    return Table(list(columns), lines, WILSON)
 
 
 def sizes(rows: Sequence[Row]) -> Table:
