@@ -94,12 +94,17 @@ def answer(folder: Path, order: Order) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def problem_of(campaign: Campaign, band_hz: float | None = None) -> Problem:
+    """As `workbench diagnose` poses it."""
+    problem = Problem(campaign.machine, campaign.runs, band_hz)
+    if band_hz is None and kind_of_machine(campaign.machine).floor == "own":
+        problem = Problem(campaign.machine, campaign.runs, min(informative_band(problem.bench, 0), problem.band_hz))
+    return problem.noisier(motion_noise(problem, 0))
+
+
 def search_of(campaign: Campaign) -> SearchResult:
     """The search of `workbench diagnose`, without what follows the verdict."""
-    problem = Problem(campaign.machine, campaign.runs)
-    if kind_of_machine(campaign.machine).floor == "own":
-        problem = Problem(campaign.machine, campaign.runs, min(informative_band(problem.bench, 0), problem.band_hz))
-    problem = problem.noisier(motion_noise(problem, 0))
+    problem = problem_of(campaign)
     others = [effect for effect in effects_for(problem.active.kind).values() if not effect.listed]
     keys = base_parameters(campaign.machine, campaign.runs)
     return searched(problem, chosen_effects(campaign, None), rivals=others, base=keys)

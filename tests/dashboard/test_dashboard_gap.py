@@ -112,7 +112,7 @@ def test_a_diagnosis_is_run_in_a_process_of_its_own_and_its_answer_shown(server,
     assert app.button(key=f"stop {job.id}")
     good(after(app, job))
     said = json.loads(job.file("result/diagnosis.json").read_text())
-    assert f"#### {said['sentence']}" in words(app) and "one effect at most · 1 candidate" in words(app)
+    assert f"##### {said['sentence']}" in words(app) and "one effect at most · 1 candidate" in words(app)
 
 
 def test_a_diagnosis_is_cancelled_tried_again_and_removed(server):
@@ -133,7 +133,7 @@ def test_a_diagnosis_is_cancelled_tried_again_and_removed(server):
 def test_the_answer_stands_first_and_each_tab_draws_its_own_figures_only(made):
     number, job = made("named")
     app = shown(number)
-    assert "#### The machine lacks friction_viscous." in words(app)
+    assert "##### The machine lacks friction_viscous." in words(app)
     assert "That probability means: of a hundred campaigns judged like this one" in words(app)
     assert list(metrics(app)) == ["Torque residual", "Noise floor", "Shrinks by", "Speed error"]
     assert all(delta.startswith("-") for _, delta in metrics(app).values() if delta)

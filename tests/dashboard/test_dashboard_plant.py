@@ -199,7 +199,7 @@ def test_a_plant_is_started_faulted_moved_and_stopped_on_its_page_and_ends_with_
     app = page("Plant").run()
     assert not app.exception and "plant stop" not in {button.key for button in app.button}
     app.button(key="plant start").click().run()
-    until(app, lambda app: len(app.metric) == 6)
+    until(app, lambda app: len(app.metric) == 5)
     process = app.session_state["plant process"]
     assert any("waits for the first command" in element.value for element in app.markdown)
     app.segmented_control(key="plant client").set_value("holds").run()

@@ -16,6 +16,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.readiness.checks import check_runs, rigid_of
 from workbench.diagnose.readiness.noise import informative_band
+from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import Hoist, with_values
 from workbench.simulate.driven import InverseSimulation
@@ -295,3 +296,12 @@ def test_the_band_of_an_axis_ends_where_its_motion_is_not_the_inputs_work(axis: 
     late = replace(by_drive, signals={**by_drive.signals, "force_n": np.roll(by_drive["force_n"], 5)})
     for run_of_gap in (light, late):  # a gap is no reason to look away
         assert informative_band(InverseSimulation(axis.machine, [run_of_gap]), 0) == pytest.approx(whole, rel=0.3)
+
+
+def test_the_band_of_a_real_pendulum_is_the_same_for_a_late_log(shared_data: Path):
+    """Beyond 5 Hz its torque is a twentieth of what its noisy motion asks for. A log that is late by a part of a sample
+    has its noise smoothed: that is no motion either."""
+    pendulum = read_campaign(shared_data / "real" / "geared_pendulum")
+    late = [logged(run, of(pendulum.machine, {"speed_delay": {"delay_s": 0.036}})) for run in pendulum.runs]
+    bands = [informative_band(InverseSimulation(pendulum.machine, runs), 0) for runs in (pendulum.runs, late)]
+    assert min(bands) > 3.0 and max(bands) < 6.5

@@ -99,6 +99,21 @@ def test_a_step_over_place_is_found_where_it_lies():
     assert steps[0].shape["x_0"] == pytest.approx(where, abs=0.01)
 
 
+def test_a_mean_that_no_tolerance_holds_is_a_level_of_the_law():
+    """Friction of 8 N on average, that comes and goes along the way, where the stated level holds to 1 N."""
+    forced = []
+    for run in driven(AXIS, still(), NOISE):
+        extra = 8.0 * (1.0 + np.cos(2.0 * np.pi * run["position_m"] / 0.05)) * np.tanh(run["velocity_m_s"] / 0.002)
+        forced.append(replace(run, signals={**run.signals, "force_n": run["force_n"] + extra}))
+    law = find_law(*fitted(forced), "axis")
+    assert law is not None
+    assert "sign v" in law.formulas
+    (wave,) = [term for term in law.terms if "d" in term.shape]
+    assert wave.shape["d"] == pytest.approx(0.05, rel=0.01)
+    assert max(law.amplitudes) == pytest.approx(8.0, rel=0.02) == law.amplitudes[law.formulas.index("sign v")]
+    assert law.explains > 0.99
+
+
 @pytest.mark.parametrize(
     ("suffix", "said"),
     [("n_s2_per_m2", "N s²/m²"), ("nm", "N m"), ("n_per_m", "N/m"), ("s_per_m", "s/m"), ("fraction", "")],

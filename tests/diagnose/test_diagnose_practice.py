@@ -74,6 +74,8 @@ def test_two_fast_runs_ask_for_the_slow_one_that_tells_the_laws_over_speed_apart
     seen = max(float(np.max(np.abs(run["speed_motor_rad_s"]))) for run in fast)
     assert float(np.max(np.abs(asked))) < 0.5 * seen
     assert diagnosis.next_run.separation > 3.0 > diagnosis.next_run.now
+    assert set(diagnosis.verdict.alike) == {"friction_quadratic", "motor_fan"}  # at one speed no log tells them surely
+    assert diagnosis.verdict.probability == sum(row.probability for row in diagnosis.verdict.ranking[1:]) == 0.5
 
 
 def values(diagnosis: Diagnosis) -> dict[str, tuple[float, float]]:

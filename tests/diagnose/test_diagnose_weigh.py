@@ -34,7 +34,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.diagnose.verdict.answer import Hypothesis, rank
-from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runner_up
+from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runners_up
 from workbench.effects import find, ranges_of
 from workbench.machines import default_hoist
 
@@ -321,8 +321,8 @@ def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Probl
     assert alike(judged((freer,), {(freer,): 1000.0, (viscous,): 960.0}), "hoist") == (viscous,)
     assert alike(judged((freer, offset), {(freer, offset): 1000.0, (viscous, offset): 999.0}), "hoist") == ()
     # A further run is asked for against a rival that the runs leave open only.
-    assert runner_up(judged((viscous,), {(viscous,): 109.0, (freer,): 98.0, (mass,): 83.0}), "hoist") == (mass,)
-    assert runner_up(judged((viscous,), {(viscous,): 539.0, (mass,): 117.0}), "hoist") == ()
+    assert runners_up(judged((viscous,), {(viscous,): 109.0, (freer,): 98.0, (mass,): 83.0}), "hoist") == ((mass,),)
+    assert runners_up(judged((viscous,), {(viscous,): 539.0, (mass,): 117.0}), "hoist") == ()
 
 
 def test_a_sentence_has_both_names_of_a_cause():

@@ -19,13 +19,14 @@ SLOWEST_S = 240.0  # a first run may compile kernels, on a computer that does ot
 
 
 def page(title: str, **state: Any) -> AppTest:
-    """The page, not yet run; `page("Study").run()` draws it. state: of the session, with "_" for blanks in its keys."""
+    """The page, not yet run, its folds open; `page("Study").run()` draws it. state: of the session, "_" for blanks."""
     from streamlit.testing.v1 import AppTest
 
     app = AppTest.from_string(
         f"from workbench.dashboard.shell import run_page\nrun_page({title!r})\n", default_timeout=SLOWEST_S
     )
-    for key, value in state.items():
+    folds = ("against", "decision", "drive", "lights", "scenario", "signals")
+    for key, value in ({f"fold {name}": True for name in folds} | state).items():
         app.session_state[key.replace("_", " ")] = value
     return app
 

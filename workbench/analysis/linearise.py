@@ -53,10 +53,6 @@ class LinearPlant:
     C: Array
     start: tuple[Array, Array, float]
 
-    def output(self, name: str) -> Array:
-        """(1, n), one signal's row."""
-        return self.C[[self.outputs.index(name)]]
-
     def system(self) -> Any:
         """As a `control.StateSpace`, torque to the outputs."""
         import control

@@ -76,7 +76,9 @@ def _server(port: int, address: str, hosts: tuple[str, ...]) -> Iterator[subproc
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(EXIT_TERMINATED))  # so that the block ends then too
     words = [sys.executable, "-m", "workbench.dashboard.server", str(port), address, *hosts]
     # The address that streamlit would tell of is the one that it listens on, not the one to open.
-    environment = {"STREAMLIT_LOGGER_LEVEL": "warning", **os.environ}
+    # Small matrices of many sessions: threads of the linear algebra wait for each other (15 ms for one of four rows).
+    environment = {"STREAMLIT_LOGGER_LEVEL": "warning", "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
+    environment |= os.environ
     server = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=environment)
     try:
         yield server

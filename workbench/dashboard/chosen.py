@@ -2,7 +2,6 @@
 
 session_machine(key)        a select box and the drive's times; an uploaded machine.yaml that is good is kept and chosen
 hoist_of_session(key)       the same for a page that is for hoists only
-chosen_machine(key)         a machine for this page alone. Call inside `guarded()`.
 choose_machine(name)        the session's machine from the next run of a page on
 keep_machine(name, machine) makes a machine choosable on every page of this session; kept_machines() lists them
 keep_button(key, ...)       a button that does so
@@ -30,7 +29,7 @@ from workbench.core.errors import InputError
 from workbench.dashboard import session, uploads
 from workbench.dashboard.jobs import INPUTS
 from workbench.dashboard.uploads import Uploaded
-from workbench.dashboard.widgets import held, plain, problem
+from workbench.dashboard.widgets import fold, held, plain, shown_errors
 from workbench.effects import check
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.formats.known import suffixes
@@ -109,12 +108,8 @@ def session_machine(key: str, takes: Takes = looped, expected: str = LOOPED) -> 
     options = [*offered, UPLOADED]
     choice = st.selectbox("Machine", options, key=held(key, here, options))
     if choice == UPLOADED:
-        try:
-            machine = _uploaded(key, takes, expected)
-        except InputError as error:  # it changes nothing
-            problem(error)
-        else:
-            if machine is not None:
+        with shown_errors():  # a bad file changes nothing
+            if (machine := _uploaded(key, takes, expected)) is not None:
                 choose_machine(keep_machine(machine.name, machine))
                 st.rerun()
         choice = here
@@ -131,16 +126,6 @@ def hoist_of_session(key: str) -> Hoist:
     return machine
 
 
-def chosen_machine(key: str) -> Hoist | Axis:
-    """The machine that the select box `key` names. InputError for a file that is not one."""
-    offered = _offered(looped)
-    choice = st.selectbox("Machine", [*offered, UPLOADED], key=held(key, DEFAULT, [*offered, UPLOADED]))
-    machine = offered.get(choice) or _uploaded(key, looped, LOOPED)
-    if machine is None:
-        st.stop()
-    return machine
-
-
 def _offered(takes: Takes) -> dict[str, Hoist | Axis]:
     """The machines that a page takes, by name."""
     ships = {DEFAULT: default_hoist(), RINGING: shipped_hoist("lightly_damped"), AXIS: shipped("emps_axis")}
@@ -151,10 +136,10 @@ def _with_drive(machine: Hoist | Axis, name: str, key: str) -> Hoist | Axis:
     """The machine behind the drive's times that are set here; its own to begin with."""
     own = {field: 1e3 * getattr(machine.drive, field) for field in DRIVE_TIMES}
     values = {**session.get(f"drive of {name}", dict, own)}
-    with st.expander("Drive", expanded=False, icon=":material/bolt:"):
+    if (part := fold("Drive", "drive", "bolt")).open:
         for field, label in DRIVE_TIMES.items():
             widget = held(f"{key.partition(' ')[0]} {field} {own[field]:g}", values[field])
-            values[field] = st.number_input(label, 0.0, 200.0, step=0.5, key=widget, format="%g")
+            values[field] = part.number_input(label, 0.0, 200.0, step=0.5, key=widget, format="%g")
     session.put(f"drive of {name}", values)
     changed = {f"drive.{field}": 1e-3 * value for field, value in values.items() if value != own[field]}
     return with_values(machine, changed) if changed else machine

@@ -25,7 +25,7 @@ from workbench.core.errors import InputError
 from workbench.core.yaml_strict import Document, dumps, load, loads
 from workbench.dashboard import session
 from workbench.dashboard.chosen import AXIS, DEFAULT, choose_machine, keep_machine
-from workbench.dashboard.widgets import Field, form, held, number, problem, text
+from workbench.dashboard.widgets import Field, fold, form, held, number, problem, text
 from workbench.effects import check
 from workbench.machines import (
     LOOPED,
@@ -340,8 +340,9 @@ def controls(machine: Hoist | Axis, bad: list[InputError]) -> Desk:
         with st.expander(title, expanded=True, icon=":material/tune:"):
             own, loop = _controller(desk, machine)
             values |= own
-        with st.expander("Decision: limits and weights", icon=":material/gavel:"):
-            values["decide"] = _decide(scenario, machine)
+        if (part := fold("Decision: limits and weights", "decision", "gavel")).open:
+            with part:
+                values["decide"] = _decide(scenario, machine)
         if kind.payload:
             values["plant"] = st.selectbox(
                 "Model", list(PLANTS), key=held("study.plant", scenario.plant), format_func=PLANTS.__getitem__,
@@ -465,7 +466,9 @@ def _decide(scenario: Scenario, machine: Hoist | Axis) -> dict[str, dict[str, fl
 
 def _file(name: str, machine: Hoist | Axis) -> str:
     """The study's name. A scenario file that is chosen anew sets the controls; one that cannot be read leaves them."""
-    with st.expander("Scenario file", icon=":material/description:"):
+    if not (part := fold("Scenario file", "scenario", "description")).open:
+        return name
+    with part:
         name = st.text_input("Name of the study", key=held("study.name", name), max_chars=64)
         ships = st.selectbox("One that ships", [NONE, *shipped_scenarios()], key="study ships")
         upload = st.file_uploader("Load a scenario", type=["yaml", "yml"], key="study upload", max_upload_size=1)

@@ -34,7 +34,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -46,7 +46,7 @@ from pydantic_core import from_json
 
 from workbench.core.errors import InputError
 from workbench.core.input_file import read_input
-from workbench.dashboard.widgets import plain, problem
+from workbench.dashboard.widgets import plain, problem, shown_errors
 
 INPUTS = "{inputs}"  # in an argument: the folder of the inputs' copies
 FOLDER, VIEW = "jobs", "view.json"
@@ -388,35 +388,30 @@ def _card(job: Job, progress: Progress, open_key: str, unit: str, stages: Sequen
     today = time.strftime("%j %Y", begun) == time.strftime("%j %Y")
     said = f"started {time.strftime('%H:%M' if today else '%d %b %H:%M', begun)}"
     said += "" if progress.state == "failed" else f" · {counts(progress, unit)}"
-    again = "Resume" if progress.done else "Try again"
-    opened = bool(open_key) and st.session_state.get(open_key) == job.id
-    buttons = {  # word: (when, key, icon, what it does, whether it is off)
-        "End now" if progress.state == "stopping" else "Stop": (
-            not progress.ended, "stop", "stop", lambda: stop(job), False),
-        "Open": (bool(open_key) and progress.state == "done", "open", "bar_chart",
-                 lambda: st.session_state.update({open_key: job.id}), opened),
-        again: (progress.state in ("stopped", "failed"), "resume", "resume", lambda: restart(job), False),
-        "Remove": (progress.ended, "remove", "delete", lambda: remove(job), False),
-    }  # fmt: skip
+    halted, opens = progress.state in ("stopped", "failed"), bool(open_key) and progress.state == "done"
+    buttons: list[tuple[bool, str, str, str, Callable[[], Any]]] = [
+        (not progress.ended, "End now" if progress.state == "stopping" else "Stop", "stop", "stop", lambda: stop(job)),
+        (opens, "Open", "open", "bar_chart", lambda: st.session_state.update({open_key: job.id})),
+        (halted, "Resume" if progress.done else "Try again", "resume", "resume", lambda: restart(job)),
+        (progress.ended, "Remove", "remove", "delete", lambda: remove(job)),
+    ]
     with st.container(horizontal=True, horizontal_alignment="distribute", vertical_alignment="center"):
         badge = f":{COLOURS[progress.state]}-badge[{progress.state}]"
         st.markdown(f"**{plain(job.title)}** {badge} :small[{plain(said)}]", width="content")
         with st.container(horizontal=True, width="content"):
-            for word, (there, key, icon, action, off) in buttons.items():
+            for there, word, key, icon, action in buttons:
+                off = key == "open" and st.session_state.get(open_key) == job.id
                 if there and st.button(word, key=f"{key} {job.id}", disabled=off, icon=f":material/{icon}:"):
-                    try:
+                    with shown_errors():
                         action()
-                    except InputError as error:
-                        problem(error)
-                    else:
                         st.rerun()
     if not progress.ended or (progress.state == "stopped" and progress.total):
         st.progress(progress.share)
     if not progress.ended and stages:
         now = int(progress.share * len(stages))
         done, doing, to_come = ":green[:material/check_circle:] {}", ":blue[:material/pending: **{}**]", ":gray[{}]"
-        lines = [(done if k < now else doing if k == now else to_come).format(stage) for k, stage in enumerate(stages)]
-        st.markdown("  \n".join(lines))
+        forms = [done] * now + [doing] + [to_come] * len(stages)
+        st.markdown("  \n".join(form.format(stage) for form, stage in zip(forms, stages, strict=False)))
     if progress.state == "failed":
         problem(InputError(progress.sentence))
 

@@ -3,6 +3,7 @@
 chart(figure, key)        a plotly figure over the page's width, light or dark as the page is
 numbers([Number(...)])    a row of the numbers that decide, with deltas green or red
 held(key, value)          the key of a widget that shows a value that the page keeps
+fold(label, key)          a fold whose content is drawn only while it is open
 number(Field(...), value) a slider with a field beside it in which any value may be typed
 form(kind, values, key)   the fields of a record, drawn from its schema
 table(shown)              a report's table
@@ -18,7 +19,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
 SMALL = 1e-4  # below it leading zeros are no number that people read
 SAME = 5e-4  # relative: a smaller difference is rounding to the reader
+MOST_ROWS = 30  # of a table that is shown whole
 WIDEST_NUMBER, WIDEST_OF_MANY = 11, 8  # characters that one of four cards shows, and one of more
 _UNIT = re.compile(r"(?<=\d) (?:N m|k?N|Hz|%|k?g|m?[ms])(?!\w)")  # that stays on its number's line
 Better = Literal["lower", "higher"]
@@ -104,6 +106,15 @@ def guarded() -> Iterator[None]:
         st.stop()
 
 
+@contextmanager
+def shown_errors() -> Iterator[None]:
+    """The same, and the page goes on."""
+    try:
+        yield
+    except InputError as error:
+        problem(error)
+
+
 class Number(NamedTuple):
     """One of the numbers that decide. `delta`: to the baseline, in the same unit; `better` colours it."""
 
@@ -151,16 +162,29 @@ def downloads(key: str, files: Sequence[tuple[str, Any, str, str]], width: Any =
                            icon=":material/download:")  # fmt: skip
 
 
-def table(shown: Table) -> None:
-    """A report's table with its note; heads with their units."""
+def table(shown: Table, in_words: bool = False) -> None:
+    """A report's table with its note; heads with their units. in_words: as text, whose cells wrap on a narrow page; the
+    browser loads a megabyte less for it."""
     from workbench.study.rows import arrow_table, texts
 
+    if in_words:
+        short = [[c.replace(" ", "\u00a0") if len(c) < 8 else c for c in row] for row in shown.rows]
+        st.markdown(replace(shown, rows=[[said(cell) for cell in row] for row in short]).markdown())
+        if shown.note:
+            st.caption(said(shown.note))
+        return
     columns = {head: texts([powers(cell.strip()) for cell in cells]) for head, cells in shown.by_column.items()}
     align = {column.line: st.column_config.TextColumn(alignment=column.align) for column in shown.columns}
     # Not lazily: streamlit would import pandas to find out whether it could.
-    st.dataframe(arrow_table(columns), hide_index=True, column_config=align, lazy=False)
+    tall: Any = "content" if len(shown.rows) <= MOST_ROWS else "auto"  # which scrolls
+    st.dataframe(arrow_table(columns), hide_index=True, column_config=align, lazy=False, height=tall)
     if shown.note:
         st.caption(said(shown.note))
+
+
+def fold(label: str, key: str, icon: str = "") -> Any:
+    """A fold whose content is drawn only while it is open: `if (part := fold(…)).open:`."""
+    return st.expander(label, key=f"fold {key}", icon=f":material/{icon}:" if icon else None, on_change="rerun")
 
 
 # ---- figures ------------------------------------------------------------------------------------------------------

@@ -33,13 +33,13 @@ from workbench.diagnose.isolation.next_run import APART, NextRun, next_run
 from workbench.diagnose.location.where import Where, where_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.progress import Progress, Stage, Tell
-from workbench.diagnose.readiness.checks import check_runs
+from workbench.diagnose.readiness.checks import check_runs, variety
 from workbench.diagnose.readiness.condition import Condition, condition
 from workbench.diagnose.readiness.noise import informative_band, motion_noise
 from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.residual_tests import ResidualTest, residual_tests
 from workbench.diagnose.verdict.answer import Candidate, Left, ReasonKind, Remainder, Verdict, shared
-from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged_to_help, runner_up, steps
+from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged_to_help, runners_up, steps
 from workbench.effects import Effect, effects_for
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
@@ -288,8 +288,10 @@ def diagnose(
     also = alike(judged, problem.active.kind)
     asked = _open(judged, alternatives(judged, problem.active.kind))
     more = next_run(problem, search, asked)
-    if judged.word == "named" and len(asked) == 1 and (rival := runner_up(judged, problem.active.kind)):
-        more = next_run(problem, search, [*asked, rival], settled=APART)
+    if judged.word == "named" and len(asked) == 1:
+        more = next_run(problem, search, [*asked, *runners_up(judged, problem.active.kind)], settled=APART)
+        if more is not None and variety(problem.bench):  # what the runs do not vary would tell them apart
+            also = tuple(dict.fromkeys(name for rival in more.rivals for name in rival if name not in judged.names))
     say(Progress(Stage.SHRINK))
     unlisted = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.UNLISTED_EXPLAINS_MORE]
     fits = [search.fits[names] for names in unlisted if names in search.fits]

@@ -38,9 +38,11 @@ BEAM = 4  # sets of each size that are built on
 LEAST_WAVES, MOST_WAVES = 3, 40  # halves of waves, whole waves along the distance passed; a bend is no wave
 PLACES = 12  # where a step or a tight stretch is tried
 HOLD = 10.0  # of the gap's size: a term's amplitude, one standard deviation; keeps what the runs do not show at zero
-ROUNDS = 2  # simulations of the driven machine with the law, after each of which its amplitudes are fitted again
+ROUNDS = 3  # Gauss-Newton steps on the driven machine with the law, whose wire may swing where a stiff one would not
+STEP = 0.05  # of an amplitude: what the driven machine is simulated with to see what it shows of it
 NEARLY = 0.03  # of what the best set takes away on held-out runs: a smaller set may take so much less
 USEFUL = 0.1  # of the gap's energy beyond noise, on what was left out: a law that takes less is none
+BEYOND = 0.5  # standard deviations off a base parameter's bounds: the law has a level of its own
 DIGITS = 6
 
 
@@ -335,7 +337,16 @@ def find_law(problem: Problem, fitted: Fitted, acts_on: str, name: str = "measur
     chosen = min((key for key, left in tried.items() if good(left)), key=cost)
     if not chosen:
         return None
-    return _finished(problem, fitted, start, rides, gain, acts_on, [terms[k] for k in chosen], name)
+    law = [terms[k] for k in chosen]
+    low, high, _ = bounds_of(fitted.free)
+    levels = [term for words in ("sign v", "1") for term in terms if term.formula == (words,) and term not in law]
+    for level in levels:
+        x = columns(problem, rides, law, acts_on, gain)
+        base = start.solve(start.normal(x), [range(x.shape[1])])[0][0][: start.base]
+        # A mean that no tolerance of the machine holds.
+        if np.any((base < low - BEYOND) | (base > high + BEYOND)):
+            law.append(level)
+    return _finished(problem, fitted, start, rides, gain, acts_on, law, name)
 
 
 def _refined(
@@ -408,7 +419,10 @@ def _finished(
             z, c = np.clip(best[:base], lowest, highest), best[base:]
             start.fitter.move_to(z)
             again = Regression(problem, start.fitter, rows, z, start.size)
-            steps, without, _ = again.solve(again.normal(x), [range(x.shape[1])], c)
+            size_of = np.maximum(np.abs(c), STEP * float(np.max(np.abs(c))))
+            shifts = np.pad(np.diag(STEP * size_of), ((0, 0), (base, 0)))
+            shown_by = [(rows - residual(np.concatenate([z, c]) + shift)) / np.sum(shift) for shift in shifts]
+            steps, without, _ = again.solve(again.normal(np.column_stack(shown_by)), [range(len(c))], c)
             moved = np.concatenate([z, c]) + steps[0]
             fresh = residual(moved)
             if np.sum(fresh**2) >= np.sum(rows**2):

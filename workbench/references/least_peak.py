@@ -54,19 +54,36 @@ def peak_force_n(shape: Shape, load: Load) -> float:
 
 def forces_n(shape: Shape, load: Load) -> tuple[Array, Array]:
     """(times s, forces along the motion N), (n,): inertia of drive and load, weight, friction."""
-    from scipy.signal import cont2discrete, lfilter
-
     after = 0.0 if load.rigid else 3.0 * np.pi / load.angular_frequency_rad_s
     time = np.arange(0.0, shape.duration_s + after, STEP_S)
     direction = np.sign(shape.distance_m)
     a = direction * shape.at(time)[2]
-    carried = a
-    if not load.rigid:
-        w, zeta = load.angular_frequency_rad_s, load.damping
-        passed_on = [2.0 * zeta * w, w * w] if zeta > 0.0 else [w * w]  # a leading 0 is no polynomial to scipy
-        b, c, _ = cont2discrete((passed_on, [1.0, 2.0 * zeta * w, w * w]), STEP_S, method="foh")
-        carried = lfilter(b.ravel(), c, a)
+    carried = a if load.rigid else _carried(a, *_ratio(load.angular_frequency_rad_s, load.damping))
     return time, load.drive_kg * a + load.mass_kg * carried + load.steady_force_n(direction)
+
+
+@lru_cache(maxsize=512)
+def _ratio(w: float, zeta: float) -> tuple[Array, Array]:
+    """Numerator b and denominator c in the shift operator of the load's acceleration over the drive's, which is linear
+    between samples: with the states z and z' and the response E, f, g to a force and its slope, the output is
+    (w², 2 zeta w) · x."""
+    A, given = np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([0.0, 1.0])
+    generator = np.zeros((4, 4))
+    generator[:2, :2], generator[:2, 2], generator[2, 3] = A, given, 1.0
+    response = _exponential(generator * STEP_S)
+    E, first, ramp = response[:2, :2], response[:2, 2], response[:2, 3] / STEP_S
+    passed_on, before = -A[1], first - ramp  # x[k+1] = E x[k] + before a[k] + ramp a[k+1]
+    c = np.array([1.0, -np.trace(E), np.linalg.det(E)])
+    steps = [passed_on @ ramp, passed_on @ (E @ ramp + before), passed_on @ (E @ (E @ ramp + before))]
+    return np.convolve(c, steps)[:3], c
+
+
+def _carried(a: Array, b: Array, c: Array) -> Array:
+    """c y = b a in the shift operator, by forward substitution."""
+    from scipy.linalg.lapack import dtbtrs
+
+    y, _ = dtbtrs(np.repeat(c[:, None], len(a), 1), np.convolve(a, b)[: len(a), None], uplo="L", diag="U")
+    return np.asarray(y[:, 0])
 
 
 def least_peak_limits(distance_m: float, limits: Limits, time_s: float, load: Load) -> Limits:

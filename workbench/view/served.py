@@ -59,9 +59,11 @@ def late_starts(jitter: Mapping[str, int]) -> Figure:
     """How late the steps began, a bar a class. jitter: name of a class ("<50 us") -> steps."""
     steps = max(sum(jitter.values()), 1)
     share = [100.0 * count / steps for count in jitter.values()]
-    names = [name.replace("us", "µs").replace("<", "< ").replace(">=", "≥ ") for name in jitter]
-    bars = {"type": "bar", "x": names, "y": share, "text": [f"{x:.2g} %" for x in share], "marker": {"color": BLUE}}
-    return figure(
-        "", 230, [bars], margin={"t": 30, "b": 60}, xaxis={"title": {"text": "how late the steps began"}},
-        yaxis={"title": {"text": "% of steps"}},
-    )  # fmt: skip
+    names = [name.removesuffix(" us").replace(">=", "≥") for name in jitter]
+    bars = {
+        "type": "bar", "x": names, "y": share, "text": [f"{x:.0f} %" if x >= 1.0 else "" for x in share],
+        "textposition": "outside", "cliponaxis": False, "marker": {"color": BLUE},
+    }  # fmt: skip
+    across = {"title": {"text": "how late the steps began (µs)"}, "tickfont": {"size": 10}, "type": "category"}
+    down = {"title": {"text": "% of steps"}}
+    return figure("", 230, [bars], margin={"t": 30, "b": 60}, xaxis=across, yaxis=down)

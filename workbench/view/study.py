@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from workbench.core import shown as core_shown
 from workbench.core.errors import InputError
@@ -23,11 +22,8 @@ from workbench.study.conclude import QUANTILES, SIGN, Use, utilisation
 from workbench.study.decide import TIME, Decision, decisions
 from workbench.study.front import fronts
 from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
-from workbench.study.load import plan_study
 from workbench.study.rows import Row, index_table, metrics_of, with_payload
 from workbench.study.run import StudyResult, peak_limit
-from workbench.study.scenario import Scenario
-from workbench.study.store import Finished
 from workbench.view import study_figures as draw
 from workbench.view.page import Section, save_page
 from workbench.view.study_figures import QUANTITIES, over_time, plane
@@ -44,7 +40,6 @@ WIDEST_HEAD, WIDEST_RUN, WIDEST_NAME = 12, 42, 26  # characters of a head's line
 MOST_LINES = 60  # runs that are listed one by one
 MOST_CURVES, MOST_GROUPS, MOST_NAMED = 6, 3, 12
 SWING = "wire_tension_swing_n"
-Result = Finished | StudyResult
 Noted = tuple["Figure", str]
 
 
@@ -200,7 +195,7 @@ def run_tables(rows: Sequence[Row]) -> list[Table]:
     return tables
 
 
-def what_was_run(result: Result) -> Table:
+def what_was_run(result: StudyResult) -> Table:
     """Scenario, machine, versions: enough to run it again."""
     said, manifest, machine, rows = result.scenario, result.manifest, result.machine, result.rows
 
@@ -246,25 +241,22 @@ def _block(block: Mapping[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def conclusions(result: Result) -> list[str]:
+def conclusions(result: StudyResult) -> list[str]:
     """The study's answer, as it stands in the result or made again, then what it means for drive and wire."""
     kept, good = _kept(result), [row for row in result.rows if row.ok]
     said = list(kept.sentences) if kept is not None else _asked_again(result)
     return [*said, *_heat(good, result.scenario), *_power(good), *_wire(good)]
 
 
-def _kept(result: Result) -> conclude.Answer | None:
+def _kept(result: StudyResult) -> conclude.Answer | None:
     return None if result.folder is None else conclude.read_answer(result.folder)
 
 
-def _asked_again(result: Result) -> list[str]:
+def _asked_again(result: StudyResult) -> list[str]:
     """The answer of a result without one; only what its rows say where it cannot be planned here."""
     try:
-        if isinstance(result, StudyResult):
-            return conclude.answer(result.study, result.rows)
-        study = plan_study(Scenario.model_validate(dict(result.scenario)), result.machine)
-        return conclude.answer(study, result.rows)
-    except (InputError, ValidationError):
+        return conclude.answer(result.study, result.rows)
+    except InputError:
         return conclude.sentences(result.rows, peak_limit(result.machine))
 
 
@@ -330,7 +322,7 @@ def _wire(good: Sequence[Row]) -> list[str]:
     return [f"{text}; the safety factor is {min(factors):.1f} or more." if factors else f"{text}."]
 
 
-def decision(result: Result) -> list[Table]:
+def decision(result: StudyResult) -> list[Table]:
     """What decides: at each payload a row a reference, the criteria at the heaviest, the use of what is borne."""
     made, uses = _decisions(result), utilisation(result.rows, result.machine)
     tables = [table for one in made[-MOST_GROUPS:] if (table := decision_table(one)) is not None]
@@ -338,12 +330,13 @@ def decision(result: Result) -> list[Table]:
     return [*tables, *criteria, *([utilisation_table(uses)] if uses else [])]
 
 
-def _decisions(result: Result) -> list[Decision]:
-    given, kept = Scenario.model_validate(dict(result.scenario)).decide, _kept(result)
-    return decisions(result.rows, result.machine, given, kept.beside if kept is not None else ())
+def _decisions(result: StudyResult) -> list[Decision]:
+    kept = _kept(result)
+    beside = kept.beside if kept is not None else ()
+    return decisions(result.rows, result.machine, result.study.scenario.decide, beside)
 
 
-def figures_of(result: Result) -> list[Noted]:
+def figures_of(result: StudyResult) -> list[Noted]:
     """The figures that a study's kind asks for, each with a line that says how to read it."""
     good = [row for row in result.rows if row.ok]
     if not good:
@@ -388,7 +381,7 @@ def _scatter(good: Sequence[Row], drawn: Sequence[str]) -> list[Noted]:
     return [*figures, (draw.tornado(ranked, judged.peak), note)] if ranked else figures
 
 
-def _over(result: Result, good: Sequence[Row], axis: SweptAxis) -> Noted:
+def _over(result: StudyResult, good: Sequence[Row], axis: SweptAxis) -> Noted:
     machine = result.machine
     figure = draw.metrics_over_axis(good, axis, kind_of(machine).looped.nominal(machine), peak_limit(machine))
     several = len(good) > len({(row.payload_kg, row.reference, axis.at(row)) for row in good})
@@ -397,7 +390,7 @@ def _over(result: Result, good: Sequence[Row], axis: SweptAxis) -> Noted:
     return figure, f"{together}{note}".strip()
 
 
-def peaks_figure(result: Result) -> Figure:
+def peaks_figure(result: StudyResult) -> Figure:
     """The torque peak over payload, a line a reference, with what holds the load."""
     machine, good = result.machine, [row for row in result.rows if row.ok]
     loads = np.array(sorted({row.payload_kg for row in good}))
@@ -412,7 +405,7 @@ def peaks_figure(result: Result) -> Figure:
     return draw.peak_torque_over_payload(loads, peaks, *limits, static)
 
 
-def _curves(result: Result) -> list[Noted]:
+def _curves(result: StudyResult) -> list[Noted]:
     """Signals over time, and torque over speed, of a choice of runs that can be told apart."""
     runs, what = chosen_runs(result)
     if not runs:
@@ -426,25 +419,25 @@ def _curves(result: Result) -> list[Noted]:
     return [start, whole, (plane(runs, result.machine), f"{what} {within}".strip())]
 
 
-def runs_figure(result: Result) -> Figure:
+def runs_figure(result: StudyResult) -> Figure:
     """The runs over time."""
     return over_time(_runs(result), result.machine, "Closed loop over time")
 
 
-def start_figure(result: Result) -> Figure:
+def start_figure(result: StudyResult) -> Figure:
     """The start of the first move."""
     runs = _runs(result)
     return over_time(runs, result.machine, "Start of the first move", start_of_move(result), QUANTITIES[:3])
 
 
-def _runs(result: Result) -> list[tuple[str, Run]]:
+def _runs(result: StudyResult) -> list[tuple[str, Run]]:
     runs = chosen_runs(result)[0]
     if not runs:
         raise InputError("there is nothing to draw: it takes a run that ends and keeps its signals")
     return runs
 
 
-def start_of_move(result: Result) -> tuple[float, float]:
+def start_of_move(result: StudyResult) -> tuple[float, float]:
     """From when to when (s) the first move gathers speed, and what rings after it."""
     loop = kind_of(result.machine).looped
     run = chosen_runs(result)[0][0][1]
@@ -459,7 +452,7 @@ def start_of_move(result: Result) -> tuple[float, float]:
     return start - 0.4, end + 1.5
 
 
-def chosen_runs(result: Result) -> tuple[list[tuple[str, Run]], str]:
+def chosen_runs(result: StudyResult) -> tuple[list[tuple[str, Run]], str]:
     """Some runs with their names, and what they have in common: without a sweep all that kept their signals."""
     kept = [row for row in result.rows if row.ok and row.run_id in result.runs]
     axes = swept_axes(result.rows)
@@ -478,7 +471,7 @@ def chosen_runs(result: Result) -> tuple[list[tuple[str, Run]], str]:
     return [(axis.say(axis.at(row)), result.runs[row.run_id]) for row in some], f"Runs with {said}."
 
 
-def save_study_page(result: Result, path: Path) -> None:
+def save_study_page(result: StudyResult, path: Path) -> None:
     """Write the report as one page that needs no network. The same result, the same bytes."""
     description = str(result.scenario.get("description") or "")
     section = Section(
@@ -490,7 +483,7 @@ def save_study_page(result: Result, path: Path) -> None:
     save_page([section], path, f"Study {result.name}", generator=MARK)
 
 
-def write_study_report(result: Finished, path: Path) -> None:
+def write_study_report(result: StudyResult, path: Path) -> None:
     """The page at a place of the user's; InputError where another file stands there, or it cannot be written."""
     if path.is_dir():
         raise InputError("is a folder, expected the name of an .html file", file=path)

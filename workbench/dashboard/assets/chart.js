@@ -47,10 +47,11 @@ function fitting({data, layout}, width) {
   const narrow = structuredClone(layout), {rows = 1, columns = 1} = layout.meta ?? {};
   const height = (layout.height ?? HEIGHT) * (columns > 1 ? 0.95 * columns : 1);
   if (columns > 1) {
-    const share = 1 / columns, part = share * 0.86; // of the paper, for a column with its title
+    // Of the paper, for a column: its head above it, ticks and title of the time below.
+    const share = 1 / columns, part = share - 82 / height, head = 24 / height;
     const axis = (kind, row, column) => narrow[`${kind}axis${row + column ? row * columns + column + 1 : ""}`];
     for (let column = 0; column < columns; column++) {
-      const bottom = 1 - (column + 1) * share + (share - part) / 2;
+      const bottom = 1 - column * share - head - part;
       for (let row = 0; row < rows; row++) {
         const y = axis("y", row, column), x = axis("x", row, column), first = axis("y", row, 0);
         y.domain = y.domain.map(v => bottom + v * part);
@@ -60,10 +61,11 @@ function fitting({data, layout}, width) {
       }
     }
     const heads = (narrow.annotations ?? []).filter(note => note.xref === "paper" && note.yref === "paper" && note.y === 1);
-    heads.forEach((note, column) => Object.assign(note, {x: 0.5, y: 1 - column * share - (share - part) / 2}));
+    heads.forEach((note, column) => Object.assign(note, {x: 0.5, y: 1 - column * share - head}));
   }
   for (const note of narrow.annotations ?? []) {
-    if (!note.showarrow && note.text) note.text = wrapped(note.text, width - 70, 7);
+    if (note.showarrow || !note.text) continue;
+    Object.assign(note, {text: wrapped(note.text, width - 60, 6.4), font: {...note.font, size: 11}});
   }
   const title = wrapped(layout.title?.text, width - 30, 9), more = 20 * (title.split("<br>").length - 1);
   if (more) {
@@ -97,18 +99,20 @@ async function draw(box) {
   const data = quantities ? figure.data.map(trace => ({...trace, hoverinfo: "none", hovertemplate: null})) : figure.data;
   if (quantities) layout.hovermode = "x"; // the values stand in a table of their own
   await Plotly.react(box, data, layout, {...config, modeBarButtonsToAdd: buttons});
-  if (box.narrow) await keepInside(box, Plotly);
+  await keepInside(box, Plotly);
   if (quantities && !box.reads) readOut(box);
   box.removeAttribute("data-drawing");
 }
 
-// Words that would leave a narrow figure at a side are moved back into it.
+// Words that would leave the figure at a side, or whose arrow leads them onto an axis' numbers, are moved back into it.
 async function keepInside(box, Plotly) {
   const edge = box.getBoundingClientRect(), moves = {};
+  const inner = Math.min(...[...box.querySelectorAll(".nsewdrag")].map(plot => plot.getBoundingClientRect().left));
   for (const drawn of box.querySelectorAll(".annotation[data-index]")) {
     const number = drawn.dataset.index, note = box.layout.annotations[number];
     const words = (drawn.querySelector(".annotation-text-g") ?? drawn).getBoundingClientRect();
-    const by = Math.max(0, words.right + 3 - edge.right) - Math.max(0, edge.left + 3 - words.left);
+    const left = note.showarrow === false ? edge.left : inner;
+    const by = Math.max(0, words.right + 3 - edge.right) - Math.max(0, left + 3 - words.left);
     const key = note.showarrow === false ? "xshift" : "ax";
     if (by) moves[`annotations[${number}].${key}`] = (note[key] ?? 0) - by;
   }
@@ -183,7 +187,7 @@ export default function ({data, parentElement}) {
   const box = parentElement.querySelector(":scope > .workbench-chart") ?? boxIn(parentElement);
   box.wanted = JSON.parse(new TextDecoder().decode(data));
   if (box.wanted.alt) box.setAttribute("aria-label", box.wanted.alt);
-  box.style.height = `${box.wanted.figure.layout.height ?? HEIGHT}px`;
+  box.style.height = `${size(box).height}px`;
   box.setAttribute("data-drawing", "");
   inTurn(() => draw(box));
   return () => {

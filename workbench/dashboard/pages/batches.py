@@ -11,15 +11,17 @@ import streamlit as st
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import Document, dumps, load
 from workbench.dashboard import jobs, session, widgets
-from workbench.dashboard.chosen import chosen_machine
+from workbench.dashboard.chosen import session_machine
 from workbench.dashboard.desk import shipped_scenarios
 from workbench.dashboard.jobs import INPUTS, Job, Teller
 from workbench.dashboard.widgets import Number, held, plain, problem, table
 from workbench.machines import save_machine
+from workbench.metrics import View, shown_in
 from workbench.study.labels import run_in_words, swept_axes
 from workbench.study.load import Study, load_study, read_standalone
 from workbench.study.rows import INDEX, metrics_of, read_table, rows_of
-from workbench.study.store import Finished, Progress, place_for, read_finished, run_batch
+from workbench.study.run import StudyResult
+from workbench.study.store import Progress, place_for, read_finished, run_batch
 from workbench.view.style import label
 
 KIND, OPEN = "batch", "batches open"
@@ -95,7 +97,7 @@ def _new() -> None:
             return
         file = inputs[SCENARIO] = session.stored(upload, SCENARIO)
     own = st.toggle("On another machine", key="batches other machine", help="Than the one that the scenario names.")
-    machine = chosen_machine("batches machine") if own else None
+    machine = session_machine("batches machine") if own else None
     if name == UPLOAD:
         document, known = load(file), {batch.name: batch for batch in ships.values()}
         read_standalone(document, machine, known)  # what other files it names are not sought among the server's
@@ -200,32 +202,17 @@ def _results(job: Job) -> None:
         st.code((folder / SCENARIO).read_text(encoding="utf-8"), language="yaml")
 
 
-def _numbers(result: Finished) -> None:
-    """The extremes over all runs, each with the run that it is of."""
+def _numbers(result: StudyResult) -> None:
+    """The worst over all runs of the numbers that decide, each with the run that it is of."""
     good = [row for row in result.rows if row.ok]
-    if not good:
-        return
-    axes, judged = swept_axes(good), metrics_of(good)
-    tracking = next((m for name, m in judged.by_name.items() if name.startswith("tracking_error_max")), None)
-    wanted = [
-        ("Largest torque peak", max, "peak_torque_percent", 1.0, "%"),
-        ("Largest speed error", max, "speed_error_max_rad_s", 1.0, "rad/s"),
-        ("Least wire tension", min, "min_wire_tension_n", 1e-3, "kN"),
-    ]
-    if tracking is not None:
-        wanted = [
-            (f"Largest {judged.input_words} peak", max, judged.peak, 1.0, judged.input_unit),
-            (tracking.title, max, tracking.name, tracking.scale, tracking.shown_unit),
-        ]
-    cards, where = [], {}
-    for what, end, name, scale, unit in [*wanted, ("Shortest move time", min, "move_time_s", 1.0, "s")]:
-        row = end(good, key=lambda row: row[name])
-        cards.append(Number(what, scale * row[name], unit, help="% of nominal torque" if unit == "%" else None))
-        where[what.lower()] = run_in_words(row, axes)
-    widgets.numbers(cards)
-    if len(set(where.values())) == 1:
-        said = f"All in {next(iter(where.values()))}."
-    else:
-        said = f"{'; '.join(f'{what} in {run}' for what, run in where.items())}."
-        said = said[0].upper() + said[1:]
-    st.caption(plain(said))
+    axes, cards, where = swept_axes(good), list[Number](), list[str]()
+    for metric in shown_in(View.CARDS, metrics_of(good)) if good else ():
+        known = [row for row in good if row.metrics.get(metric.name) is not None]
+        if known:
+            worst = metric.worst([row[metric.name] for row in known])
+            row = min(known, key=lambda row: abs(row[metric.name] - worst))
+            cards.append(Number(metric.heading, metric.scale * worst, metric.shown_unit))
+            where.append(f"{metric.heading.lower()}: {run_in_words(row, axes)}")
+    if cards:
+        widgets.numbers(cards)
+        st.caption(plain(f"The worst of all runs. {'; '.join(where)}."))

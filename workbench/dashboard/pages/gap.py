@@ -16,7 +16,7 @@ from workbench.core.table import Column, Table
 from workbench.core.table import words as head
 from workbench.dashboard import chosen, jobs, session, widgets
 from workbench.dashboard.jobs import VIEW, Job, Teller
-from workbench.dashboard.widgets import Number, held, plain, points, problem, said
+from workbench.dashboard.widgets import Number, held, plain, points, problem, said, shown_errors
 from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.effects import check, effects_for
 from workbench.logs import Campaign, read_campaign
@@ -70,8 +70,8 @@ class View:
     plain: the verdict in plain words. place: a drawing of the machine with the gap's place marked, SVG.
     """
 
+    of: str
     campaign: str
-    machine: str
     verdict: str
     sentence: str
     lead: Sequence[str]
@@ -79,8 +79,8 @@ class View:
     warnings: Sequence[str]
     numbers: Sequence[Number]
     sections: Mapping[str, Section]
-    plain: Sequence[str] = ()
-    place: str = ""
+    plain: Sequence[str]
+    place: str
 
 
 def show() -> None:
@@ -88,8 +88,8 @@ def show() -> None:
     own = jobs.jobs_of(session.work_folder(), KIND)
     if own and not chosen.last_name() and own[0].title in chosen.offered() | chosen.uploaded():  # after a reload
         chosen.choose_campaign(own[0].title)
+    campaign, bad = None, None
     with st.sidebar:
-        campaign, arguments, bad = None, dict[str, Any](), None
         try:
             campaign = chosen.campaign_or_none("gap campaign")
             arguments = {} if campaign is None else _asked(campaign)
@@ -100,24 +100,19 @@ def show() -> None:
     if bad is not None:
         problem(bad)
         return
-    if wanted and campaign is not None:
-        try:
+    with shown_errors():
+        if wanted and campaign is not None:
             begin(campaign, arguments)
-        except InputError as error:
-            problem(error)
-        own = jobs.jobs_of(session.work_folder(), KIND)
+            own = jobs.jobs_of(session.work_folder(), KIND)
     with st.sidebar:
         opened = _chosen(own)
-    if opened is None:
-        if campaign is not None:
-            _before(campaign)
-    elif jobs.poll(opened).state != "done":
-        jobs.cards([opened], stages=STAGES)
-    else:
-        try:
+    if opened is not None and jobs.poll(opened).state == "done":
+        with shown_errors():
             _results(opened)
-        except InputError as error:
-            problem(error)
+    elif opened is not None:
+        jobs.cards([opened], stages=STAGES)
+    elif campaign is not None:
+        _before(campaign)
 
 
 def _asked(campaign: Campaign) -> dict[str, Any]:
@@ -170,10 +165,12 @@ def _before(campaign: Campaign) -> None:
         "how sure that is, and how far the gap shrinks. It takes about a minute, in a process of its own.",
         icon=":material/troubleshoot:",
     )
-    columns = [head("run"), Column("payload", "kg"), Column("length", "s"), Column("samples")]
-    rows = [[run.name, f"{run.payload_kg:g}", f"{run.duration_s:.1f}", str(len(run.time_s))] for run in campaign.runs]
-    if not kind_of(campaign.machine).payload:
-        columns, rows = [columns[0], *columns[2:]], [[row[0], *row[2:]] for row in rows]
+    loads = bool(kind_of(campaign.machine).payload)
+    columns = [head("run"), *([Column("payload", "kg")] if loads else []), Column("length", "s"), Column("samples")]
+    rows = [
+        [run.name, *([f"{run.payload_kg:g}"] if loads else []), f"{run.duration_s:.1f}", str(len(run.time_s))]
+        for run in campaign.runs
+    ]
     widgets.table(Table(columns, rows))
     widgets.notes(campaign.all_notes)
 
@@ -196,19 +193,18 @@ def _results(job: Job) -> None:
             lambda: load_machine(folder / "machine.yaml", check_effects=check),
         )  # fmt: skip
     with st.container(border=True), st.container(horizontal=True, key="told and drawn"):
-        text, drawing = st.container(), st.container() if view.place else None
-        weighed = job.arguments["candidates"]
+        weighed, text = job.arguments["candidates"], st.container()
         asked = ["one effect at most"] if job.arguments["most_effects"] == 1 else []
         asked += [] if weighed is None else [f"{len(weighed)} candidate{'s' if len(weighed) != 1 else ''}"]
-        of = plain(" · ".join([f"Campaign {view.campaign}", view.machine, *asked]))
         plainly = f"**In plain words.** {said(' '.join(view.plain))}\n\n" if view.plain else ""
         # One block of words, so that they stand close.
         text.markdown(
-            f"{BADGES.get(view.verdict, '')} :small[{of}]\n#### {said(view.sentence)}\n{plainly}"
-            f"{said(' '.join(view.lead))}"
+            f"{BADGES.get(view.verdict, '')} :small[{plain(' · '.join([view.of, *asked]))}]\n"
+            f"##### {said(view.sentence)}\n{plainly}{said(' '.join(view.lead))}"
         )
-        if drawing is not None:
-            drawing.image(for_dark_ground(view.place) if widgets.is_dark() else view.place, width="stretch")
+        if view.place:
+            drawing = for_dark_ground(view.place) if widgets.is_dark() else view.place
+            st.container().image(drawing, width="stretch")
     for warning in view.warnings:
         st.warning(said(warning), icon=":material/warning:")
     widgets.numbers(view.numbers)
@@ -230,7 +226,7 @@ def _verdict(job: Job, view: View) -> None:
     columns = widgets.beside("verdict") if answer.figures else [st.container()]
     for column, (name, section) in zip(columns, (("verdict", ranked), ("answer", answer)), strict=False):
         with column:
-            _figures(job, name, section, TALL if answer.figures else None)
+            _figures(job, name, section)
     points(view.meaning)
     if ranked.points:
         st.markdown(said(ranked.sentences[-1]))
@@ -246,26 +242,20 @@ def _section(job: Job, name: str, section: Section) -> None:
     """The first sentence, what there is to look at, and then the rest of the words."""
     sentences = [] if name == "isolability" else list(section.sentences)
     if name == "next_run":
-        sentences = [f"The next run. {' '.join(sentences)}"]
-    if sentences:
-        st.markdown(said(sentences[0]).replace("The next run.", "**The next run.**", 1))
+        st.markdown(f"**The next run.** {said(' '.join(sentences))}")
+    elif sentences:
+        st.markdown(said(sentences[0]))
     _figures(job, name, section)
-    points([*sentences[1:], *section.points])
+    points([*(sentences[1:] if name != "next_run" else []), *section.points])
     for shown in section.tables:
         widgets.table(shown)
 
 
-def _figures(job: Job, name: str, section: Section, height: int | None = None) -> None:
+def _figures(job: Job, name: str, section: Section) -> None:
     import plotly.graph_objects as go
 
     for number, (figure, note) in enumerate(section.figures):
-        drawn = go.Figure(figure)
-        if height is not None:
-            for part in (drawn.layout.title, drawn.layout.legend):  # as far from the top as before
-                if part.y is not None:
-                    part.y = 1.0 - (1.0 - part.y) * drawn.layout.height / height
-            drawn.update_layout(height=height)
-        widgets.chart(drawn, f"gap {job.id} {name} {number}", note or None)
+        widgets.chart(go.Figure(figure), f"gap {job.id} {name} {number}", note or None)
         if note:
             st.caption(said(note))
 
@@ -298,14 +288,13 @@ def view_of(d: Diagnosis) -> View:
     from workbench.view import diagnosis as words
     from workbench.view.place import marked_machine
 
-    sections = words.sections_of(d)
+    sections, machine = words.sections_of(d), d.campaign.machine
     for figure, _ in sections["verdict"].figures:  # for a place of half the page's width
-        figure.update_traces(y=[name.replace(" + ", " +<br>") for name in figure.data[0].y]).update_layout(
-            title_text="Probability"
-        )
+        figure.update_traces(y=[name.replace(" + ", " +<br>") for name in figure.data[0].y])
+        _lower(figure, "Probability")
     return View(
+        f"Campaign {d.campaign.name} · {machine.name}",
         d.campaign.name,
-        d.campaign.machine.name,
         d.verdict.word,
         d.verdict.sentence,
         [sentence for sentence in (words.probability_sentence(d), words.alike_sentence(d)) if sentence],
@@ -314,8 +303,16 @@ def view_of(d: Diagnosis) -> View:
         _numbers(d),
         sections | {"answer": replace(sections["answer"], figures=_how_it_shows(d))},
         words.plain_summary(d),
-        "" if d.where is None else marked_machine(d.campaign.machine, d.where.subsystem, d.shrink),
+        "" if d.where is None else marked_machine(machine, d.where.subsystem, d.shrink),
     )
+
+
+def _lower(figure: Figure, title: str) -> None:
+    """The figure as high as the first tab has room for, its title and legend as far from the top as before."""
+    for part in (figure.layout.title, figure.layout.legend):
+        if part.y is not None:
+            part.y = 1.0 - (1.0 - part.y) * figure.layout.height / TALL
+    figure.update_layout(height=TALL, title_text=title)
 
 
 def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
@@ -326,15 +323,12 @@ def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
     profiles = [] if d.where is None else [p for p in d.where.profiles if drawn.worth_a_panel(p)]
     if not profiles:
         return []
-    most = max(profile.explains for profile in profiles)
     # A mean shows more than a spectrum that explains hardly more.
-    best = max(
-        (profile for profile in profiles if profile.explains >= most - NEARLY),
-        key=lambda profile: (not drawn.is_spectrum(profile), profile.explains),
-    )
+    best = max(profiles, key=lambda p: p.explains - NEARLY * drawn.is_spectrum(p))
     figure = drawn.profiles([best], words_of(d.campaign.machine).unit, direction_names(d.campaign.machine))
     figure.update_traces(showlegend=False, selector={"legendgroup": "share"})
-    figure.update_layout(title_text="How the gap shows", margin_t=92).layout.annotations = ()
+    figure.update_layout(margin_t=92).layout.annotations = ()
+    _lower(figure, "How the gap shows")
     what = f"{best.label[0].upper()}{best.label[1:]}"
     note = f"{what}: explains {100.0 * best.explains:.0f} % of the gap. Grey: the share of its energy."
     return [(figure, note)]
@@ -343,18 +337,16 @@ def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
 def _numbers(d: Diagnosis) -> list[Number]:
     from workbench.view.diagnosis import RUN_AWAY
 
-    s, w = d.shrink, words_of(d.campaign.machine)
+    s, w, (low, high) = d.shrink, words_of(d.campaign.machine), d.shrink.ci95
     corrected = d.verdict.word != "no_gap"
-    low, high = s.ci95
     band = f"below {s.band_hz:.3g} Hz, on runs that were held out of the fit"
     was = powers(f"; before the correction {s.before:.3g} {s.unit}") if corrected else ""
+    residual = f"rms of measured minus predicted {w.quantity} {band}{was}"
+    by = s.after - s.before if corrected else None
     numbers = [
-        Number(
-            f"{w.quantity.capitalize()} residual", s.after, s.unit, s.after - s.before if corrected else None, "lower",
-            help=f"rms of measured minus predicted {w.quantity} {band}{was}",
-        ),
+        Number(f"{w.quantity.capitalize()} residual", s.after, s.unit, by, "lower", help=residual),
         Number("Noise floor", s.noise, s.unit, help=f"rms of what a machine without a gap would leave, {band}"),
-    ]  # fmt: skip
+    ]
     if corrected:
         what = f"of the {w.quantity} residual, held out; 95 % interval {low:.3g} to {high:.3g}"
         numbers.append(Number("Shrinks by", s.factor, "×", help=what))

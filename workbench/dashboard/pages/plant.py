@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
@@ -16,7 +17,7 @@ from workbench.dashboard.plant import PlantProcess, Wanted
 from workbench.dashboard.widgets import Number, held, plain, problem
 from workbench.effects import find, ranges_of
 from workbench.machines import HOIST, Hoist
-from workbench.references import Limits, allowed_carriage_speed_m_s, planned_kinds
+from workbench.references import Limits, planned_kinds
 from workbench.serve.serve import PORTS, Wish, chosen_ready
 from workbench.simulate.loop import torque_limits
 from workbench.view.served import last_seconds, late_starts
@@ -88,11 +89,9 @@ def _compiles() -> None:
     """Until the plant has said that it is there, or why not."""
     st.info("The plant's step is compiled; the first time on a computer that takes a while.",
             icon=":material/hourglass_top:")  # fmt: skip
-    plant = present()
-    try:
-        waits = plant is not None and plant.greeting() is None
-    except InputError:
-        waits = False
+    waits = False
+    with suppress(InputError):
+        waits = (plant := present()) is not None and plant.greeting() is None
     if not waits:
         st.rerun()
 
@@ -150,8 +149,8 @@ def _client(plant: PlantProcess, machine: Hoist) -> None:
     """The built-in client is told anew whenever its controls, or the gains of Study and Loop, have changed."""
     what = st.segmented_control(
         "Built-in client", (NOBODY, HOLDS, MOVES), required=True, key=held("plant client", NOBODY), width="stretch",
-        help="The sampled PI of Study and Loop with the gains that stand there, every 4 ms or slower. Without it the "
-        "plant waits for a controller of yours.",
+        help="The sampled PI of Study and Loop with the gains and limits that stand there, every 4 ms or slower. "
+        "Without it the plant waits for a controller of yours.",
     )  # fmt: skip
     wanted = None
     if what == HOLDS:
@@ -161,17 +160,13 @@ def _client(plant: PlantProcess, machine: Hoist) -> None:
         middle, way = 0.5 * (low + high), 0.25 * (high - low)
         usual = (round(middle - way, 1), round(middle + way, 1))
         between: Any = st.slider("Between (m)", low, high, step=0.5, key=held("plant between", usual))
-        gear, drum = machine.gearbox.ratio, machine.winch.drum_diameter_m
-        fastest = 0.95 * allowed_carriage_speed_m_s(machine.motor.nominal_speed_rad_s, gear, drum)
-        bounds = (("v (m/s)", 0.5, fastest), ("a (m/s²)", 0.6, 5.0), ("j (m/s³)", 0.8, 100.0))
-        limits = [
-            column.number_input(words, 0.05, most, step=0.05, key=held(f"plant {words[0]}", min(start, most)),
-                                format="%.3g")
-            for column, (words, start, most) in zip(st.columns(3), bounds, strict=True)
-        ]  # fmt: skip
         kinds = list(planned_kinds())
         reference = st.selectbox("Reference", kinds, format_func=label, key=held("plant reference", kinds[1]))
-        wanted = Wanted(desk.controller(machine), tuple(between), reference, Limits(*limits))
+        given = desk.current(machine).scenario.limits.given()
+        limits = Limits(*(given[key] for key in desk.LIMITS.values()))
+        st.caption(plain(f"Under the limits of Study: {limits.speed_m_s:g} m/s, {limits.acceleration_m_s2:g} m/s², "
+                         f"{limits.jerk_m_s3:g} m/s³."))  # fmt: skip
+        wanted = Wanted(desk.controller(machine), tuple(between), reference, limits)
     if wanted != st.session_state.get(SENT):
         _ask(plant, "use", wanted)
         st.session_state[SENT] = wanted
@@ -179,9 +174,9 @@ def _client(plant: PlantProcess, machine: Hoist) -> None:
 
 def _ask(plant: PlantProcess, method: str, *arguments: Any) -> None:
     """What is refused stands on the page until something is taken."""
+    session.put(PROBLEM, None)
     try:
         plant.ask(method, *arguments)
-        session.put(PROBLEM, None)
     except InputError as error:
         session.put(PROBLEM, error)
 
@@ -296,8 +291,6 @@ def _live(machine: Hoist) -> None:
                    help="of all motors, behind the drive's limits and lag"),
             Number("Drum tension", 1e-3 * now["tension_drum_n"], "kN"),
             Number("Payload", now["payload_now_kg"], "kg", digits=4),
-            Number("On time", pace["on_time_percent"], "%", digits=4,
-                   help=f"of {pace['steps']} steps at {pace['rate_hz']:g} Hz"),
         ]
     )  # fmt: skip
     limit = torque_limits(machine)["u_one" if now["is_motor_lost"] else "u_all"]
@@ -307,7 +300,8 @@ def _live(machine: Hoist) -> None:
     refused = sum(count for name, count in counts.items() if name.startswith("refused"))
     left, right = widgets.beside("pace")
     left.markdown(
-        f"| Steps | {pace['steps']} at {pace['rate_hz']:g} Hz |\n|---|---|\n| Overruns | {pace['overruns']} |\n"
+        f"| Steps | {pace['steps']} at {pace['rate_hz']:g} Hz |\n|---|---|\n"
+        f"| On time | {widgets.text(pace['on_time_percent'], 4)} % |\n| Overruns | {pace['overruns']} |\n"
         f"| Latest start | {widgets.text(pace['latest_start_ms'], 3)} ms after it was due |\n"
         f"| Commands | {counts.get('commands', 0)}, refused {refused} |\n"
         f"| Watchdog | tripped {counts.get('watchdog', 0)} times |"

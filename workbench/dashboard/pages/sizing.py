@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import streamlit as st
 
@@ -28,6 +28,8 @@ def show() -> None:
     """Draws the page."""
     with st.sidebar, guarded():
         machine = hoist_of_session("sizing machine")
+        with st.expander("Its values: drum, gearbox, motor, wire", icon=":material/edit_note:"):
+            machine = cast(Hoist, desk.machine_form(machine, f"sizing {machine.name}"))
         asked = _asked(machine)
         text = dumps(asked)
         validate(SizeFile, loads(text, SIZE))
@@ -55,7 +57,7 @@ def show() -> None:
             section = jobs.read_view(Section, own[0])
             widgets.points(section.sentences)
             for shown in section.tables:
-                widgets.table(shown)
+                widgets.table(shown, in_words=True)
     else:
         jobs.cards(own)
 

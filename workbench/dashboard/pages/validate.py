@@ -105,7 +105,7 @@ def _numbers(campaign: Campaign, now: ReplayResult, before: ReplayResult | None)
     shown = []
     for what, name, unit, tip in (
         ("Speed error, open loop", "speed_rmse_percent", "%", open_loop),
-        ("The same, restarted every 2 s", "speed_rmse_percent_restarted_2s", "%", f"in % of {w.scale}"),
+        ("Restarted every 2 s", "speed_rmse_percent_restarted_2s", "%", f"in % of {w.scale}"),
         (f"{w.quantity.capitalize()} residual, moving", "residual_rms_moving", w.unit, residual),
     ):
         by = None if before is None else getattr(now, name) - getattr(before, name)

@@ -32,8 +32,7 @@ LAGS = 0.1  # of the energy that a play takes: what a lag leaves of it that made
 # A law that holds
 VARIES = 0.08  # share: a true cause has shown 0.076 at most (a lag), mimics 0.09 and more
 RESTS = 0.25  # rest: 0.2 at most, and 0.4 and more
-FORETOLD = 0.1  # of what the fit leaves: so much of a remainder a curve over any variable foretells
-CHANCE = 0.05  # of what the fit leaves: so much of a remainder looks like a change of the cause's amount
+FORETOLD = 0.1  # of what the fit leaves: so much of a remainder a curve foretells, or looks like a change of amount
 UNDONE = 0.4  # logarithm of energies: as far two causes undo each other by chance; of 30 true pairs two did by 0.5
 NEARLY = 0.1  # of the best one's evidence: so much less is as good, too
 HALF = 0.5  # of the best one's evidence: what a part of it has to have

@@ -34,7 +34,7 @@ class NextRun:
 
     separation: distance of their predictions with this run, in standard deviations; now: without it; menu: with the
     best plain run that takes no longer, `plain`. decides: the probability that the likelihoods then differ by more than
-    DECIDED.
+    DECIDED. rivals: of the first hypothesis.
     """
 
     why: str
@@ -47,6 +47,7 @@ class NextRun:
     decides: float = math.nan
     planned: Planned | None = field(default=None, compare=False)
     plain: Planned | None = field(default=None, compare=False)
+    rivals: tuple[Names, ...] = ()
 
     @property
     def record(self) -> dict[str, Any]:
@@ -70,22 +71,19 @@ def next_run(
     """The cheapest run that separates the first open hypothesis from the others, or else the best one.
 
     For each planned run the predictions of the hypotheses are compared after base parameters and effects were
-    refitted to all data within the tolerances. Differences below LEAST of the noise are ignored. None if fewer
-    than two hypotheses are open, or if the campaign sets them `settled` standard deviations apart already or no run
-    would.
+    refitted to all data within the tolerances. Differences below LEAST of the noise are ignored. Rivals that the
+    campaign sets `settled` standard deviations apart already are left out. None if no rival is left, or if no run would
+    set those that are so far apart.
     """
-    fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None][
-        : RIVALS + 1
-    ]
-    if len(fits) < 2:
-        return None
-    planned = menu(problem)
+    fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None]
+    campaign = [on_campaign(problem, fit) for fit in fits]
+    near = [k for k in range(1, len(fits)) if _apart([fits[0], fits[k]], [campaign[0], campaign[k]], None) <= settled]
+    kept = [0, *near[:RIVALS]]
+    planned = menu(problem) if near else []
     if not planned:
         return None
-    campaign = [on_campaign(problem, fit) for fit in fits]
+    fits, campaign = [fits[k] for k in kept], [campaign[k] for k in kept]
     now = _apart(fits, campaign, None)
-    if now > settled:
-        return None
     ahead = Problem(problem.machine, [candidate.run for candidate in planned], problem.band_hz)
     trial = [on_menu(problem, ahead, fit) for fit in fits]
     logged = tuple(s for s in kind_of(problem.machine).to_log if all(s in run for run in problem.runs))
@@ -98,11 +96,12 @@ def next_run(
             break
     plain = choose(offers, now)
     best = _designed(problem, fits, campaign, plain) if plain.separation > now else plain
-    if settled < math.inf and best.separation <= settled:
-        return None
+    if settled < math.inf and best.separation <= settled:  # not all of them, perhaps the best one
+        return next_run(problem, search, fits[:2], settled) if len(fits) > 2 else None
     return NextRun(
         _why(problem, fits, best, now), best.planned.payload_kg, best.planned.words, best.signals, best.separation, now,
         plain.separation, chance_to_decide(best.separation), best.planned, plain.planned,
+        tuple(fit.effects for fit in fits[1:]),
     )  # fmt: skip
 
 

@@ -49,11 +49,15 @@ def check_runs(campaign: Campaign) -> tuple[str, ...]:
     for signals of the wrong sign or unit.
     """
     bench = InverseSimulation(campaign.machine, campaign.runs, impacts=impacts_of(campaign.machine, campaign.runs))
-    going = [j for j in range(len(bench.runs)) if moves(bench, j)]
+    going = _going(bench)
     warnings: list[str] = []
     for problem, run in _faults(bench, going, warnings):
         raise InputError(problem, file=campaign.path / "runs.yaml", place=run)
-    return (*warnings, *variety(bench, going))
+    return (*warnings, *variety(bench))
+
+
+def _going(bench: InverseSimulation) -> list[int]:
+    return [j for j in range(len(bench.runs)) if moves(bench, j)]
 
 
 def moves(bench: InverseSimulation, j: int) -> bool:
@@ -383,9 +387,9 @@ def _range(ratios: Ratios) -> str:
 # Effects that a campaign cannot tell apart because a run, a payload, a speed or a direction is missing.
 
 
-def variety(bench: InverseSimulation, going: Sequence[int]) -> tuple[str, ...]:
+def variety(bench: InverseSimulation) -> tuple[str, ...]:
     """Warnings as sentences; none if the campaign varies all of them."""
-    sentences = []
+    sentences, going = list[str](), _going(bench)
     kind = kind_of(bench.machine)
     if len(going) == 1:
         of_runs = (
@@ -411,7 +415,7 @@ def variety(bench: InverseSimulation, going: Sequence[int]) -> tuple[str, ...]:
         sentences.append(f"All runs only {way}: without {other}, friction cannot be told from the load or an offset.")
     if _one_speed(bench, going, speeds):
         sentences.append(
-            "All runs move at one speed: friction that grows or falls with the speed cannot be told from a "
+            "All runs move at one speed: only their ramps tell friction that grows or falls with the speed from a "
             "constant level; a slow run beside a fast one would show it."
         )
     return tuple(sentences)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 
@@ -164,8 +166,6 @@ EQUAL = 1.0  # energy of motion over energy of noise
 WIDTH = 2.0 ** (1.0 / 3.0)  # of the bands that the spectra are averaged over: a third of an octave
 SEGMENTS = 8  # of a run, at least, that its spectrum is averaged over
 LOWEST_HZ = 2.0
-ANSWERED = 0.25  # coherence, at least: else three quarters of the predicted energy come from elsewhere
-ANSWERED_FROM_HZ = 25.0
 
 
 def informative_band(bench: InverseSimulation, seed: int) -> float:
@@ -178,8 +178,10 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
 
     Motion that the input did not make is no information either: cogging moves an axis faster than its loop answers
     (disturbances in a closed loop correlate with the motion; L. Ljung, System Identification, 1999, 13.4). The
-    coherence of predicted and measured input shows it: a wrong inertia, gain, delay or filter leaves it at 1. It is
-    looked at from ANSWERED_FROM_HZ on: below, friction that the model has wrong takes coherence off as well.
+    coherence of predicted and measured input shows it: a wrong inertia, gain, delay or filter leaves it at 1. Friction
+    that the model has wrong takes coherence off as well, but is in the measured input. So the motion is not the input's
+    beyond the frequency at which the prediction is mostly not coherent, and what is not holds more than the measured
+    input at all; also without friction, whose jumps at standstill no input made.
     """
     random = np.random.default_rng(seed)
     noisy = [noisier(run, noises_of(run, logged_motion(bench, run)), random) for run in bench.runs]
@@ -189,14 +191,22 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
     # The noise added once more is as large as that of the log: what it adds, the log's own has added already.
     with_noise = _spectrum(bench.runs, before)
     noise = _spectrum(bench.runs, [b - a for a, b in zip(before, after, strict=True)])
-    answered = _answered(bench.runs, before, bench.inputs)
+    smooth = [copy(values) for values in bench.base]
+    for values in smooth:
+        vars(values).update(dict.fromkeys(kind_of(bench.machine).friction.levels, 0.0))
+    moving = [raw for raw, _ in bench.predict([smooth])[0]]
+    measured = _spectrum(bench.runs, bench.inputs)
+    predicted = [(_spectrum(bench.runs, one), _unanswered(bench.runs, one, bench.inputs)) for one in (before, moving)]
     frequency = LOWEST_HZ
     while frequency * WIDTH < bench.band_hz:
         total, part = (_energy(spectrum, frequency, frequency * WIDTH) for spectrum in (with_noise, noise))
         if total - part < EQUAL * part:
             return frequency
-        share = _energy(answered, frequency, frequency * WIDTH)
-        if frequency >= ANSWERED_FROM_HZ and share < ANSWERED * total:
+        known = _energy(measured, frequency, frequency * WIDTH)
+        if all(
+            strange > max(0.5 * whole, known)
+            for whole, strange in ((_energy(one, frequency, frequency * WIDTH) for one in both) for both in predicted)
+        ):
             return frequency
         frequency *= WIDTH
     return bench.band_hz
@@ -211,15 +221,22 @@ def _spectrum(runs: Sequence[Run], values: Sequence[Array]) -> Spectrum:
     return [welch(x, 1.0 / run.sample_time_s, nperseg=_segment(run)) for run, x in zip(runs, values, strict=True)]
 
 
-def _answered(runs: Sequence[Run], predicted: Sequence[Array], measured: Sequence[Array]) -> Spectrum:
-    """The part of the predicted input's spectrum that is coherent with the measured input."""
+def _unanswered(runs: Sequence[Run], predicted: Sequence[Array], measured: Sequence[Array]) -> Spectrum:
+    """The part of the predicted input's spectrum that is not coherent with the measured input.
+
+    Over k segments the coherence of two independent signals comes out as 1/k: it is taken off (J. S. Bendat,
+    A. G. Piersol, Random Data, 2010, 9.2.3).
+    """
     from scipy.signal import csd, welch
 
     spectra = []
     for run, x, y in zip(runs, predicted, measured, strict=True):
         rate, length = 1.0 / run.sample_time_s, _segment(run)
         f, cross = csd(x, y, rate, nperseg=length)
-        spectra.append((f, np.abs(cross) ** 2 / np.maximum(welch(y, rate, nperseg=length)[1], 1e-300)))
+        own, other = (np.maximum(welch(signal, rate, nperseg=length)[1], 1e-300) for signal in (x, y))
+        k = max(2 * (len(x) // length) - 1, 2)
+        coherence = np.clip((k * np.abs(cross) ** 2 / (own * other) - 1.0) / (k - 1.0), 0.0, 1.0)
+        spectra.append((f, (1.0 - coherence) * own))
     return spectra
 
 

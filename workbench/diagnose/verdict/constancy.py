@@ -1,14 +1,15 @@
 """Whether an effect is the law that its part of the residual follows: its amount is the same wherever it is looked for.
 
-    r ~ f(w) p + B z,    share = (held-out fall of |r|^2 by f, less CHANCE |r|^2) / |p|^2
+    r ~ f(w) p + B z,    share = (held-out fall of |r|^2 by f, less FORETOLD |r|^2) / |p|^2
     r ~ g(w) + B z,      rest = (held-out fall of |r|^2 by g, less FORETOLD |r|^2) / (|r_0|^2 - |r|^2)
 
 p is what the effect takes off the residual, r what the whole fit leaves, r_0 what the fit without effects leaves. w is
-one of the effect's own variables: those of its regime (speed, position, acceleration, load), the direction and the
-time. f and g are free functions of w (piecewise linear, smoothed), fitted to the other runs; B z, the base parameters,
-are projected out. A true cause has one amount and takes all that is in its own variables: f and g gain nothing that
-matters, whatever else is left in r. A mimic leaves a curve over its own variable, or acts in some of the runs only
-(parameter constancy; G. C. Chow, Econometrica 28, 1960; A. Zeileis, K. Hornik, Statistica Neerlandica 61, 2007).
+one of the effect's own variables: those of its regime (speed, position, acceleration, load); for f also the direction
+and the time, over which an amount is constant but a remainder may go. f and g are free functions of w (piecewise
+linear, smoothed), fitted to the other runs; B z, the base parameters, are projected out. A true cause has one amount
+and takes all that is in its own variables: f and g gain nothing that matters, whatever else is left in r. A mimic
+leaves a curve over its own variable, or acts in some of the runs only (parameter constancy; G. C. Chow, Econometrica
+28, 1960; A. Zeileis, K. Hornik, Statistica Neerlandica 61, 2007).
 """
 
 from __future__ import annotations
@@ -63,14 +64,18 @@ def constancies(problem: Problem, near: Fitted, fit: Fitted) -> tuple[Constancy,
             continue
         regime = effect.regime
         sensor = effect.subsystem(problem.active.kind).endswith("sensor")
-        regimes = (*EVERYWHERE, *(SENSED if sensor and regime == "all" else OWN.get(regime, (regime,))))
+        own_regimes = SENSED if sensor and regime == "all" else OWN.get(regime, (regime,))
         tested = []
         for variable in variables(problem, left):
-            if variable.regime in regimes:
+            mine = variable.regime in own_regimes or regime in EVERYWHERE
+            if mine or variable.regime in EVERYWHERE:
                 shape, bend = hats(variable)
                 changing = energy - float(weight @ on_top.after(rows[:, None] * shape, bend) ** 2)
-                beside = energy - float(weight @ on_top.after(*basis(problem, variable)) ** 2)
-                share, rest = (changing - settings.CHANCE * energy) / own, (beside - settings.FORETOLD * energy) / taken
+                beside = energy - float(weight @ on_top.after(*basis(problem, variable)) ** 2) if mine else 0.0
+                share, rest = (
+                    (changing - settings.FORETOLD * energy) / own,
+                    (beside - settings.FORETOLD * energy) / taken,
+                )
                 tested.append(Constancy(name, variable.name, share, rest))
         if tested:
             found.append(max(tested, key=lambda one: max(one.share / settings.VARIES, one.rest / settings.RESTS)))

@@ -297,16 +297,17 @@ def alternatives(judged: Judged, kind: str, within: float = 12.0) -> tuple[Names
     return tuple(others)
 
 
-def runner_up(judged: Judged, kind: str) -> Names:
-    """The best other hypothesis of as many effects, listed or not, that is no freer law of the same; () without one
-    that has HALF of the answer's evidence: what has less, the runs themselves rule out."""
+def runners_up(judged: Judged, kind: str) -> tuple[Names, ...]:
+    """The other hypotheses of as many effects, listed or not, that are no freer law of the same, the best first; only
+    those that have HALF of the answer's evidence: what has less, the runs themselves rule out."""
     least = settings.HALF * max((w.evidence for w in judged.weighed if w.names == judged.names), default=0.0)
+    found = []
     for w in judged.weighed:
         mine, its = set(judged.names) - set(w.names), set(w.names) - set(judged.names)
         freer = any(same_but_freer(a, b, kind) for a in its for b in mine)
         if len(w.names) == len(judged.names) and len(its) == 1 and w.evidence > least and not freer:
-            return w.names
-    return ()
+            found.append(w.names)
+    return tuple(found)
 
 
 def alike(judged: Judged, kind: str) -> Names:
