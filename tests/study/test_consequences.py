@@ -30,7 +30,7 @@ from workbench.study.consequences import (
 )
 from workbench.study.load import load_study
 from workbench.study.run import run_specs, run_study
-from workbench.view.consequences import before_and_after
+from workbench.view.diagnosis_figures import consequences as before_and_after
 
 ROOT = Path(__file__).resolve().parents[2]
 INERTIA = 1.656  # kg m², drive and drum of the default machine at the motor shaft
