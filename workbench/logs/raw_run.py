@@ -40,11 +40,12 @@ def integrated(rate: Array, time_s: Array) -> Array:
 def smoothed(values: Array, width: float) -> Array:
     """Convolved with a Gaussian of `width` samples, one standard deviation, cut at four; beyond the ends the first and
     last value stand. Wide ones by FFT: directly, the time goes with the square of a log's length."""
-    from scipy.ndimage import gaussian_filter1d
-    from scipy.signal import oaconvolve
-
     if width < WIDE:
+        from scipy.ndimage import gaussian_filter1d
+
         return np.asarray(gaussian_filter1d(values, width, mode="nearest"))
+    from scipy.signal import oaconvolve  # takes half a second to import
+
     reach = int(4.0 * width + 0.5)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     padded = np.pad(values - values[0], reach, mode="edge")  # about zero, for the rounding of the transform

@@ -34,7 +34,6 @@ VARIES = 0.08  # share: a true cause has shown 0.076 at most (a lag), mimics 0.0
 RESTS = 0.25  # rest: 0.2 at most, and 0.4 and more
 FORETOLD = 0.1  # of what the fit leaves: so much of a remainder a curve foretells, or looks like a change of amount
 UNDONE = 0.4  # logarithm of energies: as far two causes undo each other by chance; of 30 true pairs two did by 0.5
-NEARLY = 0.1  # of the best one's evidence: so much less is as good, too
 HALF = 0.5  # of the best one's evidence: what a part of it has to have
 
 # An unknown cause

@@ -184,9 +184,7 @@ def established(
     imitated = False
     for w in laws:
         part = any(set(w.names) < set(names) for names in mimics) and w.evidence > settings.HALF * laws[0].evidence
-        as_good = not imitated and w.evidence > laws[0].evidence - max(
-            settings.DECISIVE, settings.NEARLY * laws[0].evidence
-        )
+        as_good = not imitated and w.evidence > laws[0].evidence - settings.DECISIVE
         if not (part or as_good):
             continue
         why = next((one for one in constancies(problem, near, w.fit) if one.broken), None)
