@@ -29,8 +29,8 @@ from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, beside, impacts_of
 
 # Periods of the band from one sample that a search simulates to the next, by `Kind.floor`: what that changes is below
-# what the sensors of a hoist leave, and below what friction at reversals leaves of an axis.
-THIN = {"sensors": 0.07, "own": 0.05}
+# what a hoist's sensors leave. An axis logs its reversals so finely that a fit without them stays beside the best.
+THIN = {"sensors": 0.07, "own": 0.0}
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the model error, which hangs together
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
