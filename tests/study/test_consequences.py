@@ -16,13 +16,21 @@ from workbench.analysis.family import family, operating_points, weakest
 from workbench.analysis.tune import Goal
 from workbench.core.errors import InputError
 from workbench.core.run import Run
+from workbench.effects import of
 from workbench.machines import Hoist, default_hoist, with_correction, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import LoopCase, simulate_loop
-from workbench.study.consequences import Consequences, as_json, consequences_of, consequences_table, small_study
+from workbench.study.consequences import (
+    Consequences,
+    as_json,
+    consequences_of,
+    consequences_table,
+    small_study,
+    without,
+)
 from workbench.study.load import load_study
 from workbench.study.run import run_specs, run_study
-from workbench.view.consequences import before_and_after
+from workbench.view.diagnosis_figures import consequences as before_and_after
 
 ROOT = Path(__file__).resolve().parents[2]
 INERTIA = 1.656  # kg m², drive and drum of the default machine at the motor shaft
@@ -341,3 +349,11 @@ def test_a_users_scenario_lends_its_moves_controller_payloads_and_references():
         mine = rows[row.payload_kg, row.reference]
         assert row.given["peak_torque_motor_nm"] == mine["peak_torque_motor_nm"]
     assert "in the scenario payloads" in changes.sentences[0]
+
+
+def test_what_is_each_runs_own_is_taken_out_with_its_effect():
+    ship = with_effects(heave={"amplitude_m": 0.1})
+    log = ship.log.model_copy(update={"of_runs": {"calm": {"heave": {"phase_rad": 1.0}}}})
+    ship = ship.model_copy(update={"log": log})
+    assert of(ship).of_runs["calm"]
+    assert not of(without(ship, default_hoist(), ["heave"])).of_runs.get("calm")

@@ -183,7 +183,7 @@ def test_a_sample_has_its_spread_and_what_it_hangs_on(results) -> None:
 def test_what_was_run_is_said_without_a_date(results) -> None:
     result = read_finished(results(GAINS))
     lines = what(result)
-    assert lines["moves"] == "by 1.5 m, rest 0.5 s, to 4 m"
+    assert lines["moves"] == "by 1.5 m; dwell 0.5 s; to 4 m"
     assert lines["limits"] == "speed 0.7 m/s, acceleration 0.6 m/s², jerk 0.8 m/s³"
     assert lines["swept: kp"] == "15 N m s/rad, 31 N m s/rad"
     assert "workbench " in lines["program"]
@@ -275,7 +275,7 @@ def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path
 
 def test_a_place_that_cannot_be_written_is_one_sentence(copy: Path, tmp_path: Path, run) -> None:
     done = run("report", copy, "--out", tmp_path / "nowhere" / "x.html")
-    assert done.status == 2 and "the report cannot be written: No such file or directory" in done.err
+    assert done.status == 2 and "cannot be written: No such file or directory" in done.err
 
 
 @pytest.mark.parametrize(

@@ -286,7 +286,11 @@ def without(corrected: Hoist | Axis, nominal: Hoist | Axis, effects: Sequence[st
     kept = {name: values for name, values in corrected.effects.items() if name not in effects}
     kept |= {name: nominal.effects[name] for name in effects if name in nominal.effects}
     table = nominal.measured_correction if CORRECTION in effects else corrected.measured_correction
-    return corrected.model_copy(update={"effects": kept, "measured_correction": table})
+    own = corrected.log.of_runs.items()  # what is each run's own goes with its effect
+    gone = corrected.effects.keys() - kept.keys()
+    of_runs = {run: {name: its for name, its in values.items() if name not in gone} for run, values in own}
+    log = corrected.log.model_copy(update={"of_runs": of_runs})
+    return corrected.model_copy(update={"effects": kept, "measured_correction": table, "log": log})
 
 
 def worst_runs(study: SmallStudy, machine: Hoist | Axis) -> list[Row]:

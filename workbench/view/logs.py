@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from workbench.core.errors import InputError, nearest
 from workbench.core.run import Array, Run
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
+from workbench.core.whole_folder import whole_file
 from workbench.logs import Campaign
 from workbench.logs.importing import Proposed
 from workbench.study.labels import metric_label
@@ -33,8 +33,7 @@ def run_figure(run: Run, signals: Sequence[str] | None = None) -> Any:
     panels = Panels(run.name, [f"{x.words}<br>({x.unit})" if x.unit else x.words for x in labels])
     for row, (name, label) in enumerate(zip(names, labels, strict=True)):
         panels.line(row, 0, run.time_s, run[name], label.words, line("measured", width=1.4), label.unit)
-    figure = panels.figure(140 + 130 * len(names))
-    return figure.update_layout(showlegend=False)
+    return panels.figure(140 + 130 * len(names)).update_layout(showlegend=False)
 
 
 def _signals(run: Run) -> Table:
@@ -71,24 +70,18 @@ def _runs(campaign: Campaign) -> Table:
 
 
 def _run_columns(campaign: Campaign) -> Mapping[str, Sequence[Any]]:
-    runs = campaign.runs
-    return {
-        "run": [run.name for run in runs],
-        "payload_kg": [run.payload_kg for run in runs],
-        "start_position_m": [run.start_position_m for run in runs],
-        "start_time_s": [run.start_time_s for run in runs],
-        "duration_s": [run.duration_s for run in runs],
-        "samples": [len(run.time_s) for run in runs],
-        "sample_time_s": [run.sample_time_s for run in runs],
-    }
+    names = ("payload_kg", "start_position_m", "start_time_s", "duration_s")
+    columns = {name: [getattr(run, name) for run in campaign.runs] for name in names}
+    samples, steps = ([of(run) for run in campaign.runs] for of in (lambda r: len(r.time_s), lambda r: r.sample_time_s))
+    return {"run": [run.name for run in campaign.runs], **columns, "samples": samples, "sample_time_s": steps}
 
 
-def _inputs(campaign: Campaign) -> Any:
-    machine = campaign.machine
-    return input_profiles(machine, campaign.runs)
-
-
-CAMPAIGN = View({"runs": _runs}, {"input": _inputs}, _run_columns, index="run")
+CAMPAIGN = View(
+    {"runs": _runs},
+    {"input": lambda campaign: input_profiles(campaign.machine, campaign.runs)},
+    _run_columns,
+    index="run",
+)
 
 
 def mapping_table(proposed: Proposed) -> Table:
@@ -113,12 +106,8 @@ def write_page(signals: Sequence[tuple[str, str, Array, Array]], proposed: Propo
         tables=[mapping_table(proposed)],
         figures=[(drawn(signals), "Each signal in SI, at its own samples; up, hoisting and forward are positive.")],
     )
-    hidden = path.with_name(f".{path.name}.part")
-    try:
-        save_page([section], hidden, f"Import of {name}")
-        os.replace(hidden, path)
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
+    with whole_file(path) as part:
+        save_page([section], part, f"Import of {name}")
 
 
 def drawn(signals: Sequence[tuple[str, str, Array, Array]]) -> Any:
@@ -126,6 +115,4 @@ def drawn(signals: Sequence[tuple[str, str, Array, Array]]) -> Any:
     panels = Panels("Proposed signals", [signal.replace("_", " ") for signal, _, _, _ in signals])
     for i, (signal, column, time_s, values) in enumerate(signals):
         panels.line(i, 0, time_s, values, f"{signal}: {column}", {"color": BLUE, "width": 1.3})
-    figure = panels.figure(170 * len(signals) + 120)
-    figure.update_layout(showlegend=False)
-    return figure
+    return panels.figure(170 * len(signals) + 120).update_layout(showlegend=False)

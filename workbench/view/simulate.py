@@ -9,10 +9,9 @@ from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.simulate.loop import LoopResult
 from workbench.study.labels import metric_label
-from workbench.study.run import motor_torque_limit_nm
 from workbench.view.logs import run_figure
 from workbench.view.numbers import figures
-from workbench.view.study_figures import overview
+from workbench.view.study_figures import over_time
 
 
 def _metrics(result: LoopResult) -> Table:
@@ -27,9 +26,7 @@ def _metrics(result: LoopResult) -> Table:
 
 
 def _overview(result: LoopResult) -> Any:
-    machine = result.case.machine
-    runs = [(result.case.name, result.run)]
-    return overview(runs, machine.motor.nominal_torque_nm, motor_torque_limit_nm(machine), result.case.name)
+    return over_time([(result.case.name, result.run)], result.case.machine, result.case.name)
 
 
 def _columns(result: LoopResult) -> Mapping[str, Sequence[Any]]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
@@ -148,7 +148,7 @@ def deserved(search: SearchResult, names: Names) -> bool:
     if significance(problem, search.within_tolerances, fit) <= 0.0:
         return False
     chosen_from = len({name for known in search.fits for name in known})
-    least = float(norm.isf(SIGNIFICANT / chosen_from))
+    least = float(-ndtri(SIGNIFICANT / chosen_from))
     return len(names) == 1 or all(significance(problem, without(search, fit, name), fit) > least for name in names)
 
 
