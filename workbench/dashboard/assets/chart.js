@@ -75,7 +75,7 @@ function fitting(figure, width) {
   }
   for (const note of narrow.annotations ?? []) {
     if (note.showarrow || !note.text) continue;
-    Object.assign(note, {text: wrapped(note.text, width - 60, 6.4), font: {...note.font, size: 11}});
+    Object.assign(note, {text: wrapped(note.text, width - 50, 6.2), font: {...note.font, size: 11}});
   }
   const title = wrapped(layout.title?.text, width - 30, 9), more = 20 * (title.split("<br>").length - 1);
   if (more) {
