@@ -18,10 +18,10 @@ from workbench.simulate.replay import replay_runs
 from workbench.study.run import peak_limit
 from workbench.view.identify import correlation_matrix
 from workbench.view.page import Section, save_page
+from workbench.view.panels import PASSES, STRAIGHT, straightened, thin
 from workbench.view.replay import inputs, speeds, torque_residual
 from workbench.view.study_figures import harder_worked_nm, over_time, peak_torque_over_payload, slack_stretches
 from workbench.view.style import LINES
-from workbench.view.thin import PASSES, STRAIGHT, straightened, thin
 
 TIME = np.linspace(0.0, 40.0, 4001)
 HOIST = default_hoist()
