@@ -482,6 +482,7 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     more, start = effect_parameters(effect, ranges, begin)
     z = np.concatenate([np.zeros(len(free)), start])
     fit = fit_hypothesis(problem, (effect.id,), [*free, *more], z, 60, base=len(free))
+    fit = fit_hypothesis(problem, fit.effects, fit.free, fit.z, 60, len(free), fit.jacobian)  # as a search goes on
     assert fit.rms(problem.inputs) < 0.005 * rms(problem.residuals([{}])[0])
     for symbol, value in true.items():
         assert fit.setting[symbol] == pytest.approx(value, rel=0.002), symbol

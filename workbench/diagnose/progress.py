@@ -59,11 +59,11 @@ class Progress:
 
 
 # The rest of a diagnosis at the first message of each task, in times of base fit and signatures together: nine of ten
-# practice campaigns take no longer.
+# practice hoists take no longer.
 UPPER = {
-    (Stage.SEARCH, Task.SINGLE): 6.0, (Stage.SEARCH, Task.PAIRS): 5.0, (Stage.JUDGE, Task.WHOLE): 3.5,
-    (Stage.LOCATE, Task.WHOLE): 3.0, (Stage.SEPARATE, Task.WHOLE): 2.5, (Stage.SHRINK, Task.WHOLE): 2.5,
-    (Stage.CONSEQUENCES, Task.WHOLE): 2.0, (Stage.WRITE, Task.WHOLE): 0.5,
+    (Stage.SEARCH, Task.SINGLE): 12.0, (Stage.SEARCH, Task.PAIRS): 10.0, (Stage.JUDGE, Task.WHOLE): 6.0,
+    (Stage.LOCATE, Task.WHOLE): 5.0, (Stage.SEPARATE, Task.WHOLE): 4.0, (Stage.SHRINK, Task.WHOLE): 4.0,
+    (Stage.CONSEQUENCES, Task.WHOLE): 2.0, (Stage.WRITE, Task.WHOLE): 1.0,
 }  # fmt: skip
 SHORT = 0.1  # s: a unit that tells nothing
 
