@@ -6,8 +6,12 @@ import statistics
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+RESULTS = Path(__file__).with_name("results.json")
+ACCURACY = 1e-6  # of the largest motor speed, for replay, closed loop and batch
+FIT_ACCURACY = 1e-4  # of each parameter: the right answer
 SHORT_S = 0.05  # quick work is repeated within a turn for about this long
 
 
@@ -35,6 +39,33 @@ class Measured:
     seconds: float
     clock_seconds: float
     error: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """Ours beside one peer's, with what the peer was set to and the ratio aimed at."""
+
+    name: str
+    ours: Measured
+    peer: str
+    theirs: Measured
+    setting: str
+    target: float | None
+
+    @property
+    def ratio(self) -> float:
+        return self.theirs.seconds / self.ours.seconds
+
+    def record(self) -> dict[str, float | str]:
+        return {
+            "name": self.name,
+            "ours_s": self.ours.seconds,
+            "peer": self.peer,
+            "peer_s": self.theirs.seconds,
+            "ratio": self.ratio,
+            "error_ours": self.ours.error,
+            "error_peer": self.theirs.error,
+        }
 
 
 def in_turns(ways: Mapping[str, Work], rounds: int) -> dict[str, Measured]:

@@ -11,12 +11,14 @@ import json
 import math
 import resource
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -30,13 +32,52 @@ from workbench.machines import HOIST, Axis, Hoist, default_hoist, save_machine
 from workbench.metrics import observer
 from workbench.references import Limits, motor_speed_rad_s, plan_motion
 from workbench.references import Step as Way
-from workbench.serve.plant import SIGNALS
 from workbench.serve.serve import Wish, ask_priority, serve
 from workbench.serve.session import Session
-from workbench.serve.udp import State, command_packet, state_in
+from workbench.serve.udp import BYTE_ORDER, COMMAND, COMMAND_MAGIC, STATE_HEAD, STATE_MAGIC
 from workbench.simulate.loop import LoopCase, case_limits, simulate_loop
 
 PAYLOAD_KG, START_M = 4500.0, 9.0
+
+
+SIGNALS = tuple(signal.name for signal in HOIST.plant.signals)
+
+
+@dataclass(frozen=True)
+class State:
+    """What a client reads out of a packet. numbers: the outputs that are numbers, in their order."""
+
+    sequence: int
+    echo: int
+    flags: int
+    skipped_steps: int
+    numbers: tuple[float, ...]
+
+    @property
+    def time_s(self) -> float:
+        return self.numbers[0]
+
+    @property
+    def at_work(self) -> float:
+        return self.numbers[1]
+
+    @property
+    def signals(self) -> dict[str, float]:
+        """Of a hoist, by name."""
+        return dict(zip(SIGNALS, self.numbers[2:], strict=False))
+
+
+def command_packet(sequence: int, value: float, flags: int = 0, token: str = "") -> bytes:
+    return COMMAND.pack(COMMAND_MAGIC, BYTE_ORDER, sequence & 0xFFFFFFFF, flags, value, token.encode())
+
+
+def state_in(data: bytes) -> State | None:
+    """The state in a datagram, None where it is none."""
+    count, rest = divmod(len(data) - STATE_HEAD.size, 8)
+    if count < 2 or rest or data[:4] != STATE_MAGIC:
+        return None
+    _, _, sequence, echo, flags, skipped = STATE_HEAD.unpack_from(data)
+    return State(sequence, echo, flags, skipped, struct.unpack_from(f"<{count}d", data, STATE_HEAD.size))
 
 
 class Client:

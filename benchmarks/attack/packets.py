@@ -20,11 +20,11 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks.serve import Client, Served
+from benchmarks.serve import Client, Served, command_packet
 from workbench.core.errors import InputError
 from workbench.machines import default_hoist
 from workbench.serve.session import SAID_EVERY_S
-from workbench.serve.udp import BYTE_ORDER, COMMAND, command_packet
+from workbench.serve.udp import BYTE_ORDER, COMMAND
 from workbench.simulate.loop import torque_limits
 
 NUMBERS = (0.0, -0.0, 1.0, -1.0, 1e3, 1e9, 1e300, -1e308, 1.8e308, math.nan, -math.nan, math.inf, -math.inf, 5e-324)

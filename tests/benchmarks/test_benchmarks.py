@@ -11,9 +11,8 @@ import pytest
 from benchmarks import measure, ours
 from benchmarks.case import FITTED, HEIGHT_M, LOOP, PAYLOAD_KG, make_fit_log, make_loop, make_replay, solve_loop
 from benchmarks.hoist import hanging, load_hoist, rates, reference_replay, speed_error
-from benchmarks.measure import Measured, Work, in_turns
+from benchmarks.measure import ACCURACY, FIT_ACCURACY, RESULTS, Measured, Row, Work, in_turns
 from benchmarks.peers.python_rhs import linear_between, make_rates
-from benchmarks.rows import ACCURACY, FIT_ACCURACY, RESULTS, Row
 
 KEYS = {
     "name": str,

@@ -27,7 +27,7 @@ from workbench.dashboard.pages.compare import Kept
 from workbench.machines import default_hoist, kind_of, shipped, with_values
 from workbench.machines.files import machine_text
 from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
-from workbench.study.decide import verdict
+from workbench.study.decide import decisions, take_sentences
 from workbench.study.load import load_study, plan_study
 from workbench.study.run import run_study
 
@@ -164,8 +164,8 @@ def test_a_link_shows_an_axis_study_on_its_own_machine(machine):
 def test_the_verdict_of_an_axis_is_that_of_its_runs_and_other_limits_are_drawn(study):
     scenario = shipped_axis_desk().scenario
     rows = run_study(plan_study(scenario, EMPS)).rows
-    said = verdict(rows, machine=EMPS)
-    assert said is not None and study.info[0].value.replace("\\", "").startswith(said)
+    said = " ".join(take_sentences(decisions(rows, EMPS)))
+    assert said and study.info[0].value.replace("\\", "").startswith(said)
     (front,) = (drawn for drawn in figures(study) if "against force peak" in drawn["layout"]["title"]["text"])
     names = {line["name"] for line in front["data"]}
     assert {"front: beaten by no run", "chosen: trapezoid", "chosen: ruckig, same limits"} <= names

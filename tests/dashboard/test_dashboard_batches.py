@@ -24,7 +24,6 @@ from tests.support.dashboard_app import (
 from tests.support.scenario_text import GOOD
 from workbench.dashboard import jobs
 from workbench.dashboard.desk import shipped_scenarios
-from workbench.dashboard.jobs import Progress, counts
 from workbench.dashboard.pages import batches
 
 MACHINE = (Path(batches.__file__).parents[2] / "machines" / "default_hoist.yaml").read_text()
@@ -153,21 +152,3 @@ def test_a_batch_can_run_on_another_machine_than_the_scenario_names(server: Path
     job = the_job(server) if begun(app) else None
     assert job is not None and after(app, job)
     assert "another, once" in job.file("result/machine.yaml").read_text()
-
-
-@pytest.mark.parametrize(
-    ("progress", "text"),
-    [
-        (Progress("running"), "getting ready"),
-        (Progress("running", sentence="compiling the plant"), "compiling the plant"),
-        (
-            Progress("running", "runs", 256, 1280, 3, rate_per_s=512.0),
-            "256 of 1,280 runs, 3 failed, 512 runs/s, 2 s to go",
-        ),
-        (Progress("running", "writing the report", 0, 1), "writing the report"),
-        (Progress("stopped", "runs", 256, 1280, rate_per_s=512.0, running_s=4.2), "256 of 1,280 runs, 4 s"),
-        (Progress("done", "runs", 1280, 1280, running_s=3.0), "1,280 runs, 3 s"),
-    ],
-)  # fmt: skip
-def test_progress_is_one_line_of_plain_numbers(progress: Progress, text: str):
-    assert counts(progress, "runs") == text

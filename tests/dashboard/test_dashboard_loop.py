@@ -45,6 +45,8 @@ def test_the_page_draws_bode_nyquist_steps_and_the_gang_of_four():
     assert not app.exception and errors(app) == []
     titles = [figure["layout"]["title"]["text"] for figure in figures(app)]
     assert titles == ["Open loop L", "Nyquist", "Step responses of the linear loop", "Gang of four"]
+    app.selectbox(key="loop unit").set_value("rad/s").run()
+    assert figures(app)[0]["layout"]["xaxis2"]["title"]["text"] == "frequency (rad/s)"
 
 
 def test_the_table_holds_every_payload_at_every_height():
@@ -147,12 +149,6 @@ def test_bad_payloads_and_heights_are_one_sentence(key, text, said):
     app.text_input(key=f"loop {key}").set_value(text).run()
     assert errors(app) == [said]
     assert not app.exception
-
-
-def test_the_frequency_axis_is_in_the_unit_that_is_chosen():
-    app = page("Loop").run()
-    app.selectbox(key="loop unit").set_value("rad/s").run()
-    assert figures(app)[0]["layout"]["xaxis2"]["title"]["text"] == "frequency (rad/s)"
 
 
 def test_bode_in_radians_shows_the_same_loop_at_two_pi_times_the_frequency():

@@ -22,8 +22,7 @@ from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.study.load import plan_study
 from workbench.study.run import run_study
 from workbench.study.scenario import Scenario
-from workbench.view import arm_parts
-from workbench.view.film import HEIGHT, VIRIDIS, Scene, film, film_data, look_of, scene_of
+from workbench.view.film import HEIGHT, VIRIDIS, Scene, film, film_data, half_pipe, look_of, scene_of, sizes
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +71,7 @@ def test_the_samples_are_those_of_the_run_fifty_times_a_second(lift):
 
 
 def test_drum_and_sheave_turn_as_the_drawn_wire_runs(lift):
-    s, shown = arm_parts.sizes(default_hoist()), scene(lift)
+    s, shown = sizes(default_hoist()), scene(lift)
     (run,) = runs(shown)
     taken = shown.wound_m[-1] - shown.wound_m[0]
     assert taken > 0.0
@@ -108,8 +107,8 @@ def test_the_colours_of_tension_grow_lighter_and_are_read_in_black_and_white_too
 
 
 def test_an_empty_gripper_holds_nothing_and_a_heavier_pipe_is_thicker(lift):
-    s = arm_parts.sizes(default_hoist())
-    widths = [arm_parts.half_pipe(s, payload, 8000.0) for payload in (0.0, 1000.0, 4500.0, 9000.0)]
+    s = sizes(default_hoist())
+    widths = [half_pipe(s, payload, 8000.0) for payload in (0.0, 1000.0, 4500.0, 9000.0)]
     assert widths[0] == 0.0 and widths == sorted(set(widths))
     pipe = look_of(False).pipe
     assert pipe in film(default_hoist(), [scene(lift)])

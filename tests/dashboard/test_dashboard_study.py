@@ -24,7 +24,7 @@ from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
 from workbench.dashboard import chosen as machines
 from workbench.dashboard import session, widgets
-from workbench.dashboard.desk import desk_of, edited, from_address, in_address, shipped_files, usual_desk
+from workbench.dashboard.desk import desk_of, edited, from_address, in_address, usual_desk
 from workbench.dashboard.pages import compare as kept
 from workbench.dashboard.pages.compare import difference, machine_told_apart
 from workbench.dashboard.pages.study import OWN
@@ -115,22 +115,6 @@ def test_a_loaded_scenario_sets_the_controls_and_stays_under_the_sliders_that_mo
     assert app.slider(key="study.kp").value == 25.0 and metrics(app) != before
     good(app.selectbox(key="study ships").set_value("payloads").run())
     assert app.text_input(key="study.name").value == "payloads"
-
-
-@pytest.mark.parametrize(
-    ("value", "by", "shown", "change"),
-    [
-        (562.3, -0.5, "562", ("-0.50 s", "inverse")),
-        (3.4567, float("nan"), "3.46", (None, "off")),
-        (-0.0471, 0.2, "−0.0471", ("+0.20 s", "inverse")),
-        (0.0, None, "0", (None, "off")),
-        (123456.0, 1e-13, "123456", ("±0 s", "off")),
-        (float("nan"), None, "–", (None, "off")),
-    ],
-)
-def test_a_number_has_sane_digits_and_a_difference_of_rounding_no_colour(value, by, shown, change):
-    assert widgets.text(value) == shown
-    assert widgets._delta(widgets.Number("time", value, "s", by, "lower")) == change
 
 
 def test_a_slider_changes_the_numbers_and_the_range_of_another(drawn):
@@ -227,14 +211,6 @@ def test_gains_are_carried_from_loop_to_study_and_back():
     back.session_state["desk hoist"] = study.session_state["desk hoist"]
     back.run()
     assert back.select_slider(key=KP).value == 150.0 and back.select_slider(key=KI).value == 918.0
-
-
-def test_an_uploaded_scenario_may_extend_one_that_ships_and_no_other():
-    text = "extends: ../scenarios/payloads.yaml\nname: mine\npayloads_kg: [700]\n"
-    scenario = read_standalone(loads(text, "s.yaml"), None, shipped_files())
-    assert scenario.payloads_kg == (700.0,) and scenario.limits.jerk_m_s3 == 0.8
-    with pytest.raises(InputError, match="another file, which is not here"):
-        read_standalone(loads(text.replace("payloads.yaml", "secret.yaml"), "s.yaml"), None, shipped_files())
 
 
 def trapezoid_and_ruckig(app: Any) -> Any:

@@ -14,7 +14,6 @@ from tests.support.dashboard_app import downloads, errors, figures, good, metric
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from tests.support.simulated_campaign import TRUTH, simulated_campaign
 from workbench.dashboard import chosen as campaigns
-from workbench.dashboard.pages.validate import in_words
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 from workbench.machines import Hoist
@@ -202,9 +201,3 @@ def test_estimates_stand_at_their_distance_with_their_error():
     assert figure.layout.xaxis.range[1] >= 2.3
     assert [note.text for note in figure.layout.annotations] == ["7728 ± 385", "7990 ± 12"]
     assert not estimates(fitted, "% of nominal").layout.shapes
-
-
-def test_a_fitted_value_is_called_by_words_with_its_unit():
-    assert in_words("guide.coulomb_hoisting_n", 7570.2, 171.0) == ("guide Coulomb hoisting", "7570 ± 170 N")
-    assert in_words("wire.youngs_modulus_pa", 1.028e11, 1.8e9) == ("wire Young's modulus", "102.8 ± 1.8 GPa")
-    assert in_words("sensors.torque_gain", 0.9995, 0.0031) == ("torque gain", "0.9995 ± 0.0031")

@@ -16,7 +16,7 @@ from tests.support.simulated_campaign import simulated_campaign
 from workbench.cli.progress import stages as shown
 from workbench.cli.show import print_sections
 from workbench.core.errors import InputError
-from workbench.diagnose.progress import Progress, Stage, Task, Tell
+from workbench.diagnose.progress import Progress, Remaining, Stage, Task, Tell
 from workbench.effects import check, forget_users
 from workbench.machines import default_hoist, load_machine
 from workbench.view.diagnosis import brief_sections, candidates_table, progress_words
@@ -195,6 +195,28 @@ def test_the_stages_are_counted_without_a_gap_to_the_last(
     assert told == [*(f"{k + 1}/8 {words[k]}" for k in range(7)), "8/8 writing the report"]
     told = workbench("diagnose", folder).err.splitlines()[-7:]
     assert told == [f"{k + 1}/7 {words[k]}" for k in range(7)]  # there is no report to write
+
+
+def test_what_is_said_of_the_rest_never_rises():
+    """Also where the search begins once more, and where it takes longer than most."""
+    now = [0.0]
+    remaining = Remaining(lambda: now[0])
+    steps = [
+        (0.0, Stage.READ, Task.WHOLE), (1.0, Stage.SEARCH, Task.BASE), (2.0, Stage.SEARCH, Task.SIGNATURES),
+        (3.0, Stage.SEARCH, Task.SINGLE), (5.0, Stage.SEARCH, Task.PAIRS), (6.0, Stage.SEARCH, Task.BASE),
+        (7.0, Stage.SEARCH, Task.SIGNATURES), (9.0, Stage.SEARCH, Task.SINGLE), (20.0, Stage.SEARCH, Task.PAIRS),
+        (21.0, Stage.JUDGE, Task.WHOLE), (40.0, Stage.CONSEQUENCES, Task.WHOLE),
+    ]  # fmt: skip
+    ends = []
+    for at, stage, task in steps:
+        now[0] = at
+        left = remaining(Progress(stage, task))
+        assert (left is None) == (at < 3.0)
+        if left:
+            ends.append(at + left)
+    assert ends == sorted(ends, reverse=True)
+    assert remaining(Progress(Stage.CONSEQUENCES)) == 0.0
+    assert Remaining(lambda: 0.0)(Progress(Stage.SEARCH, Task.SINGLE)) is None  # nothing was measured
 
 
 def test_a_terminal_gets_a_bar_that_is_gone_at_the_end(

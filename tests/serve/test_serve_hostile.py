@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from benchmarks.attack.packets import attack, datagram
-from benchmarks.serve import Client, Served
+from benchmarks.serve import Client, Served, command_packet, state_in
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
 from workbench.machines import default_hoist, save_machine
@@ -20,7 +20,7 @@ from workbench.serve import tcp
 from workbench.serve.plant import LivePlant
 from workbench.serve.serve import Wish
 from workbench.serve.session import FLAGS, MOST_BEHIND_S, Session
-from workbench.serve.udp import BYTE_ORDER, SILENT_S, command_packet, state_in
+from workbench.serve.udp import BYTE_ORDER, SILENT_S
 
 HOIST = default_hoist()
 BITS = {name: 1 << i for i, (name, _) in enumerate(FLAGS)}

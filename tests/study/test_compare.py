@@ -161,9 +161,9 @@ KP = "sweep.controller.kp_nm_s_per_rad"
         ({"payload_kg": 100.0}, "payload is 9000 kg in A and 100 kg in B"),
         ({"reference": "trapezoid"}, "reference is ruckig in A and trapezoid in B"),
         ({"assigned": {KP: 40.0}}, "kp is 30 N m s/rad in A and 40 N m s/rad in B"),
-        ({"assigned": {}}, "only A varies kp"),
-        ({"assigned": {KP: 30.0, "sweep.limits.jerk_m_s3": 1.0}}, "only B varies jerk"),
-        ({"assigned": {KP: 30.0}}, "several runs have the same payload, reference and varied values"),
+        ({"assigned": {}}, "kp is 30 N m s/rad in A and not varied in B"),
+        ({"assigned": {KP: 30.0, "sweep.limits.jerk_m_s3": 1.0}}, "jerk is not varied in A and 1 m/s³ in B"),
+        ({"assigned": {KP: 30.0}}, "their ids differ"),
     ],
 )
 def test_why_no_run_matches_is_said_by_what_differs(other: dict[str, Any], why: str) -> None:

@@ -180,7 +180,7 @@ def test_extremes_name_the_run_in_words():
 def test_a_carriage_that_ends_elsewhere_is_told_with_by_how_much():
     rows = [row({JERK: float(j)}, position_error_end_m=-j) for j in range(3)]
     (text,) = [sentence for sentence in sentences(rows, LIMIT) if "does not end" in sentence]
-    assert text.endswith("farthest off 9000 kg, ruckig, jerk 2 m/s³, 2.00 m below it.")
+    assert text.endswith("at most 2.00 m below it, 9000 kg, ruckig, jerk 2 m/s³.")
 
 
 def test_where_each_run_has_its_own_torque_limit_none_is_said_to_be_reached():

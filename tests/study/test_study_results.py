@@ -252,7 +252,7 @@ def test_slack_and_the_torque_limit_are_said_when_they_occur() -> None:
     rows = [row(0.0, "ruckig", slack_time_s=0.31, slack_events=2.0, peak_torque_motor_nm=768.0)]
     said = " ".join(sentences(rows, 768.0))
     assert "The torque limit of 768 N m per motor is reached: 0 kg, ruckig." in said
-    assert "The wire goes slack: 0 kg, ruckig; longest 0.31 s (0 kg, ruckig)" in said
+    assert "The wire goes slack: 0 kg, ruckig; at most 0.31 s, 0 kg, ruckig" in said
     assert "slack" not in " ".join(sentences([row(0.0, "ruckig")], 768.0))
 
 

@@ -27,7 +27,7 @@ def made_by(problem: Problem, setting: Setting) -> Problem:
         replace(run, signals={**run.signals, "torque_motor_nm": gain * raw + offset})
         for run, raw in zip(problem.runs, predicted, strict=True)
     ]
-    return Problem(problem.machine, runs, problem.band_hz)
+    return Problem(problem.machine, runs, problem.band_hz).exact()
 
 
 def fitted_to(

@@ -16,7 +16,8 @@ def searched_in(folder: Path, effects: Sequence[str]) -> tuple[Campaign, SearchR
     campaign = read_campaign(folder)
     problem = Problem(campaign.machine, campaign.runs)
     kind = problem.active.kind
-    return campaign, Search(problem, [find(effect, kind) for effect in effects]).singles()
+    search = Search(problem, [find(effect, kind) for effect in effects])
+    return campaign, search.exact(search.singles())
 
 
 def simulated_search(

@@ -10,19 +10,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
+from workbench.core.whole_folder import whole_file
 from workbench.machines import default_hoist
 from workbench.references import planned_kinds
 from workbench.simulate.replay import replay_runs
+from workbench.study.run import peak_limit
 from workbench.view.identify import correlation_matrix
 from workbench.view.page import Section, save_page
+from workbench.view.panels import PASSES, STRAIGHT, straightened, thin
 from workbench.view.replay import inputs, speeds, torque_residual
-from workbench.view.study_figures import harder_worked_nm, overview, peak_torque_over_payload, slack_stretches
+from workbench.view.study_figures import harder_worked_nm, over_time, peak_torque_over_payload, slack_stretches
 from workbench.view.style import LINES
-from workbench.view.thin import PASSES, STRAIGHT, straightened, thin
 
 TIME = np.linspace(0.0, 40.0, 4001)
+HOIST = default_hoist()
+NOMINAL, LIMIT = HOIST.motor.nominal_torque_nm, peak_limit(HOIST)
 
 
 def loop_run(payload_kg: float, peak_nm: float = 500.0, slack: tuple[float, float] | None = None) -> Run:
@@ -103,13 +108,13 @@ def test_straight_stretches_lose_points_and_corners_gaps_and_noise_keep_them() -
 
 def test_overview_has_a_column_a_payload_with_error_limits_and_nominal() -> None:
     runs = [(kind, loop_run(payload)) for payload in (0.0, 9000.0) for kind in planned_kinds()]
-    figure = overview(runs, 480.0, 768.0)
+    figure = over_time(runs, HOIST)
     # Four quantities, two payloads, every reference; set points once per run.
     count = len(planned_kinds())
     assert len(figure.data) == 4 * 2 * count + 2 * count
     assert {a.text for a in figure.layout.annotations} >= {"<b>payload 0 kg</b>", "<b>payload 9000 kg</b>"}
     levels = {shape.y0 for shape in figure.layout.shapes if shape.type == "line"}
-    assert levels == {480.0, 768.0}
+    assert levels == {NOMINAL, LIMIT}
     error = traces(figure, "trapezoid")[1]
     np.testing.assert_allclose(error.y.max(), (100 * (np.sin(TIME) - np.sin(TIME + 0.01))).max(), rtol=1e-5)
     torque = traces(figure, "trapezoid")[2]
@@ -117,7 +122,7 @@ def test_overview_has_a_column_a_payload_with_error_limits_and_nominal() -> None
 
 
 def test_every_panel_shares_the_time_axis() -> None:
-    layout = overview([("ruckig", loop_run(p)) for p in (0.0, 4500.0, 9000.0)], 480.0, 768.0).layout.to_plotly_json()
+    layout = over_time([("ruckig", loop_run(p)) for p in (0.0, 4500.0, 9000.0)], HOIST).layout.to_plotly_json()
     axes = {key: value for key, value in layout.items() if key.startswith("xaxis")}
     assert list(axes) == ["xaxis10", "xaxis11", "xaxis12"]  # one a column, below its four rows
     assert [axis.get("matches") for axis in axes.values()] == [None, "x10", "x10"]
@@ -127,7 +132,7 @@ def test_every_panel_shares_the_time_axis() -> None:
 
 
 def test_a_reference_keeps_its_colour_in_every_figure() -> None:
-    shown = overview([(kind, loop_run(0.0)) for kind in reversed(list(planned_kinds()))], 480.0, 768.0)
+    shown = over_time([(kind, loop_run(0.0)) for kind in reversed(list(planned_kinds()))], HOIST)
     peaks = peak_torque_over_payload(
         np.array([0.0, 1.0]), {k: np.array([1.0, 2.0]) for k in planned_kinds()}, 480.0, 768.0
     )
@@ -139,21 +144,21 @@ def test_a_reference_keeps_its_colour_in_every_figure() -> None:
 
 
 def test_legend_names_each_line_once() -> None:
-    figure = overview([(kind, loop_run(p)) for p in (0.0, 4500.0) for kind in planned_kinds()], 480.0, 768.0)
+    figure = over_time([(kind, loop_run(p)) for p in (0.0, 4500.0) for kind in planned_kinds()], HOIST)
     named = [trace.name for trace in figure.data if trace.showlegend]
     assert sorted(named) == sorted(set(named))
     assert len(named) == len(planned_kinds()) + 1  # and the set points
 
 
 def test_many_payloads_are_drawn_as_three_columns_and_the_title_says_so() -> None:
-    figure = overview([("ruckig", loop_run(p)) for p in np.linspace(0, 9000, 11)], 480.0, 768.0)
+    figure = over_time([("ruckig", loop_run(p)) for p in np.linspace(0, 9000, 11)], HOIST)
     headings = [a.text for a in figure.layout.annotations if a.text.startswith("<b>payload")]
     assert headings == ["<b>payload 0 kg</b>", "<b>payload 4500 kg</b>", "<b>payload 9000 kg</b>"]
     assert "3 of 11 payloads" in figure.layout.title.text
 
 
 def test_a_window_draws_only_its_stretch() -> None:
-    figure = overview([("ruckig", loop_run(0.0))], 480.0, 768.0, window_s=(10.0, 12.0), quantities=("torque",))
+    figure = over_time([("ruckig", loop_run(0.0))], HOIST, window_s=(10.0, 12.0), quantities=("torque",))
     (torque,) = traces(figure, "ruckig, same limits")
     assert torque.x.min() == pytest.approx(10.0)
     assert torque.x.max() == pytest.approx(12.0)
@@ -162,7 +167,7 @@ def test_a_window_draws_only_its_stretch() -> None:
 def test_slack_is_shaded_from_its_start_to_its_end() -> None:
     run = loop_run(0.0, slack=(12.0, 13.5))
     np.testing.assert_allclose(slack_stretches(run), [(12.0, 13.5)])
-    figure = overview([("ruckig", run)], 480.0, 768.0)
+    figure = over_time([("ruckig", run)], HOIST)
     (shade,) = [shape for shape in figure.layout.shapes if shape.type == "rect"]
     assert (shade.x0, shade.x1) == (pytest.approx(12.0), pytest.approx(13.5))
     assert shade.line.width > 0.0  # a moment of a few samples is seen too
@@ -216,3 +221,24 @@ def test_page_needs_no_network_and_has_the_same_bytes_each_time(tmp_path: Path) 
     for text in ("yes &lt;no&gt;", "<li>a &gt; b</li>", "&lt;one&gt;", "All &amp; each.", "&lt;note&gt;"):
         assert text in page
     assert page.count('class="plotly-graph-div"') == 2
+
+
+def test_a_section_leaves_out_what_is_empty() -> None:
+    empty = Table([words("word")], [])
+    section = Section("head", ["", "said"], [""], [empty], [(None, "no figure")])
+    assert (section.sentences, section.points, section.tables, section.figures) == (["said"], [], [], [])
+    assert section and not Section("head", [""], tables=[empty])
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, OSError("no space left")])
+def test_a_file_is_whole_or_the_one_before_it(stop: Any, tmp_path: Path) -> None:
+    (tmp_path / "page").write_text("before")
+
+    def interrupted() -> None:
+        with whole_file(tmp_path / "page") as part:
+            part.write_text("half")
+            raise stop
+
+    with pytest.raises((KeyboardInterrupt, InputError)):
+        interrupted()
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("page", "before")]

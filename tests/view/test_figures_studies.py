@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from workbench.core.run import Run
+from workbench.machines import default_hoist
 from workbench.study.conclude import Correlation
 from workbench.study.front import fronts
 from workbench.study.labels import swept_axes
@@ -16,9 +17,9 @@ from workbench.view.study_figures import (
     envelope_nm,
     metrics_over_axis,
     pareto,
+    plane,
     spread,
     tornado,
-    torque_speed_plane,
 )
 
 JERK, KP = "sweep.limits.jerk_m_s3", "sweep.controller.kp_nm_s_per_rad"
@@ -142,9 +143,7 @@ def test_the_plane_keeps_the_corners_of_a_long_path():
     time = np.linspace(0.0, 40.0, 40_001)
     torque = np.where(np.abs(time - 20.0) < 0.0006, 900.0, 400.0 + 50.0 * np.sin(time))
     signals = {"speed_motor_rad_s": 145.0 * np.sin(time / 5.0), "torque_motor_nm": 2.0 * torque}
-    path = one(
-        torque_speed_plane([("ruckig", Run("x", time, signals, 0.0))], 480.0, 768.0, 157.0), "ruckig, same limits"
-    )
+    path = one(plane([("ruckig", Run("x", time, signals, 0.0))], default_hoist()), "ruckig, same limits")
     assert len(path.x) < 2000
     assert path.y.max() == pytest.approx(900.0)
     assert path.x.max() == pytest.approx(145.0, rel=1e-4)

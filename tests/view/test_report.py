@@ -15,8 +15,9 @@ import pytest
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.study.load import load_study
-from workbench.study.store import Finished, place_for, read_finished, run_batch
+from workbench.study.load import changed, load_study
+from workbench.study.run import StudyResult
+from workbench.study.store import place_for, read_finished, run_batch
 from workbench.view.study import conclusions, figures_of, run_tables, what_was_run, write_study_report
 
 SCENARIO = """\
@@ -103,11 +104,11 @@ def run(capsys: pytest.CaptureFixture[str]) -> Commands:
     return Commands(capsys)
 
 
-def titles(result: Finished) -> list[str]:
+def titles(result: StudyResult) -> list[str]:
     return [figure.layout.title.text for figure, _ in figures_of(result)]
 
 
-def what(result: Finished) -> dict[str, str]:
+def what(result: StudyResult) -> dict[str, str]:
     return {line[0]: line[1] for line in what_was_run(result).rows}
 
 
@@ -182,7 +183,7 @@ def test_a_sample_has_its_spread_and_what_it_hangs_on(results) -> None:
 def test_what_was_run_is_said_without_a_date(results) -> None:
     result = read_finished(results(GAINS))
     lines = what(result)
-    assert lines["moves"] == "by 1.5 m, rest 0.5 s, to 4 m"
+    assert lines["moves"] == "by 1.5 m; dwell 0.5 s; to 4 m"
     assert lines["limits"] == "speed 0.7 m/s, acceleration 0.6 m/s², jerk 0.8 m/s³"
     assert lines["swept: kp"] == "15 N m s/rad, 31 N m s/rad"
     assert "workbench " in lines["program"]
@@ -274,7 +275,7 @@ def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path
 
 def test_a_place_that_cannot_be_written_is_one_sentence(copy: Path, tmp_path: Path, run) -> None:
     done = run("report", copy, "--out", tmp_path / "nowhere" / "x.html")
-    assert done.status == 2 and "the report cannot be written: No such file or directory" in done.err
+    assert done.status == 2 and "cannot be written: No such file or directory" in done.err
 
 
 @pytest.mark.parametrize(
@@ -283,6 +284,6 @@ def test_a_place_that_cannot_be_written_is_one_sentence(copy: Path, tmp_path: Pa
 )
 def test_only_a_cycle_that_closes_is_said_to_be_repeatable(results, moves, closes):
     result = read_finished(results(""))
-    scenario = {**result.scenario, "moves": moves, "start_position_m": 4.0, "events": {}}
-    said = " ".join(conclusions(replace(result, scenario=scenario)))
+    scenario = changed(result.study.scenario, {"moves": moves, "start_position_m": 4.0, "events": {}})
+    said = " ".join(conclusions(replace(result, study=replace(result.study, scenario=scenario))))
     assert ("can be repeated without end" in said) == closes

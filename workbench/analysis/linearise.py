@@ -53,10 +53,6 @@ class LinearPlant:
     C: Array
     start: tuple[Array, Array, float]
 
-    def output(self, name: str) -> Array:
-        """(1, n), one signal's row."""
-        return self.C[[self.outputs.index(name)]]
-
     def system(self) -> Any:
         """As a `control.StateSpace`, torque to the outputs."""
         import control
@@ -164,6 +160,9 @@ def angle_read(effects: Effects, angle: Expr, place: str, names: tuple[str, ...]
     return Effects({**effects.pieces, place: pieces}, effects.parameters, effects.memory)
 
 
+DERIVED_KEPT = 32
+_derived: dict[Any, tuple[Effects, EvenMotion]] = {}
+
 OUTPUTS = ("speed_motor_rad_s", "speed_carriage_m_s", "tension_drum_n")  # of a hoist
 
 
@@ -202,7 +201,14 @@ def linearise(
     else:
         outputs = (*OUTPUTS, *((loop.position,) if height_free else ()))
     outputs = tuple(dict.fromkeys(outputs))
-    even = EvenMotion(plant, joined(own.effects, effects), p, outputs)
+    # A family asks for many points of few machines, and to derive the equations takes longest.
+    key = machine.model_dump_json(), id(effects), tuple(vars(p).items()), outputs
+    kept = _derived.get(key)
+    if kept is None or kept[0] is not effects:
+        while len(_derived) >= DERIVED_KEPT:
+            _derived.pop(next(iter(_derived)))
+        kept = _derived[key] = effects, EvenMotion(plant, joined(own.effects, effects), p, outputs)
+    even = kept[1]
     sign = {"hoisting": 1.0, "lowering": -1.0, "at_rest": 0.0}[point.motion]
     at = even.settled(point.height_m, sign * loop.even_speed(machine))
     J = even.slopes(at)

@@ -49,10 +49,6 @@ class Margins:
     bandwidth_hz: float
     rejection_hz: float
 
-    @property
-    def disk_phase_deg(self) -> float:
-        return math.degrees(2.0 * math.atan(self.disk / 2.0))
-
 
 def margins(loop: LinearLoop) -> Margins:
     """All margins of a loop, each to about nine digits."""
@@ -75,36 +71,31 @@ def margins(loop: LinearLoop) -> Margins:
     up = min((pair for pair in factors if pair[0] >= 1.0), default=(math.inf, math.nan))
     down = max((pair for pair in factors if pair[0] < 1.0), default=(0.0, math.nan))
 
-    ms, ms_hz = _peak(lambda x: 1.0 / abs(1.0 + at(x)), f, np.abs(S))
-    mt, mt_hz = _peak(lambda x: abs(1.0 - 1.0 / (1.0 + at(x))), f, np.abs(L * S))
+    def sensitivity(x: float) -> float:
+        return 1.0 / abs(1.0 + at(x))
+
+    def complementary(x: float) -> float:
+        return abs(1.0 - 1.0 / (1.0 + at(x)))
+
+    ms, ms_hz = _peak(sensitivity, f, np.abs(S))
+    mt, mt_hz = _peak(complementary, f, np.abs(L * S))
     worst, _ = _peak(lambda x: abs(2.0 / (1.0 + at(x)) - 1.0), f, np.abs(S - L * S))
     return Margins(
         loop.stable, up[0], up[1], down[0], down[1], phase, crossover, delay, 2.0 / worst,
-        ms, ms_hz, mt, mt_hz, _bandwidth(at, f, np.abs(L * S)), _rejection(at, f, np.abs(S)),
+        ms, ms_hz, mt, mt_hz, _first(np.abs(L * S) < HALF_POWER, complementary, f, float(f[0])),
+        _first(np.abs(S) >= HALF_POWER, sensitivity, f, 0.0),
     )  # fmt: skip
 
 
-def _bandwidth(at: Callable[[float], complex], f: Array, T: Array) -> float:
-    below = np.flatnonzero(T < HALF_POWER)
-    if not len(below):
+def _first(beyond: np.ndarray, size: Callable[[float], float], f: Array, at_start: float) -> float:
+    """Where a size passes -3 dB, before the first frequency of the grid that is beyond; inf where none is."""
+    if not beyond.any():
         return math.inf
-    k = int(below[0])
+    k = int(np.argmax(beyond))
     if k == 0:
-        return float(f[0])
-    roots = _roots(
-        lambda x: abs(1.0 - 1.0 / (1.0 + at(x))) - HALF_POWER, f[k - 1 : k + 1], T[k - 1 : k + 1] - HALF_POWER
-    )
-    return roots[0] if roots else float(f[k])
-
-
-def _rejection(at: Callable[[float], complex], f: Array, S: Array) -> float:
-    above = np.flatnonzero(S >= HALF_POWER)
-    if not len(above):
-        return math.inf
-    k = int(above[0])
-    if k == 0:
-        return 0.0
-    roots = _roots(lambda x: abs(1.0 / (1.0 + at(x))) - HALF_POWER, f[k - 1 : k + 1], S[k - 1 : k + 1] - HALF_POWER)
+        return at_start
+    ends = f[k - 1 : k + 1]
+    roots = _roots(lambda x: size(x) - HALF_POWER, ends, np.array([size(x) - HALF_POWER for x in ends]))
     return roots[0] if roots else float(f[k])
 
 

@@ -108,15 +108,17 @@ class Stages:
     """Counts the stages of a diagnosis from 1; the last one is the report's, where there is one to write."""
 
     def __init__(self, show: Show, writes: bool) -> None:
-        from workbench.diagnose.progress import Stage
+        from workbench.diagnose.progress import Remaining, Stage
 
-        self._show, self._total = show, len(Stage) if writes else len(Stage) - 1
+        self._show, self._total, self._remaining = show, len(Stage) if writes else len(Stage) - 1, Remaining()
 
     def tell(self, progress: DiagnoseProgress) -> None:
         """Receives the progress of the diagnosis."""
         from workbench.view.diagnosis import progress_words
 
-        self._at(progress_words(progress), progress.stage.value + 1)
+        left = self._remaining(progress)
+        rest = "" if left is None else f"; at most {left:.0f} s more, mostly" if left >= 1.0 else "; longer than most"
+        self._at(f"{progress_words(progress)}{rest}", progress.stage.value + 1)
 
     def writing(self, sentence: str) -> None:
         """The report is being written."""

@@ -57,7 +57,7 @@ def filled(text: str, first: str = "", then: str = "") -> str:
 
 
 def print_sections(sections: Sequence[Section]) -> None:
-    """Headings, sentences, points and tables of sections; figures are for the page."""
+    """Headings, sentences, points and tables of sections; figures and what stands below tables are for the page."""
     for number, section in enumerate(sections):
         if number and (section.heading or section.tables):
             click.echo()
@@ -67,7 +67,7 @@ def print_sections(sections: Sequence[Section]) -> None:
         for point in section.points:
             click.echo(filled(point, "- ", "  "))
         for table in section.tables:
-            print_table(table)
+            print_table(table, note=False)
 
 
 def print_notes(notes: Sequence[str]) -> None:

@@ -131,6 +131,22 @@ def replace_text(path: Path, text: str) -> None:
             Path(temporary).unlink(missing_ok=True)
 
 
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A hidden file to write to; it takes the place of `path` when the block ends without an error, else it goes.
+
+    InputError where it cannot be written.
+    """
+    part = path.with_name(f".{path.name}.part")
+    try:
+        yield part
+        part.replace(path)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
 def check_replaceable(path: Path, mark: str) -> None:
     """InputError unless nothing stands there, an empty file, or a JSON file with the key `mark`."""
     if not os.path.lexists(path):

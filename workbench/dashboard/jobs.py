@@ -400,7 +400,7 @@ def _card(job: Job, progress: Progress, open_key: str, unit: str, stages: Sequen
         st.markdown(f"**{plain(job.title)}** {badge} :small[{plain(said)}]", width="content")
         with st.container(horizontal=True, width="content"):
             for there, word, key, icon, action in buttons:
-                off = key == "open" and st.session_state.get(open_key) == job.id
+                off = there and key == "open" and st.session_state.get(open_key) == job.id
                 if there and st.button(word, key=f"{key} {job.id}", disabled=off, icon=f":material/{icon}:"):
                     with shown_errors():
                         action()

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtr, stdtr
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
@@ -93,7 +92,7 @@ def outliers(rms: Array) -> Array:
     x = np.log(rms)
     others = np.array([np.delete(x, j) for j in range(n)])
     spread = np.maximum(np.std(others, axis=1, ddof=1), UNLIKE) * math.sqrt(1.0 + 1.0 / (n - 1))
-    return np.minimum(n * student.sf((x - np.mean(others, axis=1)) / spread, n - 2), 1.0)
+    return np.minimum(n * stdtr(n - 2, (np.mean(others, axis=1) - x) / spread), 1.0)
 
 
 def unseen_over_seen(problem: Problem, folds: Folds) -> Array:
@@ -171,7 +170,7 @@ def worst_tolerance(keys: Mapping[str, Scalar], base: Fitted) -> tuple[str, floa
     }
     key = max(moved, key=lambda k: abs(moved[k]), default="")
     count = moved.get(key, 0.0)
-    return key, count, -math.expm1(len(moved) * math.log1p(-2.0 * norm.sf(abs(count)))) if count else 1.0
+    return key, count, -math.expm1(len(moved) * math.log1p(-2.0 * ndtr(-abs(count)))) if count else 1.0
 
 
 def unit_of(machine: Hoist | Axis) -> str:

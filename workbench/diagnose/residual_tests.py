@@ -89,9 +89,9 @@ def residual_test(run: str, left: Array, variables: Mapping[str, Array], step_s:
     name -> (n,). Those that do not vary are left out."""
     most = int(min(MOST_LAGS, int(np.count_nonzero(np.isfinite(left))) // PER_LAG))
     r, count = _autocorrelation(left, most)
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
-    p = float(chi2.sf(float(np.sum(count * r**2)), most))
+    p = float(chdtrc(most, float(np.sum(count * r**2))))
     spread: Array = np.asarray(np.maximum(count, 1) ** -0.5, dtype=float)
     correlations = {}
     for name, values in variables.items():

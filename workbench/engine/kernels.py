@@ -110,6 +110,7 @@ def _integrated(
     rows: int,
     tolerance: float,
     threads: int | None,
+    most_steps: int = MOST_STEPS,
 ) -> Array:
     """What `replay` and `driven` share: signals (n, scenarios) in, (n, rows, scenarios) out."""
     scenarios, n = parameters.shape[1], signals[0].shape[0]
@@ -125,7 +126,7 @@ def _integrated(
             np.empty(kernel.lanes),
             1.0 / _lanes(speed_scales, group),
             tolerance,
-            MOST_STEPS,
+            most_steps,
             result.reshape(-1),
         )
         return result
@@ -147,16 +148,17 @@ def driven(
     tolerance: float = TOLERANCE,
     threads: int | None = None,
     lanes: int | None = None,
+    most_steps: int = MOST_STEPS,
 ) -> Array:
     """The input that the measured motion of the driven coordinate takes, and the other states.
 
     times, angles, speeds, accelerations: (n, scenarios); start: (other states,
-    scenarios). lanes: of the kernel, None for the narrowest that takes them all. Returns
-    (n, 1 + other states, scenarios), the input first.
+    scenarios). lanes: of the kernel, None for the narrowest that takes them all. most_steps: between two samples.
+    Returns (n, 1 + other states, scenarios), the input first.
     """
     kernel = driven_kernel(plant, effects, lanes or lanes_for(parameters.shape[1]))
     signals, rows = (times, angles, speeds, accelerations), 1 + start.shape[0]
-    return _integrated(kernel, parameters, signals, start, speed_scales[1:], rows, tolerance, threads)
+    return _integrated(kernel, parameters, signals, start, speed_scales[1:], rows, tolerance, threads, most_steps)
 
 
 def loop(

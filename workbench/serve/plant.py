@@ -23,7 +23,6 @@ HOIST_STEP_S, AXIS_STEP_S = 0.001, 0.0002  # of the integration: an axis' fricti
 # What is taken from a client, of what the machine can bear; more is no order but a fault of the line.
 MOST_INPUT, MOST_PAYLOAD, MOST_EFFECT = 100.0, 3.0, 10.0
 STRONGEST = 1e9  # N or N m, where machine.yaml states no limit: docs/bounds.md
-SIGNALS = tuple(signal.name for signal in HOIST.plant.signals)
 
 
 class LiveMachine:

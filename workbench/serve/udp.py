@@ -16,10 +16,8 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 from workbench.core.errors import InputError, one_line
-from workbench.serve.plant import SIGNALS
 from workbench.serve.session import Session, run_at_pace
 
 BYTE_ORDER = 0x01020304  # a sender of the other byte order writes it as 0x04030201
@@ -33,43 +31,6 @@ SILENT_S = 1.0  # states stop so long after the last command: nobody is sent mor
 REMINDED_EVERY_S = 1.0  # how often a client that may only read is told so
 
 Address = tuple[str, int]
-
-
-@dataclass(frozen=True)
-class State:
-    """What a client reads out of a packet. numbers: the outputs that are numbers, in their order."""
-
-    sequence: int
-    echo: int
-    flags: int
-    skipped_steps: int
-    numbers: tuple[float, ...]
-
-    @property
-    def time_s(self) -> float:
-        return self.numbers[0]
-
-    @property
-    def at_work(self) -> float:
-        return self.numbers[1]
-
-    @property
-    def signals(self) -> dict[str, float]:
-        """Of a hoist, by name."""
-        return dict(zip(SIGNALS, self.numbers[2:], strict=False))
-
-
-def command_packet(sequence: int, value: float, flags: int = 0, token: str = "") -> bytes:
-    return COMMAND.pack(COMMAND_MAGIC, BYTE_ORDER, sequence & 0xFFFFFFFF, flags, value, token.encode())
-
-
-def state_in(data: bytes) -> State | None:
-    """The state in a datagram, None where it is none."""
-    count, rest = divmod(len(data) - STATE_HEAD.size, 8)
-    if count < 2 or rest or data[:4] != STATE_MAGIC:
-        return None
-    _, _, sequence, echo, flags, skipped = STATE_HEAD.unpack_from(data)
-    return State(sequence, echo, flags, skipped, struct.unpack_from(f"<{count}d", data, STATE_HEAD.size))
 
 
 class UdpServer:

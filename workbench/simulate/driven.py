@@ -21,6 +21,7 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.effects import Active, Part, logged_input, moved_by, true_input, true_motion
 from workbench.engine import kernels
+from workbench.engine.kernels import MOST_STEPS
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, Motion, beside, bridged, motion_of, moving
@@ -30,6 +31,8 @@ from workbench.simulate.plant_model import PlantModel, plant_model
 TOLERANCE = 1e-4
 PART_LANES = (8, 16)  # of kernels of parts: few widths, for each one is compiled
 MOTIONS_KEPT = 4  # of each run, behind a late sensor
+FEW_STEPS = 16  # between two thinned samples: more follow the noise of a speed at rest
+SMOOTH = 0.25  # of the sampling rate of thinned times: the band that a motion keeps there
 
 
 @dataclass(frozen=True)
@@ -67,10 +70,12 @@ class InverseSimulation:
         active: Active | None = None,
         parts: Sequence[Part] = (),
         impacts: Sequence[Array] = (),
+        thin: float = 0.0,
     ) -> None:
         """active: effects in place of the machine's own. impacts: times of each run where the acceleration is bridged.
         parts: of them, the smallest first; the first one that has
-        all that is at work is simulated, which takes less time."""
+        all that is at work is simulated, which takes less time. thin: periods of the band from one sample that
+        `required` looks at to the next, 0 for every sample of the log."""
         self.machine, self.runs, self.plant = machine, tuple(runs), plant_of(machine)
         self.model = plant_model(machine, active)
         self.base = [
@@ -85,14 +90,21 @@ class InverseSimulation:
             if len(at):
                 motion = replace(motion, acceleration=bridged(run.time_s, motion.acceleration, at))
             self._logged.append(motion)
+        self.every = [max(1, int(thin / (self.band_hz * run.sample_time_s))) for run in self.runs]
+        self.times = [run.time_s[::n] for run, n in zip(self.runs, self.every, strict=True)]
+        self._smooth = [self._logged[j] if n == 1 else self._smoothed(j) for j, n in enumerate(self.every)]
         # The motion behind the log: what a late speed sensor shows is brought forward.
         self.motions = [self._behind_log(j) for j in range(len(self.runs))]
+        self._thinned = [
+            m if n == 1 else self._behind_log(j, thin=True)
+            for j, (m, n) in enumerate(zip(self.motions, self.every, strict=True))
+        ]
         self.symbols = tuple(vars(self.base[0]))
         self.row_of = {symbol: row for row, symbol in enumerate(self.symbols)}
         self.parts = tuple(parts)
         self.models = [PlantModel(self.plant, replace(self.model.active, effects=part.effects)) for part in parts]
         self._late = moved_by(self.model.active)
-        self._behind: OrderedDict[tuple[int, tuple[float, ...]], Motion] = OrderedDict()
+        self._behind: OrderedDict[tuple[int, bool, tuple[float, ...]], Motion] = OrderedDict()
         self.scale = speed_scale(machine, self.runs, self.motions)
         self.inputs = [run[self.plant.input] for run in self.runs]
         self.measured = [lowpass(run.time_s, u, self.band_hz) for run, u in zip(self.runs, self.inputs, strict=True)]
@@ -116,12 +128,13 @@ class InverseSimulation:
         by_run = self.required(tables)
         return [[(out[:, 0, i], out[:, 1:, i]) for out in by_run] for i in range(len(values))]
 
-    def required(self, tables: Sequence[Array]) -> list[Array]:
-        """As `predict`, of each run's table (symbols, sets): (n, 1 + other states, sets) of each run."""
+    def required(self, tables: Sequence[Array], thin: bool = False) -> list[Array]:
+        """As `predict`, of each run's table (symbols, sets): (n, 1 + other states, sets) of each run. thin: at the
+        times `self.times` only, n of them, under the motion without what those cannot show."""
         needed = int(np.max(self.parts_needed(tables)))
         model = self.models[needed] if needed < len(self.models) else self.model
         sets = [[SimpleNamespace(**dict(zip(self.symbols, c, strict=True))) for c in t.T.tolist()] for t in tables]
-        motions = [self._motions_behind(j, table) for j, table in enumerate(tables)]
+        motions = [self._motions_behind(j, table, thin) for j, table in enumerate(tables)]
         points = [
             [start_point(self.plant, run, m) for m in candidates]
             for run, (candidates, _) in zip(self.runs, motions, strict=True)
@@ -136,7 +149,7 @@ class InverseSimulation:
 
         def one(j: int) -> Array:
             its = slice(ends[j], ends[j + 1])
-            return self._required_in(j, model, tables[j][rows], *motions[j], start[:, its], scales[:, its])
+            return self._required_in(j, thin, model, tables[j][rows], *motions[j], start[:, its], scales[:, its])
 
         before = one(0)  # compiles, if need be, in one thread only
         if len(self.runs) == 1:
@@ -146,6 +159,7 @@ class InverseSimulation:
     def _required_in(
         self,
         j: int,
+        thin: bool,
         model: PlantModel,
         parameters: Array,
         motions: Sequence[Motion],
@@ -167,7 +181,7 @@ class InverseSimulation:
         out = kernels.driven(
             self.plant,
             parameters[:, full],
-            self.runs[j].time_s[:, None],
+            (self.times[j] if thin else self.runs[j].time_s)[:, None],
             travelled + start[0],
             in_lanes([motion.speed for motion in motions]),
             in_lanes([motion.acceleration for motion in motions]),
@@ -177,6 +191,7 @@ class InverseSimulation:
             tolerance=TOLERANCE,
             threads=1,
             lanes=lanes,
+            most_steps=FEW_STEPS if thin else MOST_STEPS,
         )
         return out[..., :sets]
 
@@ -190,29 +205,47 @@ class InverseSimulation:
             needed[idle] = k
         return needed
 
-    def _motions_behind(self, j: int, table: Array) -> tuple[list[Motion], list[int]]:
+    def _motions_behind(self, j: int, table: Array, thin: bool) -> tuple[list[Motion], list[int]]:
         """The true motions of run j, which differ where sets differ in the sensor's delay, and each set's."""
         rows = [self.row_of[name] for name in self._late]
         keys = list(map(tuple, table[rows].T.tolist()))
         different = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-        return [self._motion_behind(j, key) for key in different], [different[key] for key in keys]
+        return [self._motion_behind(j, key, thin) for key in different], [different[key] for key in keys]
 
-    def _motion_behind(self, j: int, key: tuple[float, ...]) -> Motion:
+    def _motion_behind(self, j: int, key: tuple[float, ...], thin: bool) -> Motion:
         own = tuple(getattr(self.base[j], name) for name in self._late)
         if key == own:
-            return self.motions[j]
-        if (j, key) not in self._behind:
-            self._behind[j, key] = self._behind_log(j, dict(zip(self._late, key, strict=True)))
+            return self._thinned[j] if thin else self.motions[j]
+        if (j, thin, key) not in self._behind:
+            self._behind[j, thin, key] = self._behind_log(j, dict(zip(self._late, key, strict=True)), thin)
             while len(self._behind) > MOTIONS_KEPT * len(self.runs):
                 self._behind.popitem(last=False)
-        return self._behind[j, key]
+        return self._behind[j, thin, key]
 
-    def _behind_log(self, j: int, values: Mapping[str, float] | None = None) -> Motion:
+    def _behind_log(self, j: int, values: Mapping[str, float] | None = None, thin: bool = False) -> Motion:
         """The motion of run j behind its sensor: a delay and the low-pass may change places. values: by symbol, where
         not the active ones."""
-        motion = self._logged[j]
+        motion, every = (self._smooth[j], self.every[j]) if thin else (self._logged[j], 1)
         series = (motion.position, motion.speed, motion.acceleration)
-        return Motion(*(true_motion(self.model.active, self.runs[j].time_s, x, values) for x in series))
+        at = [true_motion(self.model.active, self.runs[j].time_s, x, values) for x in series]
+        return Motion(*(np.ascontiguousarray(x[::every]) for x in at))
+
+    def _smoothed(self, j: int) -> Motion:
+        """The logged motion of run j without what is too quick for its thinned times.
+
+        Between samples the simulated speed is linear: it is made such that the lines pass on the same motion (a line
+        through samples h apart takes (pi f h)^2 / 3 off a wave, a second difference over 12 adds it), and the position
+        is its integral, else it would jump at each of them.
+        """
+        every, time_s, motion, at = self.every[j], self.runs[j].time_s, self._logged[j], self.times[j]
+        speed, acceleration = lowpass(
+            time_s, np.column_stack([motion.speed, motion.acceleration]), SMOOTH / (every * self.runs[j].sample_time_s)
+        ).T
+        thin = speed[::every].copy()
+        thin[1:-1] -= np.diff(thin, 2) / 12.0
+        position = np.concatenate([[0.0], np.cumsum(0.5 * (thin[1:] + thin[:-1]) * np.diff(at))])
+        position += lowpass(at, motion.position[::every] - position, self.band_hz)
+        return Motion(np.interp(time_s, at, position), np.interp(time_s, at, thin), acceleration)
 
     def starts(self) -> Array:
         """(states, runs): where each run begins, with the load held."""

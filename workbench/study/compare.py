@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-import statistics
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
+
+import numpy as np
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.shown import Shown
@@ -108,35 +109,28 @@ class Comparison(Shown):
 def compare(a: Sequence[Row], b: Sequence[Row], most_moved: int = 3) -> Comparison:
     """Every metric of b against a, over the runs that both have and that both completed."""
     pairs, only_a, only_b = matched(a, b)
-    good, changes = [pair for pair in pairs if pair.a.ok and pair.b.ok], []
-    for name in good[0].a.metrics if good else ():
-        have = [pair for pair in good if None not in (pair.a.metrics[name], pair.b.metrics.get(name))]
-        if not have:
-            continue
-        ours, theirs = ([row[name] for row in rows] for rows in zip(*((pair.a, pair.b) for pair in have), strict=True))
-        deltas = [y - x for x, y in zip(ours, theirs, strict=True)]
-        moved = sorted(range(len(have)), key=lambda i: -abs(deltas[i]))
-        mean, worst = statistics.fmean, tuple(have[i] for i in moved[:most_moved] if deltas[i] != 0.0)
-        changes.append(
-            Change(
-                name,
-                len(have),
-                mean(ours),
-                mean(theirs),
-                mean(deltas),
-                statistics.median(deltas),
-                deltas[moved[0]],
-                worst,
-            )
-        )
+    good = [pair for pair in pairs if pair.a.ok and pair.b.ok]
+    names = good[0].a.metrics if good else ()
     return Comparison(
         tuple(pairs),
-        tuple(changes),
+        tuple(change for name in names if (change := _change(name, good, most_moved)) is not None),
         tuple(only_a),
         tuple(only_b),
         newly_failed=tuple(pair for pair in pairs if pair.a.ok and not pair.b.ok),
         newly_ok=tuple(pair for pair in pairs if pair.b.ok and not pair.a.ok),
     )
+
+
+def _change(name: str, good: Sequence[Pair], most_moved: int) -> Change | None:
+    have = [pair for pair in good if None not in (pair.a.metrics[name], pair.b.metrics.get(name))]
+    if not have:
+        return None
+    a, b = (np.array([getattr(pair, side)[name] for pair in have]) for side in ("a", "b"))
+    delta = b - a
+    moved = np.argsort(-np.abs(delta), kind="stable")
+    worst = tuple(have[i] for i in moved[:most_moved] if delta[i] != 0.0)
+    mean_a, mean_b, mean = (float(np.mean(column)) for column in (a, b, delta))
+    return Change(name, len(have), mean_a, mean_b, mean, float(np.median(delta)), float(delta[moved[0]]), worst)
 
 
 def matched(a: Sequence[Row], b: Sequence[Row]) -> tuple[list[Pair], list[str], list[str]]:
@@ -222,32 +216,22 @@ MOST_VALUES = 4
 
 
 def why_unmatched(a: Sequence[Row], b: Sequence[Row]) -> str:
-    """Which of payload, reference and varied fields differ between the runs of a and those of b."""
-    varied_a, varied_b = (dict.fromkeys(name for row in rows for name in row.assigned) for rows in (a, b))
-    reasons = []
-    for one, name, other in ((varied_a, "A", varied_b), (varied_b, "B", varied_a)):
-        if own := [field_label(field).words for field in one if field not in other]:
-            reasons.append(f"only {name} varies {_some(own)}")
+    """Of payload, reference and varied fields those that have no value in common in the runs of a and of b."""
     looks: dict[str, Callable[[Row], str]] = {
-        "payload": lambda row: f"{row.payload_kg:g} kg",
-        "reference": lambda row: row.reference,
-    }
-    for field in (name for name in varied_a if name in varied_b):
-        label = field_label(field)
-        looks[label.words] = partial(_assigned, field, label.unit)
+        "payload": lambda row: f"{row.payload_kg:g} kg", "reference": lambda row: row.reference
+    }  # fmt: skip
+    for field in dict.fromkeys(name for row in (*a, *b) for name in row.assigned):
+        looks[field_label(field).words] = partial(_assigned, field, field_label(field).unit)
+    reasons = []
     for words, of in looks.items():
         ours, theirs = (list(dict.fromkeys(of(row) for row in rows)) for rows in (a, b))
         if not set(ours) & set(theirs):
             reasons.append(f"{words} is {_some(ours)} in A and {_some(theirs)} in B")
-    if reasons:
-        return "; ".join(reasons)
-    if {values_of(row) for row in a} & {values_of(row) for row in b}:
-        return "several runs have the same payload, reference and varied values, and their ids differ"
-    return "no combination of payload, reference and varied values stands in both"
+    return "; ".join(reasons) or "their ids differ, and payload, reference and varied values do not pair them"
 
 
 def _assigned(field: str, unit: str, row: Row) -> str:
-    return f"{shown(row.assigned.get(field, ''))} {unit}".strip()
+    return f"{shown(row.assigned[field])} {unit}".strip() if field in row.assigned else "not varied"
 
 
 def _some(values: Sequence[str]) -> str:

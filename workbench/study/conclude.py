@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,45 +108,35 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     if not good:
         return said
     judged = metrics_of(good)
-
-    def which(some: Sequence[Row]) -> str:
-        names = [run_in_words(row, axes) for row in some]
-        if len(names) <= (3 if some[0].assigned else 6):
-            return f": {'; '.join(names)}"
-        return f" in {len(names)} of {len(good)} runs, the first {names[0]}"
-
+    end, word = judged.by_name[judged.end], judged.input_words
+    bound = f"{judged.by_name[judged.peak].text(limit)} {judged.input_unit}"
     own_limits = any("drive." in column or "motor." in column for column in good[0].assigned)
     at_limit = [row for row in good if row[judged.peak] >= limit * (1.0 - 1e-9) and not own_limits]
     stuck = [row for row in at_limit if row[judged.rms] >= AT_THE_LIMIT * limit]
-    at_limit = [row for row in at_limit if row not in stuck]  # the stronger sentence says it too
-    if at_limit:
-        value = f"{judged.by_name[judged.peak].text(limit)} {judged.input_unit}"
-        said.append(f"The {judged.input_words} limit of {value} is reached{which(at_limit)}.")
-    if stuck:
-        said.append(
-            f"The {judged.input_words} is at its limit nearly all the time{which(stuck)}: the loop swings from limit "
-            f"to limit, or the {'motors' if judged.payload else 'drive'} cannot carry the load."
-        )
-    if hunting := [row for row in good if hunts(row)]:
-        worst = max(hunting, key=swings_per_s)
-        said.append(
-            f"The loop hunts: the torque swings by more than nominal torque{which(hunting)}; most often "
-            f"{run_in_words(worst, axes)}, {swings_per_s(worst):.0f} times a second of motion."
-        )
-    if slack := [row for row in good if row.get("slack_time_s") > 0.0]:
-        worst = max(slack, key=lambda row: row["slack_time_s"])
-        said.append(
-            f"The wire goes slack{which(slack)}; longest {worst['slack_time_s']:.2g} s ({run_in_words(worst, axes)})."
-        )
-    if astray := [row for row in good if is_astray(row)]:
-        worst = max(astray, key=lambda row: abs(row[judged.end]))
-        error, metric = worst[judged.end], judged.by_name[judged.end]
-        amount = f"{abs(error):.2f} m" if judged.payload else f"{metric.text(abs(error))} {metric.shown_unit}"
-        farthest = f"; farthest off {run_in_words(worst, axes)}," if len(astray) > 1 else ","
-        said.append(
-            f"The {judged.moved} does not end where its reference does{which(astray)}{farthest} {amount} "
-            f"{judged.sides[0] if error > 0.0 else judged.sides[1]} it."
-        )
+
+    def off(row: Row) -> str:
+        error = abs(row[end.name])
+        amount = f"{error:.2f} m" if judged.payload else f"{end.text(error)} {end.shown_unit}"
+        return f"{amount} {judged.sides[row[end.name] <= 0.0]} it"
+
+    # What is so, of which runs, and of the worst of them how much.
+    troubled: tuple[tuple[str, list[Row], Callable[[Row], float] | None, Callable[[Row], str]], ...] = (
+        (f"The {word} limit of {bound} is reached", [row for row in at_limit if row not in stuck], None, str),
+        (f"The {word} is at its limit nearly all the time", stuck, None, str),
+        ("The loop hunts, the torque swings by more than nominal torque", [row for row in good if hunts(row)],
+         swings_per_s, lambda row: f"{swings_per_s(row):.0f} times a second of motion"),
+        ("The wire goes slack", [row for row in good if row.get("slack_time_s") > 0.0],
+         lambda row: row["slack_time_s"], lambda row: f"{row['slack_time_s']:.2g} s"),
+        (f"The {judged.moved} does not end where its reference does", [row for row in good if is_astray(row)],
+         lambda row: abs(row[end.name]), off),
+    )  # fmt: skip
+    for what, some, size, amount in troubled:
+        names = [run_in_words(row, axes) for row in some]
+        if len(names) > (3 if good[0].assigned else 6):
+            names = [f"{len(names)} of {len(good)} runs, the first {names[0]}"]
+        if some:
+            worst = "" if size is None else f"; at most {amount(w := max(some, key=size))}, {run_in_words(w, axes)}"
+            said.append(f"{what}: {'; '.join(names)}{worst}.")
     return said
 
 

@@ -10,45 +10,40 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from workbench.analysis.family import family, operating_points, weakest
 from workbench.analysis.search import best_rejection, for_bandwidth, make_search
 from workbench.analysis.tune import Goal
-from workbench.analysis.usual import usual_controller, usual_settings
+from workbench.analysis.usual import usual_settings
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
 from workbench.core.json_records import plain
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
 from workbench.effects import effects_for, sizes_of
-from workbench.machines import HOIST, LOOPED, AnyKind, Axis, Hoist, Kind, kind_of, looped, studied
+from workbench.machines import LOOPED, AnyKind, Axis, Hoist, Kind, kind_of, looped
 from workbench.metrics import Metric, find, set_of
-from workbench.references import LimitPair, Limits, Step, motion_time_s
+from workbench.references import Limits
 from workbench.study.grid import RunSpec
 from workbench.study.labels import NO_CHANGE, listed
+from workbench.study.load import Study, changed, checked, plan_study
 from workbench.study.rows import Row
 from workbench.study.run import run_specs
-
-if TYPE_CHECKING:
-    from workbench.study.load import Study
-    from workbench.study.scenario import Scenario
+from workbench.study.scenario import Scenario, key_in
 
 REFERENCES = ("trapezoid", "ruckig")
+MACHINES = ("given", "refitted", "before", "after")
 MS_LIMIT = 1.4
 PHASES = 4  # of a value that differs from run to run
 SMALL = 100.0 * NO_CHANGE  # per cent
 GAIN_MOVES = 3.0  # per cent of a gain: less is within what tuning by hand leaves
 AT_LIMIT = 0.999  # of the limit
-WINDOW_S = 0.25  # speeds and accelerations are means over it: a sample's noise is no motion
-AXIS_REST_S = 1.0  # an axis settles soon
-AXIS_WINDOW_S = 0.05  # the same of an axis, whose ramps are short
 LEAST_SPEED = 0.01  # of nominal: slower runs say nothing of how the machine is moved
 END_OF_RAIL = 0.02  # of the rail, left free at both ends: the carriage swings a little past its reference
 LONGEST_S = 60.0  # one way
-LEAD_S, DWELL_S, SETTLE_S = 1.0, 2.0, 2.0
 CORRECTION = "measured_correction"
 NOT_STUDIED = (
     f"What changes in the control study is not said for an {{}}: studies, loop and tune are for machines of {LOOPED}."
@@ -57,20 +52,22 @@ NOT_STUDIED = (
 
 @dataclass(frozen=True)
 class SmallStudy:
-    """There and back again, every payload under every reference; or a user's scenario, which has its own moves.
+    """The study that the machines are run through: a user's scenario, or there and back again, every payload under
+    every reference. from_runs: limits and travel are a campaign's. Of a rotary axis places are in radians."""
 
-    from_runs: limits and travel are a campaign's. Of a rotary axis positions and limits are in radians.
-    """
-
-    payloads_kg: tuple[float, ...]
+    scenario: Scenario
+    kind: Kind
     start_position_m: float
     travel_m: float
     limits: Limits
-    controller: Settings
-    from_runs: bool
-    controller_given: bool
-    kind: Kind = HOIST
-    scenario: Scenario | None = None
+    payloads_kg: tuple[float, ...]
+    from_runs: bool = False
+    controller_given: bool = True
+    own: bool = True  # the user's
+
+    @property
+    def controller(self) -> Settings:
+        return self.scenario.controller
 
     @property
     def heights_m(self) -> tuple[float, ...]:
@@ -80,40 +77,20 @@ class SmallStudy:
 
     def specs(self, machine: Hoist | Axis) -> list[RunSpec]:
         """The runs on a machine, metrics only."""
-        if self.scenario is not None:
-            from workbench.study.load import changed, plan_study
-
-            bare = changed(self.scenario, {"sweep": None, "sample": None, "outputs": {"signals": "none"}})
-            return list(plan_study(bare, machine).specs)
-        rest, settle = (DWELL_S, SETTLE_S) if self.kind.payload else (AXIS_REST_S, AXIS_REST_S)
-        moves = (Step(by_m=self.travel_m), Step(dwell_s=rest), Step(by_m=-self.travel_m))
-        pair = LimitPair.of(self.limits)
-        length = motion_time_s(REFERENCES, moves, self.start_position_m, pair, self.kind.looped.rail(machine))
-        return [
-            RunSpec(
-                run_id=f"{payload:g}kg_{reference}", scenario="consequences", machine=machine, payload_kg=payload,
-                start_position_m=self.start_position_m, reference=reference, moves=moves, limits=pair, lead_s=LEAD_S,
-                settle_s=settle, duration_s=LEAD_S + length + settle, controller=self.controller, record_every=0,
-            )
-            for payload in self.payloads_kg
-            for reference in REFERENCES
-        ]  # fmt: skip
+        return list(plan_study(self.scenario, machine).specs)
 
     def as_json(self) -> dict[str, Any]:
         """An axis' keys have its units."""
         unit = self.kind.moved.unit
-        placed = {
+        return ({"payloads_kg": list(self.payloads_kg)} if self.kind.payload else {}) | {
+            "references": list(self.scenario.kinds),
             f"start_position_{unit}": self.start_position_m,
             f"travel_{unit}": self.travel_m,
             f"speed_{unit}_s": self.limits.speed_m_s,
             f"acceleration_{unit}_s2": self.limits.acceleration_m_s2,
             f"jerk_{unit}_s3": self.limits.jerk_m_s3,
-        }
-        return ({"payloads_kg": list(self.payloads_kg)} if self.kind.payload else {}) | {
-            "references": list(REFERENCES if self.scenario is None else self.scenario.kinds),
-            **placed,
             "limits_from_runs": self.from_runs,
-            "scenario": None if self.scenario is None else self.scenario.name,
+            "scenario": self.scenario.name if self.own else None,
             "controller": self.controller.model_dump(mode="json"),
             "controller_given": self.controller_given,
         }
@@ -122,21 +99,15 @@ class SmallStudy:
 def study_of(study: Study) -> SmallStudy:
     """A user's scenario as the study that the machines are run through, without its sweep and sample."""
     specs = study.specs[: len(study.scenario.kinds) * len(study.scenario.payloads_kg or (0,))]
-    first = specs[0]
-    plan = first.plan()
-    ends = [plan.at(np.array([t]))[0][0] for window in plan.move_windows for t in window]
-    far = max(ends, key=lambda place: abs(place - first.start_position_m))
-    limits = first.limits.hoisting if first.limits is not None else Limits(1e-9, plan.acceleration_m_s2)
+    first, plan = specs[0], specs[0].plan()
+    ways = [plan.at(np.array([t]))[0][0] - first.start_position_m for window in plan.move_windows for t in window]
     return SmallStudy(
-        payloads_kg=tuple(sorted({spec.payload_kg for spec in specs})),
-        start_position_m=first.start_position_m,
-        travel_m=float(far) - first.start_position_m,
-        limits=limits,
-        controller=first.controller,
-        from_runs=False,
-        controller_given=True,
-        kind=kind_of(study.machine),
-        scenario=study.scenario,
+        changed(study.scenario, {"sweep": None, "sample": None, "outputs": {"signals": "none"}}),
+        kind_of(study.machine),
+        first.start_position_m,
+        float(max(ways, key=abs)),
+        first.limits.hoisting if first.limits is not None else Limits(1e-9, plan.acceleration_m_s2),
+        tuple(sorted({spec.payload_kg for spec in specs})),
     )
 
 
@@ -221,14 +192,16 @@ class Choice:
 class Consequences:
     """What changes in the control study once the effects are known.
 
-    effects: the new ones by name, `measured_correction` among them where there is a new table.
-    gains_goal: (bandwidth in Hz, or None for best rejection of load steps; bound on Ms and Mt) that the
-    recommended gains are for. old_gains_bandwidth_hz: what the gains for the machine without the effects give the one
-    with them, NaN where that is unstable or there are none. sentences: what a reader should know, in order.
+    effects: the new ones by name, `measured_correction` among them where there is a new table. nominal: one motor's
+    nominal torque, None of an axis. gains_goal: (bandwidth in Hz, or None for best rejection of load steps; bound on Ms
+    and Mt) that the recommended gains are for. old_gains_bandwidth_hz: what the gains for the machine without the
+    effects give the one with them, NaN where that is unstable or there are none. sentences: what a reader should know,
+    in order.
     """
 
     effects: tuple[str, ...]
     study: SmallStudy
+    nominal: float | None
     rows: tuple[Change, ...]
     loop_before: LoopFigures
     loop_after: LoopFigures
@@ -237,14 +210,7 @@ class Consequences:
     gains_after: Gains
     old_gains_bandwidth_hz: float
     choices: tuple[Choice, ...]
-    sentences: tuple[str, ...]
-
-    @property
-    def nominal(self) -> float | None:
-        """One motor's nominal torque, as a run's two figures of its peak have it; None of an axis."""
-        ok = (run for row in self.rows for run in (row.before, row.after) if run.ok)
-        peaks = ((run["peak_torque_motor_nm"], run["peak_torque_percent"]) for run in ok if self.study.kind.payload)
-        return next((100.0 * peak / percent for peak, percent in peaks if percent > 0.0), None)
+    sentences: tuple[str, ...] = ()
 
     @property
     def better_reference_changes(self) -> bool:
@@ -259,15 +225,11 @@ def percent(before: float, after: float) -> float:
 
 def metrics_for(kind: Kind) -> tuple[str, ...]:
     """What a run is told by."""
-    if kind.payload:
-        return (
-            "peak_torque_motor_nm", "peak_torque_percent", "speed_error_max_rad_s", "speed_error_rms_rad_s",
-            "min_wire_tension_n", "move_time_s",
-        )  # fmt: skip
     judged = set_of(kind.name)
-    return (
-        judged.peak, judged.rms, judged.error, judged.rms_error, "settling_time_s", "energy_motoring_j", "move_time_s"
-    )  # fmt: skip
+    if kind.payload:
+        return judged.peak, "peak_torque_percent", judged.error, judged.rms_error, "min_wire_tension_n", "move_time_s"
+    energy = ("settling_time_s", "energy_motoring_j", "move_time_s")
+    return judged.peak, judged.rms, judged.error, judged.rms_error, *energy
 
 
 def consequences_of(
@@ -299,22 +261,22 @@ def consequences_of(
     if now.measured_correction not in (None, given.measured_correction):
         effects = (*effects, CORRECTION)
     was = without(now, given, effects) if effects else given
-
-    machines = {"given": given, "refitted": looped(refitted) if refitted else None, "before": was, "after": now}
-    done: dict[str, Sequence[Row | None]] = {}
-    for when, machine in machines.items():  # equal machines are run once
-        same = next((other for other in done if machines[other] == machine), None)
-        done[when] = done[same] if same else worst_runs(study, machine) if machine else [None] * len(done["given"])
+    done: list[tuple[Hoist | Axis, list[Row]]] = []
+    columns: list[Sequence[Row | None]] = []
+    for machine in (given, looped(refitted) if refitted else None, was, now):  # equal machines are run once
+        rows = next((rows for other, rows in done if other == machine), None)
+        if rows is None and machine is not None:
+            rows = worst_runs(study, machine)
+            done.append((machine, rows))
+        columns.append(rows or [None] * len(done[0][1]))
     cases = [(spec.payload_kg, spec.reference) for spec in study.specs(given)]
-    rows = tuple(Change(*case, *of) for case, *of in zip(cases, *done.values(), strict=True))
-
+    changes = tuple(Change(*case, *of) for case, *of in zip(cases, *columns, strict=True))
     loops = [_weakest_loop(machine, study) for machine in (was, now)]
     usable = loops[0].stable and math.isfinite(loops[0].bandwidth_hz)
     wanted = goal or Goal(float(f"{loops[0].bandwidth_hz:.2g}") if usable else None, MS_LIMIT)
-    before, after, old = _gains(study, was, now, wanted)
     made = Consequences(
-        effects, study, rows, loops[0], loops[1], (wanted.bandwidth_hz, wanted.ms_limit), before, after, old,
-        _choices(rows, study.kind), (),
+        effects, study, now.motor.nominal_torque_nm if isinstance(now, Hoist) else None, changes, loops[0], loops[1],
+        (wanted.bandwidth_hz, wanted.ms_limit), *_gains(study, was, now, wanted), _choices(changes, study.kind),
     )  # fmt: skip
     return replace(made, sentences=tuple(_sentences(made, now))), ""
 
@@ -324,7 +286,11 @@ def without(corrected: Hoist | Axis, nominal: Hoist | Axis, effects: Sequence[st
     kept = {name: values for name, values in corrected.effects.items() if name not in effects}
     kept |= {name: nominal.effects[name] for name in effects if name in nominal.effects}
     table = nominal.measured_correction if CORRECTION in effects else corrected.measured_correction
-    return corrected.model_copy(update={"effects": kept, "measured_correction": table})
+    own = corrected.log.of_runs.items()  # what is each run's own goes with its effect
+    gone = corrected.effects.keys() - kept.keys()
+    of_runs = {run: {name: its for name, its in values.items() if name not in gone} for run, values in own}
+    log = corrected.log.model_copy(update={"of_runs": of_runs})
+    return corrected.model_copy(update={"effects": kept, "measured_correction": table, "log": log})
 
 
 def worst_runs(study: SmallStudy, machine: Hoist | Axis) -> list[Row]:
@@ -351,15 +317,14 @@ def _per_run(machine: Hoist | Axis) -> list[str]:
 def _at_phases(machine: Hoist | Axis) -> list[Hoist | Axis]:
     """The machine itself or, if an effect has a value for each run, four machines evenly over its range."""
     known, sizes, own = effects_for(kind_of(machine).name), sizes_of(machine), _per_run(machine)
-
-    def at(share: float) -> Hoist | Axis:
+    machines = []
+    for k in range(PHASES if own else 0):
         effects = {name: dict(values) for name, values in machine.effects.items()}
         for name in own:
             ranges = [p for p in known[name].ranges(sizes) if p.per_run]
-            effects[name] |= {p.name: p.lowest + (p.highest - p.lowest) * share for p in ranges}
-        return machine.model_copy(update={"effects": effects})
-
-    return [at(k / PHASES) for k in range(PHASES)] if own else [machine]
+            effects[name] |= {p.name: p.lowest + (p.highest - p.lowest) * k / PHASES for p in ranges}
+        machines.append(machine.model_copy(update={"effects": effects}))
+    return machines or [machine]
 
 
 def _weakest_loop(machine: Hoist | Axis, study: SmallStudy) -> LoopFigures:
@@ -403,9 +368,9 @@ def _choices(rows: Sequence[Change], kind: Kind) -> tuple[Choice, ...]:
         here = [(row.reference, getattr(row, when)) for row in rows if payload_kg in (None, row.payload_kg)]
         if not all(run.ok for _, run in here):
             return ""
-        worst = {kind: max(run[metric] for reference, run in here if reference == kind) for kind in references}
+        worst = {name: max(run[metric] for reference, run in here if reference == name) for name in references}
         first, second = sorted(worst.values())[:2]
-        return "alike" if percent(first, second) < SMALL else min(references, key=lambda kind: worst[kind])
+        return "alike" if percent(first, second) < SMALL else min(references, key=lambda name: worst[name])
 
     return tuple(
         Choice(metric, payload, better(metric, payload, "before"), better(metric, payload, "after"))
@@ -429,34 +394,31 @@ def small_study(
     carriage mass. An axis' ramps keep to half of its force limit beside friction and load. The controller is the rule's
     where none is given.
     """
-    kind, hoist = kind_of(machine), studied(machine) is not None
-    loop, axis = kind.looped, kind.looped.position_loop
+    kind = kind_of(machine)
+    loop, hoist = kind.looped, kind.payload
     top = loop.top_speed(machine).speed
-    motions = [motion for run in runs if (motion := _motion(machine, run)) is not None]
-    motions = [motion for motion in motions if motion[0] > (0.0 if axis else LEAST_SPEED * top)]
-    shortest, usual = (0.02, 0.2) if axis else (0.2, 1.2)  # s of a ramp
-    if motions:
-        fastest, steepest, lowest, highest = zip(*motions, strict=True)
+    moved = [motion for run in runs if (motion := _motion(machine, run)) and motion[0] > LEAST_SPEED * top * hoist]
+    loads: tuple[float, ...] = (0.0,)
+    if moved:
+        fastest, steepest, lowest, highest = (tuple(column) for column in zip(*moved, strict=True))
         speed = min(max(fastest), 0.99 * top)
-        acceleration = min(max(steepest), speed / shortest)
+        acceleration = min(max(steepest), speed / (0.2 if hoist else 0.02))
         start, end = min(lowest), max(highest)
     else:
-        speed = 0.9 * (min(top, loop.speed_scale(machine)) if axis else top)
-        acceleration = speed / usual
+        speed = 0.9 * (top if hoist else min(top, loop.speed_scale(machine)))
+        acceleration = speed / (1.2 if hoist else 0.2)
         start, end = 0.0, 0.6 * speed
     if hoist:
         low, high = machine.rail.lowest_position_m, machine.highest_position_m
         bottom, ceiling = low + END_OF_RAIL * (high - low), high - END_OF_RAIL * (high - low)
-        if motions:
-            start, end = max(start, bottom), min(end, ceiling)
-        else:
-            start = low + 0.25 * (high - low)
-            end = start + min(0.5 * (high - low), 5.0 * speed)
+        quarter = low + 0.25 * (high - low)
+        usual = quarter, quarter + min(0.5 * (high - low), 5.0 * speed)
+        start, end = (max(start, bottom), min(end, ceiling)) if moved else usual
         if end - start < 0.02 * (ceiling - bottom):  # as far as nothing, or a height that is not this rail's
             start, end = bottom, 0.5 * (bottom + ceiling)
         known = sorted({run.payload_kg for run in runs}) or [x * machine.carriage.mass_kg for x in (0.0, 0.5, 1.0)]
         middle = min(known, key=lambda load: abs(load - 0.5 * (known[0] + known[-1])))
-        loads, by_rule = tuple(sorted({known[0], middle, known[-1]})), usual_controller(machine)
+        loads = tuple(sorted({known[0], middle, known[-1]} if payloads_kg is None else set(payloads_kg)))
     else:
         steady = max(machine.role("coulomb_forward"), machine.role("coulomb_backward"))
         steady += machine.role("viscous") * speed
@@ -464,30 +426,35 @@ def small_study(
         room = 0.5 * (loop.input_limit(machine) - steady)
         if 0.0 < room < math.inf:
             acceleration = min(acceleration, room / loop.total_inertia(machine, 0.0))
-        loads, by_rule = (0.0,), usual_settings(machine)[0]
-    speed, acceleration = _digits(speed), _digits(acceleration)
-    return SmallStudy(
-        payloads_kg=loads if payloads_kg is None or axis else tuple(sorted(set(payloads_kg))),
-        start_position_m=_digits(start),
-        travel_m=_digits(min(max(end - start, 1e-6), LONGEST_S * speed)),
-        limits=Limits(speed, acceleration, _digits(1.5 * acceleration**2 / speed)),
-        controller=by_rule if controller is None else controller,
-        from_runs=bool(motions),
-        controller_given=controller is not None,
-        kind=kind,
+    speed, acceleration, start = _digits(speed), _digits(acceleration), _digits(start)
+    travel = _digits(min(max(end - start, 1e-6), LONGEST_S * speed))
+    limits = Limits(speed, acceleration, _digits(1.5 * acceleration**2 / speed))
+    unit, rest = kind.moved.unit, 2.0 if hoist else 1.0  # s; an axis settles soon
+    scenario = checked(
+        {
+            "name": "consequences",
+            "payloads_kg": loads if hoist else None,
+            f"start_position_{unit}": start,
+            "moves": [{f"by_{unit}": travel}, {"dwell_s": rest}, {f"by_{unit}": -travel}],
+            "limits": {key_in(unit, name): value for name, value in vars(limits).items()},
+            "references": REFERENCES,
+            "controller": usual_settings(machine)[0] if controller is None else controller,
+            "settle_s": rest,
+            "outputs": {"signals": "none"},
+        }
     )
+    return SmallStudy(scenario, kind, start, travel, limits, loads, bool(moved), controller is not None, own=False)
 
 
 def _motion(machine: AnyKind, run: Run) -> tuple[float, float, float, float] | None:
     """(fastest speed, largest acceleration, lowest and highest place) of a run, m or rad and seconds; the first two as
-    means over a window. None of a run that is too short or has no speed."""
-    hoist = studied(machine) is not None
+    means over a window: a sample's noise is no motion. None of a run that is too short or has no speed."""
+    hoist = kind_of(machine).payload
     if hoist:
-        speed, place, per, window = "speed_motor_rad_s", "position_carriage_m", machine.lift_m_per_rad, WINDOW_S
+        speed, place, per, window = "speed_motor_rad_s", "position_carriage_m", machine.lift_m_per_rad, 0.25
     else:
-        speed, place, per, window = machine.speed_signal, machine.position_signal, 1.0, AXIS_WINDOW_S
-    t, window = run.time_s, max(window, 4.0 * run.sample_time_s)
-    logged = not hoist and place in run
+        speed, place, per, window = machine.speed_signal, machine.position_signal, 1.0, 0.05
+    t, window, logged = run.time_s, max(window, 4.0 * run.sample_time_s), not hoist and place in run
     if len(t) < 3 or run.duration_s < 3.0 * window or not (logged or speed in run):
         return None
     if logged:
@@ -497,8 +464,7 @@ def _motion(machine: AnyKind, run: Run) -> tuple[float, float, float, float] | N
         way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
     here = run.signals.get(place, run.start_position_m + way) if hoist else way
     at = np.arange(t[0], t[-1] - 2.0 * window, 0.2 * window)
-    marks = [np.interp(at + k * window, t, way) for k in range(3)]
-    speeds = np.diff(marks, axis=0) / window
+    speeds = np.diff([np.interp(at + k * window, t, way) for k in range(3)], axis=0) / window
     steepest = np.abs(speeds[1] - speeds[0]).max() / window
     return float(np.abs(speeds).max()), float(steepest), float(np.min(here)), float(np.max(here))
 
@@ -509,74 +475,52 @@ def _digits(value: float) -> float:
 
 
 def _sentences(c: Consequences, corrected: Hoist | Axis) -> Iterator[str]:
-    """In order: what was run, failures, torque, tracking, wire, time, better reference, loop, gains, caveats."""
-    kind, judged = c.study.kind, set_of(c.study.kind.name)
+    """In order: what was run, failures, torque, tracking, wire, better reference, loop, gains, caveats."""
+    kind, judged, good = c.study.kind, set_of(c.study.kind.name), [row for row in c.rows if row.ok]
     yield _what(c)
-    yield from _failures(c.rows, kind)
-    most, good = AT_LIMIT * kind.looped.peak_limit(corrected), [row for row in c.rows if row.ok]
-    if new := [row for row in good if row.after[judged.peak] >= most > row.before[judged.peak]]:
-        who = "motors now reach their torque" if kind.payload else f"drive now reaches its {kind.drive.quantity}"
-        yield f"The {who} limit at {listed([row.words(kind) for row in new])}."
-    if good:
-        yield from (_figure(good, metric, kind) for metric in figures_told(kind))
-    by = {(row.payload_kg, row.reference): row.before["move_time_s"] for row in c.rows}
-    longer = by.get((c.rows[0].payload_kg, "ruckig"), math.nan) - by.get((c.rows[0].payload_kg, "trapezoid"), math.nan)
-    if math.isfinite(longer):
-        yield (
-            f"Move times do not change, for they follow from the limits: ruckig takes {longer:.2g} s longer than the "
-            "trapezoid."
-        )
-    if c.choices:
-        yield _better(c.choices, judged.peak, f"{judged.input_words} peak at equal limits", kind)
-        yield _better(c.choices, judged.error, "tracking error", kind)
+    for row in c.rows:
+        if not row.ok:
+            when = {(True, False): "no longer", (False, True): "only now"}.get(
+                (row.before.ok, row.after.ok), "in neither"
+            )
+            reason = (row.after.reason or row.before.reason).rpartition("; ")[2]  # how far a load fell says nothing
+            yield f"Possible {when} at {row.words(kind)}: {reason}."
+    most = AT_LIMIT * kind.looped.peak_limit(corrected)
+    if new := [row.words(kind) for row in good if row.after[judged.peak] >= most > row.before[judged.peak]]:
+        yield f"The {judged.input_words} limit is reached now at {listed(new)}."
+    yield from (_figure(good, metric, kind) for metric in figures_told(kind) if good)
+    for metric, by in ((judged.peak, f"{judged.input_words} peak at equal limits"), (judged.error, "tracking error")):
+        if known := [one for one in c.choices if one.metric == metric and one.payload_kg is not None]:
+            yield f"The better reference by {by}: {listed([_better(one, kind) for one in known])}."
     yield _loop(c)
     yield _gain_words(c)
-    known = effects_for(kind.name)
-    if own := _per_run(corrected):
-        yield (
-            f"In each run {listed(own)} has a phase of its own: every run was made at {PHASES} phases, and each figure "
-            "is the worst of them."
-        )
-    if cold := [name for name in corrected.effects if known[name].regime == "time" and name not in own]:
+    of_kind, own = effects_for(kind.name), _per_run(corrected)
+    if own:
+        yield f"{listed(own)}: the phase is each run's own; each figure is the worst of {PHASES} phases."
+    if cold := [name for name in corrected.effects if of_kind[name].regime == "time" and name not in own]:
         yield f"Time counts from the start of the campaign, so {listed(cold)} is as on the cold machine."
-    if outside := [name for name in corrected.effects if known[name].on_sensor]:
+    if outside := [name for name in corrected.effects if of_kind[name].on_sensor]:
         yield f"On the log alone, so that neither runs nor loop know of it: {listed(outside)}."
     drive = corrected.drive
     if not (drive.torque_lag_s or drive.speed_filter_s or drive.speed_delay_s):
         yield "The machine's drive has no lag, filter or delay, so its margins are those of sampling alone."
 
 
-def _what(consequences: Consequences) -> str:
-    s, effects = consequences.study, consequences.effects
-    who = f"without and with {listed(effects)}, all else equal" if effects else "before and after its correction"
-    c, unit = s.controller, s.kind.moved.unit
-    loads = f" {listed([f'{load:g}' for load in s.payloads_kg])} kg;" if s.kind.payload else ""
-    kv = f"kv {c.kv_per_s:g} 1/s, " if isinstance(c, Cascade) else ""
-    by_rule = "" if s.controller_given else ", by rule"
-    gains = f"one controller ({kv}kp {c.kp:g} {c.UNITS[0]}, ki {c.ki:g} {c.UNITS[1]}{by_rule})"
-    if s.scenario is not None:
-        return f"The machine {who}, in the scenario {s.scenario.name}:{loads} {gains}."
-    source = "as the campaign's runs do at most" if s.from_runs else "by default"
-    way, back = ("up", "down") if s.kind.payload else ("forward", "back")
-    return (
-        f"The machine {who}: {way} by {s.travel_m:g} {unit} from {s.start_position_m:g} {unit} and {back} again, "
-        f"{s.limits.speed_m_s:g} {unit}/s and {s.limits.acceleration_m_s2:g} {unit}/s² {source}, jerk "
-        f"{s.limits.jerk_m_s3:g} {unit}/s³;{loads} {gains}."
-    )
-
-
-def _failures(rows: Sequence[Change], kind: Kind) -> Iterator[str]:
-    groups: dict[tuple[float, bool, bool, str], list[str]] = {}
-    for row in rows:
-        if not row.ok:
-            # Where the motors cannot hold the load, how far it fell says nothing.
-            reason = (row.after.reason or row.before.reason).rpartition("; ")[2]
-            groups.setdefault((row.payload_kg, row.before.ok, row.after.ok, reason), []).append(row.reference)
-    for (payload, was_ok, is_ok, reason), alike in groups.items():
-        which = "with either reference" if len(alike) == 2 else f"with the {alike[0]} reference"
-        start = f"At {payload:g} kg {which}" if kind.payload else f"{which[0].upper()}{which[1:]}"
-        now = f"{'neither before nor after' if not is_ok else 'now; before'}: {reason}"
-        yield f"{start} the move is no longer possible: {reason}." if was_ok else f"{start} the move is possible {now}."
+def _what(c: Consequences) -> str:
+    s, gains, unit = c.study, c.study.controller, c.study.kind.moved.unit
+    who = f"without and with {listed(c.effects)}, all else equal" if c.effects else "before and after its correction"
+    loads = f" at {listed([f'{load:g}' for load in s.payloads_kg])} kg" if s.kind.payload else ""
+    kv = f"kv {gains.kv_per_s:g} 1/s, " if isinstance(gains, Cascade) else ""
+    rule = "" if s.controller_given else " by rule"
+    loop = f"the controller{rule} ({kv}kp {gains.kp:g} {gains.UNITS[0]}, ki {gains.ki:g} {gains.UNITS[1]})"
+    moves = f"in the scenario {s.scenario.name}"
+    if not s.own:
+        moves = (
+            f"by {s.travel_m:g} {unit} from {s.start_position_m:g} {unit} and back again with {s.limits.speed_m_s:g} "
+            f"{unit}/s, {s.limits.acceleration_m_s2:g} {unit}/s² and {s.limits.jerk_m_s3:g} {unit}/s³ "
+            f"({'as the runs do at most' if s.from_runs else 'by default'})"
+        )
+    return f"The machine {who}, {moves}{loads} under {loop}."
 
 
 def figures_told(kind: Kind) -> tuple[Metric, ...]:
@@ -589,107 +533,80 @@ def figures_told(kind: Kind) -> tuple[Metric, ...]:
 def _figure(good: Sequence[Change], metric: Metric, kind: Kind) -> str:
     name = metric.name
     if name == "min_wire_tension_n" and (slack := [row for row in good if row.after[name] <= 0.0]):
-        was = ", as before" if all(row.before[name] <= 0.0 for row in slack) else ""
-        return f"The wire goes slack at {listed([row.words(kind) for row in slack])}{was}."
+        return f"The wire goes slack at {listed([row.words(kind) for row in slack])}."
     changes = [row.percent(name) for row in good]
     if max(map(abs, changes)) < SMALL:
         return f"The {metric.label} does not change."
     most = max(good, key=lambda row: abs(row.percent(name)))
     before, after = (metric.scale * run[name] for run in (most.before, most.after))
-    low, high = f"{min(changes):+.1f}", f"{max(changes):+.1f}"
-    span = f"{high} %" if low == high else f"{low} to {high} %"
-    where = f"most {'at' if kind.payload else 'with'} {most.words(kind)}"
-    return f"The {metric.label} changes by {span}, {where}: {before:.3g} to {after:.3g} {metric.shown_unit}."
+    span = " to ".join(dict.fromkeys(f"{change:+.1f}" for change in (min(changes), max(changes))))
+    return (
+        f"The {metric.label} changes by {span} %, most at {most.words(kind)}: {before:.3g} to {after:.3g} "
+        f"{metric.shown_unit}."
+    )
 
 
-def _better(choices: Sequence[Choice], metric: str, by: str, kind: Kind) -> str:
-    mine = [choice for choice in choices if choice.metric == metric and choice.payload_kg is not None]
-    known = [choice for choice in mine if choice.before and choice.after]
-
-    def name(reference: str) -> str:
-        return "neither" if reference == "alike" else reference
-
-    def at(choice: Choice) -> str:
-        return f" at {choice.payload_kg:g} kg" if kind.payload else ""
-
-    if moved := [choice for choice in known if choice.changed]:
-        cases = [f"{at(c)} {name(c.after)} instead of {name(c.before)}".strip() for c in moved]
-        return f"By {by} the better reference is another one now: {listed(cases)}."
-    if not known:
-        return f"By {by} the references cannot be compared, for runs failed."
-    names = list(dict.fromkeys(choice.after for choice in known))
-    if len(names) > 1:
-        return f"By {by} the better reference stays the same: {listed([f'{name(c.after)}{at(c)}' for c in known])}."
-    if names == ["alike"]:
-        return f"By {by} both references stay alike."
-    where = at(known[0]) if len(known) == 1 else " at every payload"
-    some = " that both move" if 1 < len(known) < len(mine) else ""
-    return f"By {by} {names[0]} stays the better reference{where}{some}."
+def _better(choice: Choice, kind: Kind) -> str:
+    name = {"alike": "neither", "": "not known, a run failed"}
+    was, now = (name.get(one, one) for one in (choice.before, choice.after))
+    at = f" at {choice.payload_kg:g} kg" if kind.payload else ""
+    return f"{now} instead of {was}{at}" if choice.changed else f"{now}{at}"
 
 
 def _loop(c: Consequences) -> str:
     a, b, kind = c.loop_before, c.loop_after, c.study.kind
-    name = "speed loop" if kind.payload else "loop"
     if not b.stable:
         load = f"{b.payload_kg:g} kg and " if kind.payload else ""
-        return f"The {name} is unstable at {load}{b.height_m:g} {kind.moved.unit}{'' if a.stable else ', as before'}."
+        return f"The loop is unstable at {load}{b.height_m:g} {kind.moved.unit}{'' if a.stable else ', as before'}."
     if not a.stable:
-        where = f"{a.payload_kg:g} kg" if kind.payload else "some places"
-        return f"The {name}, unstable before at {where}, is stable: Ms {b.ms:.2f}."
-    moved, still = [], []
+        return f"The loop, unstable before, is stable: Ms {b.ms:.2f}."
+    said, moves = [], False
     for what, least, form, x, y in (
         ("the least gain margin", 0.5, "{:.1f} dB", a.gain_margin_db, b.gain_margin_db),
         ("the least phase margin", 1.0, "{:.0f}°", a.phase_margin_deg, b.phase_margin_deg),
         ("the largest Ms", 0.01, "{:.2f}", a.ms, b.ms),
     ):
         was, now = (form.format(value) if math.isfinite(value) else "without bound" for value in (x, y))
-        if x == y or abs(y - x) < least:
-            still.append(f"{what} is {now}")
-        else:
-            moved.append(f"{what} goes from {was} to {now}")
-    if not moved:
-        return f"The loop's margins do not change: {listed(still)}."
-    over = "Over loads and heights" if kind.payload else "Over its positions"
-    return f"{over}, {listed(moved)}{f'; {listed(still)} as before' if still else ''}."
+        still = x == y or abs(y - x) < least
+        moves |= not still
+        said.append(f"{what} is {now}" if still else f"{what} goes from {was} to {now}")
+    return f"Over loads and heights, {listed(said)}." if moves else f"The loop's margins do not change: {listed(said)}."
 
 
 def _gain_words(c: Consequences) -> str:
     (bandwidth, ms), before, after = c.gains_goal, c.gains_before, c.gains_after
     goal = "the best rejection of load steps" if bandwidth is None else f"a bandwidth of {bandwidth:g} Hz"
-    start = f"For {goal} with Ms {'' if bandwidth is None else 'and Mt '}at most {ms:g}"
-    if not after.ok:
-        return f"{start} loop shaping finds no gains{'' if before.ok else ', nor before'}: {after.reason}."
     units = c.study.controller.UNITS
-    now = f"kp {after.kp:.3g} {units[0]}, ki {after.ki:.3g} {units[1]}"
-    if not before.ok:
-        return f"{start} loop shaping now finds {now}; before: {before.reason}."
-    kp, ki = percent(before.kp, after.kp), percent(before.ki, after.ki)
-    if max(abs(kp), abs(ki)) < GAIN_MOVES:
-        return f"{start} the recommended gains stay: {now}."
+
+    def found(gains: Gains) -> str:
+        return f"kp {gains.kp:.3g} {units[0]}, ki {gains.ki:.3g} {units[1]}" if gains.ok else f"none ({gains.reason})"
+
+    start = f"For {goal} with Ms at most {ms:g} loop shaping recommends {found(after)}"
+    moved = max(abs(percent(before.kp, after.kp)), abs(percent(before.ki, after.ki)))
+    if moved < GAIN_MOVES:
+        return f"{start}, as before."
     old = c.old_gains_bandwidth_hz
-    left = "make the loop unstable" if math.isnan(old) else f"give {old:.3g} Hz"
-    return (
-        f"{start} the recommended gains are others now: {now} instead of kp {before.kp:.3g}, ki {before.ki:.3g} "
-        f"({kp:+.0f} %, {ki:+.0f} %); the old ones {left}."
-    )
+    left = f"the old ones {'make the loop unstable' if math.isnan(old) else f'give {old:.3g} Hz'}"
+    return f"{start} instead of {found(before)}{f'; {left}' if before.ok else ''}."
 
 
 def consequences_table(c: Consequences) -> Table:
     """One row for each payload and reference: the machine as given, refitted, corrected, and the effects' own share."""
-    kind, told = c.study.kind, figures_told(c.study.kind)[:3]
-    machines = ["given", *(["refitted"] if any(row.refitted is not None for row in c.rows) else []), "corrected"]
-    columns = [*([Column("payload", "kg")] if kind.payload else []), words("reference")]
+    payload, told = c.study.kind.payload, figures_told(c.study.kind)[:3]
+    machines = {"given": "given", "refitted": "refitted", "after": "corrected"}
+    if c.rows[0].refitted is None:
+        del machines["refitted"]
+    columns = [*([Column("payload", "kg")] if payload else []), words("reference")]
     for metric in told:
         head = (metric.head or metric.label).replace("\n", " ")
-        columns += [Column(f"{head}\n{machine}", metric.shown_unit) for machine in machines]
+        columns += [Column(f"{head}\n{machine}", metric.shown_unit) for machine in machines.values()]
         columns.append(Column(f"{head}\neffects", "%"))
     lines = []
     for row in c.rows:
-        line = [*([f"{row.payload_kg:g}"] if kind.payload else []), row.reference]
+        line = [*([f"{row.payload_kg:g}"] if payload else []), row.reference]
         for metric in told:
-            runs = [row.given, *([row.refitted] if "refitted" in machines else []), row.after]
-            line += [metric.text(run[metric.name]) if run is not None else "–" for run in runs]
             change = row.percent(metric.name)
+            line += [metric.text(getattr(row, machine)[metric.name]) for machine in machines]
             line.append(f"{change:+.1f}" if math.isfinite(change) else "–")
         lines.append([*line, f"{row.after['move_time_s']:.2f}"])
     note = (
@@ -718,16 +635,15 @@ def as_json(c: Consequences) -> dict[str, Any]:
     def gains(own: Gains) -> dict[str, Any]:
         return {own.names[0]: own.kp, own.names[1]: own.ki, "reason": own.reason}
 
-    rows = [
-        placed(row, **{when: run(getattr(row, when)) for when in ("given", "refitted", "before", "after")})
-        | {"change_percent": {name: row.percent(name) for name in metrics_for(kind)}}
-        for row in c.rows
-    ]
     said: dict[str, Any] = plain(
         {
             "effects": c.effects,
             "study": c.study.as_json(),
-            "rows": rows,
+            "rows": [
+                placed(row, **{when: run(getattr(row, when)) for when in MACHINES})
+                | {"change_percent": {name: row.percent(name) for name in metrics_for(kind)}}
+                for row in c.rows
+            ],
             "loop": {"before": placed(c.loop_before), "after": placed(c.loop_after)},
             "gains": {
                 "goal": {"bandwidth_hz": c.gains_goal[0], "ms": c.gains_goal[1]},

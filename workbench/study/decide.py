@@ -374,11 +374,3 @@ def weight_that_turns(decision: Decision, taken: Candidate, rival: Candidate) ->
     criterion = max(behind, key=lambda c: max(c.weight, 1e-3) * (taken.shares[c.name] - rival.shares[c.name]))
     gap = taken.shares[criterion.name] - rival.shares[criterion.name]
     return criterion, criterion.weight + (rival.total - taken.total) / gap
-
-
-def verdict(
-    rows: Sequence[Row], beside: Sequence[Row] = (), *, machine: Hoist | Axis | None = None, given: Given | None = None
-) -> str | None:
-    """The sentences that take, as one text; None where there is nothing to choose."""
-    said = take_sentences(decisions(rows, machine, given, beside))
-    return " ".join(said) or None

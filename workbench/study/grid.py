@@ -7,22 +7,22 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from workbench.control import Events, Settings
 from workbench.core.errors import InputError, nearest
+from workbench.core.record import Duration, Finite, Payload, Record
 from workbench.core.run import Array
 from workbench.core.yaml_strict import Place, dotted, problem_lines
 from workbench.machines import AnyKind, Axis, Hoist, kind_of, load_of
 from workbench.references import (
     LimitPair,
-    Limits,
     Plan,
     RecordedPlan,
     Step,
@@ -31,14 +31,11 @@ from workbench.references import (
     plan_motion,
     planned_kind,
 )
-from workbench.study.scenario import IN_METRES, Scenario, check_payload_kg, distributions, draws, key_in, listed
+from workbench.study.scenario import IN_METRES, LIMITS, WAYS, Scenario, distributions, draws, key_in, listed
 
 Value = float | bool | str
 Assigned = Mapping[str, Value]
-NUMBERS = ("payload_kg", "start_position_m", "lead_s", "settle_s")
-LIMITS = ("speed_m_s", "acceleration_m_s2", "jerk_m_s3")
-WAYS = ("hoisting", "lowering")
-PARTS = (*NUMBERS, "machine", "moves", "limits", "controller", "events", "solver")
+PARTS = ("numbers", "machine", "moves", "limits", "controller", "events", "solver")
 ROOTS = ("limits", "moves", "controller", "drive", "machine", "events", "effects", "solver")
 NO_FIELDS = (
     "format", "kind", "name", "identified", "tolerances", "effects", "allowances", "measured_correction", "log",
@@ -51,6 +48,18 @@ MOTION = (
 MOST_CACHED, MOST_RUNS, LONGEST_ID = 4096, 1_000_000, 140
 MOST_MOTIONS = 5_000  # motions whose times are reckoned one by one
 LONGEST_S = 3600.0
+
+
+class Numbers(Record):
+    """The fields of a run that stand in no block."""
+
+    payload_kg: Payload | None = None
+    start_position_m: Finite | None = None
+    lead_s: Duration
+    settle_s: Duration
+
+
+NUMBERS = tuple(Numbers.model_fields)
 
 
 @dataclass(frozen=True)
@@ -78,8 +87,7 @@ class Fields:
             "effects": [f"{effect}.{name}" for effect, values in self.machine.effects.items() for name in values],
             "solver": ["step_s"],
         }
-        start = key_in(kind.moved.unit, "start_position_m")
-        numbers = [start if name == "start_position_m" else name for name in NUMBERS[0 if hoist else 1 :]]
+        numbers = [key_in(kind.moved.unit, name) for name in NUMBERS[0 if hoist else 1 :]]
         return (*numbers, *(f"{root}.{name}" for root, own in blocks.items() for name in own))
 
     def check_name(self, name: str) -> None:
@@ -98,85 +106,54 @@ class Fields:
 
     def value(self, name: str) -> float | None:
         """A field's own number; None where it has none, or not one only."""
-        if ("value", name) not in self._cache:
-            self._cache["value", name] = self._value(*split(name))
-        value: float | None = self._cache["value", name]
-        return value
 
-    def _value(self, root: str, path: Place) -> float | None:
-        value = self.parts({})[root]
-        if root == "limits" and value is not None:
-            key = IN_METRES.get(str(path[-1]), str(path[-1]))
-            values = {getattr(getattr(value, str(way)), key) for way in (path[:1] if len(path) == 2 else WAYS)}
-            return values.pop() if len(values) == 1 else None
-        if root == "moves":
-            value = [move.model_dump() for move in self.scenario.moves]
-        elif isinstance(value, BaseModel):
-            value = value.model_dump()
-        for part in path:
-            value = None if value is None else value[part]
-        return float(value) if isinstance(value, int | float) else None
+        def own() -> float | None:
+            root, path = split(name)
+            value: Any = self.parts({})[root]
+            if value is None:
+                return None
+            if root == "limits":
+                key = IN_METRES.get(str(path[-1]), str(path[-1]))
+                both = {getattr(getattr(value, str(way)), key) for way in (path[:-1] or WAYS)}
+                return both.pop() if len(both) == 1 else None
+            value = [m.model_dump() for m in self.scenario.moves] if root == "moves" else value.model_dump()
+            for part in path:
+                value = None if value is None else value[part]
+            return float(value) if isinstance(value, int | float) else None
+
+        number: float | None = self._kept(("value", name), own)
+        return number
 
     def parts(self, assigned: Assigned) -> dict[str, Any]:
         """By PARTS, with these fields set. InputError with the field's name as place where one does not fit."""
         by_root: dict[str, tuple[tuple[str, Value], ...]] = dict.fromkeys(PARTS, ())
         for name, value in assigned.items():
             by_root[split(name)[0]] += ((name, value),)
-        parts = {}
-        for root, items in by_root.items():
-            if (root, items) not in self._cache:
-                if len(self._cache) >= MOST_CACHED:
-                    self._cache.clear()
-                self._cache[root, items] = self._part(root, items)
-            parts[root] = self._cache[root, items]
-        return parts
+        return {root: self._kept((root, items), lambda: self._part(root, items)) for root, items in by_root.items()}  # noqa: B023
+
+    def _kept(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
+        if key not in self._cache:
+            if len(self._cache) >= MOST_CACHED:
+                self._cache.clear()
+            self._cache[key] = make()
+        return self._cache[key]
 
     def _part(self, root: str, items: Sequence[tuple[str, Any]]) -> Any:
-        if root == "limits":
-            return self._limits(items)
+        scenario = self.scenario
+        changes = [(name, split(name)[1], value) for name, value in items]
         if root == "moves":
-            moves = list(self.scenario.moves)
-            for name, value in items:
-                number, key = split(name)[1]
-                moves[int(number)] = _changed(moves[int(number)], [(name, (key,), value)])
+            moves = list(scenario.moves)
+            for name, (number, *key), value in changes:
+                moves[int(number)] = _changed(moves[int(number)], [(name, tuple(key), value)])
             return tuple(move.step() for move in moves)
-        if root not in NUMBERS:
-            record = self.machine if root == "machine" else getattr(self.scenario, root)
-            return _changed(record, [(name, split(name)[1], value) for name, value in items])
-        if not items:
-            start = root == "start_position_m"
-            return None if root == "payload_kg" else self.scenario.start if start else getattr(self.scenario, root)
-        ((_, value),) = items
-        if isinstance(value, bool | str) or (root != "start_position_m" and value < 0.0):
-            raise InputError(f"{value!r}, expected a number{'' if 'start' in root else ' of at least 0'}", place=root)
-        if root == "payload_kg":
-            try:
-                check_payload_kg(value)
-            except ValueError as error:
-                raise InputError(str(error), place=root) from error
-        return float(value)
-
-    def _limits(self, items: Sequence[tuple[str, Any]]) -> LimitPair | None:
-        """Both directions. A field without a direction sets both, one with a direction goes over it."""
-        block = self.scenario.limits
-        ways = {way: {**dict.fromkeys(LIMITS), **block.given(), **getattr(block, way).given()} for way in WAYS}
-        for name, value in sorted(items, key=lambda item: item[0].count(".")):
-            path = split(name)[1]
-            if isinstance(value, bool) or not isinstance(value, float | int) or not value > 0.0:
-                raise InputError(f"{value!r}, expected a number greater than 0", place=name)
-            for way in ways if len(path) == 1 else path[:1]:
-                ways[str(way)][IN_METRES.get(str(path[-1]), str(path[-1]))] = float(value)
-        if all(value is None for values in ways.values() for value in values.values()):
-            return None
-        pair = []
-        for way, values in ways.items():
-            if lacking := [name for name in LIMITS[:2] if values[name] is None]:
-                raise InputError(f"has no {lacking[0]} for {way}", place="limits")
-            try:
-                pair.append(Limits(**{name: value for name, value in values.items() if value is not None}))
-            except InputError as error:
-                raise InputError(error.problem, place=f"limits.{error.place}") from error
-        return LimitPair(*pair)
+        if root == "numbers":
+            own = Numbers(start_position_m=scenario.start, lead_s=scenario.lead_s, settle_s=scenario.settle_s)
+            return _changed(own, changes)
+        if root == "limits":  # a field without a direction sets both, one with a direction goes over it
+            changes.sort(key=lambda change: len(change[1]))
+            cleared = [(name, (way, *path), None) for name, path, _ in changes if len(path) == 1 for way in WAYS]
+            return _changed(scenario.limits, [*cleared, *changes]).pair()
+        return _changed(self.machine if root == "machine" else getattr(scenario, root), changes)
 
 
 def _leaves(model: type[BaseModel], prefix: str = "") -> list[str]:
@@ -193,12 +170,14 @@ def _leaves(model: type[BaseModel], prefix: str = "") -> list[str]:
 @lru_cache(maxsize=MOST_CACHED)
 def split(name: str) -> tuple[str, Place]:
     """The part a field belongs to and its place in that: drive.overload is machine's drive, overload."""
-    root, _, rest = IN_METRES.get(name, name).partition(".")
+    root, _, rest = name.partition(".")
+    if not rest:
+        return "numbers", (IN_METRES.get(name, name),)
     if root in ("drive", "effects"):
         return "machine", (root, *rest.split("."))
     if root.startswith("moves["):
         return "moves", (int(root[6:-1]), rest)
-    return root, tuple(rest.split(".")) if rest else ()
+    return root, tuple(rest.split("."))
 
 
 def _changed(record: Any, items: Sequence[tuple[str, Place, Any]]) -> Any:
@@ -335,6 +314,12 @@ class GridAxis:
     def sampled(self) -> bool:
         return bool(self.relative)
 
+    @cached_property
+    def worded(self) -> tuple[str, ...]:
+        """Fields of which some value is a word."""
+        columns = zip(self.names, zip(*self.values, strict=True), strict=True)
+        return tuple(name for name, values in columns if any(isinstance(value, str) for value in values))
+
     @property
     def moves(self) -> bool:
         """Whether it changes the motion."""
@@ -426,6 +411,10 @@ def labels_of(values: Sequence[Value]) -> list[str]:
     return [f"{k}" for k in range(len(values))]
 
 
+def _word(value: Value) -> str:
+    return value if isinstance(value, str) else f"{value:.15g}"
+
+
 def _short_names(names: Sequence[str]) -> dict[str, str]:
     """Each field by its last words, as many as tell it from the others."""
     words = {name: re.findall(r"[A-Za-z0-9_]+", name) for name in names}
@@ -466,11 +455,7 @@ class RunList(Sequence[RunSpec]):
     def __len__(self) -> int:
         return math.prod(self.shape)
 
-    @overload
-    def __getitem__(self, index: int) -> RunSpec: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[RunSpec]: ...
-    def __getitem__(self, index: int | slice) -> RunSpec | list[RunSpec]:
+    def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
             return [self._spec(i) for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
@@ -478,12 +463,8 @@ class RunList(Sequence[RunSpec]):
         return self._spec(index % len(self))
 
     def _spec(self, index: int) -> RunSpec:
-        at = []
-        for size in reversed(self.shape):
-            index, k = divmod(index, size)
-            at.append(k)
-        kind, place, *at = at
-        points = list(zip(self.axes, reversed(at), strict=True))
+        *at, place, kind = map(int, np.unravel_index(index, self.shape))
+        points = list(zip(self.axes, at, strict=True))
         payload, label = self.payloads[place]
         swept, sampled = self.assigned(points, payload)
         problem = ""
@@ -492,38 +473,33 @@ class RunList(Sequence[RunSpec]):
         except InputError as error:
             # Each value fits by itself; these do not fit together. The run is a row that says so.
             parts, problem = self.fields.parts({}), str(error)
-        scenario, reference = self.scenario, self.scenario.kinds[kind]
+        scenario, reference, own = self.scenario, self.scenario.kinds[kind], parts["numbers"]
         recording, outputs = self.recordings.get(reference), self.scenario.outputs
-        load = parts["payload_kg"] if parts["payload_kg"] is not None else payload
-        start = parts["start_position_m"] if recording is None else recording.start_position_m
+        start = own.start_position_m if recording is None else recording.start_position_m
         thinned = max(1, round(outputs.every_s / parts["controller"].sample_time_s))
-        names = [label, reference, *(axis.labels[k] for axis, k in points)]
-        run_id = "_".join(filter(None, names))
+        run_id = "_".join(filter(None, [label, reference, *(axis.labels[k] for axis, k in points)]))
         if len(run_id) > LONGEST_ID:
             run_id = "_".join(filter(None, (label, reference, hashlib.sha256(run_id.encode()).hexdigest()[:16])))
-        assigned = {f"sweep.{name}": value for name, value in swept.items()}
-        assigned |= {f"sample.{name}": value for name, value in sampled.items()}
+        # A column of the index holds numbers, or words where any of its values is one.
+        words = {name for axis in self.axes if not axis.sampled for name in axis.worded}
+        assigned = {f"sweep.{name}": _word(x) if name in words else float(x) for name, x in swept.items()}
+        assigned |= {f"sample.{name}": float(value) for name, value in sampled.items()}
         return RunSpec(
             run_id=run_id,
             scenario=scenario.name,
-            machine=parts["machine"],
-            payload_kg=0.0 if load is None else load,
-            start_position_m=0.0 if start is None else start,
+            payload_kg=(payload or 0.0) if own.payload_kg is None else own.payload_kg,
+            start_position_m=start or 0.0,
             reference=reference,
-            moves=parts["moves"],
-            limits=parts["limits"],
-            lead_s=parts["lead_s"],
-            settle_s=parts["settle_s"],
+            lead_s=own.lead_s,
+            settle_s=own.settle_s,
             duration_s=self.duration_s,
-            controller=parts["controller"],
-            events=parts["events"],
             step_s=parts["solver"].step_s,
             plant=scenario.plant,
             record_every={"none": 0, "full": 1}.get(outputs.signals, thinned),
             recording=recording,
-            # Index columns hold numbers or words.
-            assigned={name: x if isinstance(x, str) else float(x) for name, x in assigned.items()},
+            assigned=assigned,
             problem=problem,
+            **{part: parts[part] for part in ("machine", "moves", "limits", "controller", "events")},
         )
 
     def assigned(
@@ -588,24 +564,23 @@ def _common_duration_s(specs: RunList) -> float:
     """
     moving = [axis for axis in specs.axes if axis.moves]
     many = math.prod(map(len, moving)) > MOST_MOTIONS
-    longest, first = -math.inf, None
+    times: list[float] = []
     works: set[tuple[int, int]] = set()  # (axis, point)
     errors: dict[tuple[int, int], InputError] = {}
+    first: InputError | None = None
     for at in itertools.product(*(axis.ends() if many else range(len(axis)) for axis in moving)):
         swept, sampled = specs.assigned(zip(moving, at, strict=True))
+        parts = None
         try:
             parts = specs.fields.parts(swept | sampled)
-        except InputError as error:  # does not fit with the file's own values; other swept ones may mend that
-            first = first or error
-            works.update(enumerate(at))
-            continue
-        try:
-            longest = max(longest, _time_s(specs, parts))
-            works.update(enumerate(at))
+            times.append(_time_s(specs, parts))
         except InputError as error:
             first = first or error
-            errors = dict.fromkeys(enumerate(at), error) | errors
-    if first is not None and longest == -math.inf:
+            if parts is not None:
+                errors = dict.fromkeys(enumerate(at), error) | errors
+                continue  # else it does not fit with the file's own values; other swept ones may mend that
+        works.update(enumerate(at))
+    if first is not None and not times:
         raise first
     for i, k in sorted(errors.keys() - works):
         axis, why = moving[i], errors[i, k]
@@ -614,21 +589,22 @@ def _common_duration_s(specs: RunList) -> float:
             said = why.problem if why.place in axis.names or together else f"{why.place}: {why.problem}"
             raise InputError(said, place="sweep.zip" if together else axis.place(axis.names[0], k)) from why
     # A slip of a zero would fill the memory: the longest sensible duty cycle is an hour.
-    if longest > LONGEST_S:
-        raise InputError(f"the moves take {longest:.0f} s, expected at most {LONGEST_S:.0f} s", place="moves")
-    return longest
+    if max(times) > LONGEST_S:
+        raise InputError(f"the moves take {max(times):.0f} s, expected at most {LONGEST_S:.0f} s", place="moves")
+    return max(times)
 
 
 def _time_s(specs: RunList, parts: Mapping[str, Any]) -> float:
-    scenario, machine, limits, start = specs.scenario, parts["machine"], parts["limits"], parts["start_position_m"]
+    scenario, machine, limits, own = specs.scenario, parts["machine"], parts["limits"], parts["numbers"]
     times = [r.time_s[-1] - r.time_s[0] + r.smoothing_s for r in specs.recordings.values()]
     if kinds := scenario.planned_kinds:
+        start = own.start_position_m
         if limits is None or start is None:
             key = key_in(kind_of(machine).moved.unit, "start_position_m")
             raise InputError("is missing", place="limits" if limits is None else key)
         check_speed(limits, machine)
         # The heaviest load swings slowest, and what is shaped for it takes longest.
-        payload = max(scenario.payloads_kg or (0.0,)) if parts["payload_kg"] is None else parts["payload_kg"]
+        payload = max(scenario.payloads_kg or (0.0,)) if own.payload_kg is None else own.payload_kg
         rail = kind_of(machine).looped.rail(machine)
         times.append(motion_time_s(kinds, parts["moves"], start, limits, rail, load_of(machine, payload)))
-    return float(parts["lead_s"] + float(max(times)) + parts["settle_s"])
+    return float(own.lead_s + float(max(times)) + own.settle_s)

@@ -8,40 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
+from workbench.core.names import unit_of
+from workbench.core.names import words_of as words_of_name
 from workbench.metrics import by_name
 from workbench.references import planned_kinds
 from workbench.study.rows import Row, with_payload
 
 NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
-_UNITS = {
-    "nm_s_per_rad": "N m s/rad",
-    "nm_per_rad": "N m/rad",
-    "nm_per_s": "N m/s",
-    "n_s_per_m": "N s/m",
-    "s_per_m": "s/m",
-    "kg_m2": "kg m²",
-    "n_per_s": "N/s",
-    "n_per_m": "N/m",
-    "rad_s3": "rad/s³",
-    "rad_s2": "rad/s²",
-    "rad_s": "rad/s",
-    "m_s3": "m/s³",
-    "m_s2": "m/s²",
-    "m_s": "m/s",
-    "per_s": "1/s",
-    "percent": "%",
-    "nm": "N m",
-    "kg": "kg",
-    "hz": "Hz",
-    "pa": "Pa",
-    "m2": "m²",
-    "kw": "kW",
-    "rad": "rad",
-    "n": "N",
-    "j": "J",
-    "m": "m",
-    "s": "s",
-}
 # Keys of a move, as people say them.
 _STEPS = {"by": "distance", "to": "target", "dwell": "rest", "for": "time"}
 # Blocks of the machine whose values need no more words.
@@ -72,7 +45,7 @@ def shown(value: float | str) -> str:
 def field_label(column: str) -> Label:
     """Of a column of the index that a sweep or a sample has set, such as `sweep.limits.jerk_m_s3`."""
     path = re.sub(r"^(sweep|sample)\.", "", column).split(".")
-    words, unit = _parted(path[-1])
+    words, unit = words_of_name(path[-1]), unit_of(path[-1])
     if (move := re.fullmatch(r"moves\[(\d+)\]", path[0])) is not None:
         words = f"move {int(move[1]) + 1} {_STEPS.get(words, words)}"
     elif len(path) > 2 and path[-2] not in _SILENT and path[-2] not in words:
@@ -90,15 +63,8 @@ def metric_label(name: str) -> Label:
     """A metric's label and unit; of a column that is no declared metric, such as an older version's, from its name."""
     metric = by_name().get(name)
     if metric is None:
-        return Label(*_parted(name))
-    return Label(metric.label, "" if metric.unit == "–" else metric.unit)
-
-
-def _parted(name: str) -> tuple[str, str]:
-    for ending, unit in _UNITS.items():
-        if name.endswith(f"_{ending}"):
-            return name.removesuffix(f"_{ending}").replace("_", " "), unit
-    return name.replace("_", " "), ""
+        return Label(words_of_name(name), unit_of(name))
+    return Label(metric.label, metric.unit.replace("–", ""))
 
 
 Point = tuple[float | str, ...]
@@ -157,7 +123,7 @@ def _together(names: Sequence[str]) -> str:
     split = [name.split() for name in names]
     shared = next((k for k in (2, 1) if len({tuple(s[:k]) for s in split}) == 1 and min(map(len, split)) > k), 0)
     own = [names[0], *(" ".join(s[shared:]) for s in split[1:])]
-    return own[0] if len(own) == 1 else f"{', '.join(own[:-1])} and {own[-1]}"
+    return listed(own)
 
 
 def reads(reference: str, column: str) -> bool:

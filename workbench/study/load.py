@@ -229,21 +229,26 @@ def planned(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, 
 
 def plan_study(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, Recording] | None = None) -> Study:
     """A scenario on a machine; InputError where what it needs is missing or its motion is not possible."""
-    varied = _varied(scenario)
+    sweep, sample = scenario.sweep, scenario.sample
+    swept = set() if sweep is None else {*sweep.grid, *sweep.zip}
+    varied = swept | (set() if sample is None else set(sample.values))
     check_kind(scenario, machine, varied)
-    kind = kind_of(machine)
+    kind, listed, planned = kind_of(machine), scenario.payloads_kg is not None, bool(scenario.planned_kinds)
     start = f"start_position_{kind.moved.unit}"
-    if kind.payload and scenario.payloads_kg is None and "payload_kg" not in varied:
-        raise InputError("is missing; expected a list of numbers, in kg", place="payloads_kg")
-    if scenario.payloads_kg is not None and scenario.sweep is not None and "payload_kg" in varied - _drawn(scenario):
-        raise InputError("is listed while sweep names payload_kg; give one of them", place="payloads_kg")
-    if scenario.planned_kinds:
-        if not scenario.moves:
-            raise InputError("is missing; expected a list of moves", place="moves")
-        if not scenario.limits.model_fields_set and not any(name.startswith("limits.") for name in varied):
-            raise InputError("is missing; expected a block of limits", place="limits")
-        if scenario.start is None and start not in varied:
-            raise InputError(f"is missing; expected {kind.looped.start}, a number", place=start)
+    no_limits = not scenario.limits.model_fields_set and not any(name.startswith("limits.") for name in varied)
+    for is_so, problem, place in (
+        (kind.payload and not listed and "payload_kg" not in varied, "is missing; expected a list of numbers, in kg",
+         "payloads_kg"),
+        (listed and "payload_kg" in swept, "is listed while sweep names payload_kg; give one of them", "payloads_kg"),
+        (planned and not scenario.moves, "is missing; expected a list of moves", "moves"),
+        (planned and no_limits, "is missing; expected a block of limits", "limits"),
+        (planned and scenario.start is None and start not in varied,
+         f"is missing; expected {kind.looped.start}, a number", start),
+        (scenario.plant != "multibody" and scenario.events.arm_moves_s is not None,
+         "moves the arm, which only the multi-body machine has; expected plant: multibody", "events"),
+    ):  # fmt: skip
+        if is_so:
+            raise InputError(problem, place=place)
     study = Study(scenario, _machine_as_run(scenario, machine), recordings or {})
     if scenario.plant == "multibody":
         from workbench.simulate.multibody_loop import check_multibody
@@ -251,27 +256,12 @@ def plan_study(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[st
         try:
             check_multibody(study.machine, scenario.events.arm_reach_m)
         except InputError as error:
-            raise InputError(
-                error.problem, place=error.place if error.place == "events.arm_reach_m" else "plant"
-            ) from error
-    elif scenario.events.arm_moves_s is not None:
-        raise InputError(
-            "moves the arm, which only the multi-body machine has; expected plant: multibody", place="events"
-        )
+            place = error.place if error.place == "events.arm_reach_m" else "plant"
+            raise InputError(error.problem, place=place) from error
     assert study.specs.duration_s > 0.0  # made here, so that what is wrong is said now
     study.plans  # noqa: B018
     criteria_for(set_of(kind.name), study.machine, 0.0, scenario.decide)
     return study
-
-
-def _varied(scenario: Scenario) -> set[str]:
-    sweep = scenario.sweep
-    swept = set() if sweep is None else {*sweep.grid, *sweep.zip}
-    return swept | _drawn(scenario)
-
-
-def _drawn(scenario: Scenario) -> set[str]:
-    return set() if scenario.sample is None else set(scenario.sample.values)
 
 
 def scenario_of(layers: Layered) -> Scenario:
@@ -455,7 +445,11 @@ def read_standalone(
 
 def changed(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     """The scenario with other values at its top level, checked like a file. InputError names the key."""
-    data = scenario.model_dump() | dict(changes)
+    return checked(scenario.model_dump() | dict(changes))
+
+
+def checked(data: dict[str, Any]) -> Scenario:
+    """A scenario of plain values. InputError names the key that does not fit."""
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:

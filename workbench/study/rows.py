@@ -167,7 +167,9 @@ def index_table(rows: Sequence[Row]) -> Any:
         columns[name] = numbers(values) if name == "payload_kg" else texts(values)
     assigned = [name for name in _names(row.assigned for row in rows) if name not in columns]
     for name in assigned:
-        columns[name] = _mixed([row.assigned.get(name) for row in rows])
+        values = [row.assigned.get(name) for row in rows]
+        words = any(isinstance(value, str) for value in values)
+        columns[name] = texts(["" if value is None else value for value in values]) if words else numbers(values)
     fixed = [metric.name for metric in metrics_of(rows).metrics if metric.fixed]
     for name in _names([dict.fromkeys(fixed), *(row.metrics for row in rows)]):
         columns[name] = numbers([row.metrics.get(name) for row in rows])
@@ -178,12 +180,7 @@ def joined(tables: Sequence[Any]) -> Any:
     """The tables of consecutive runs as one. What only some of them measured is empty in the others."""
     import pyarrow as pa
 
-    if len(tables) == 1:
-        return tables[0]
     assigned = list(_names(dict.fromkeys(_assigned_in(table)) for table in tables))
-    # A swept value may be a number in some runs and a word in others.
-    words = {name for name in assigned for table in tables if name in table.column_names and _is_text(table, name)}
-    tables = [_as_text(table, words) for table in tables]
     whole = pa.concat_tables(tables, promote_options="default").combine_chunks()
     measured = [name for name in whole.column_names if name not in {*_OWN, *assigned}]
     return whole.select([*_OWN, *assigned, *measured]).replace_schema_metadata({_ASSIGNED: json.dumps(assigned)})
@@ -277,34 +274,12 @@ def _names(records: Iterable[Mapping[str, Any]]) -> dict[str, None]:
     return names
 
 
-def _mixed(values: Sequence[float | str | None]) -> Any:
-    if any(isinstance(value, str) for value in values):
-        return texts([_text(value) for value in values])
-    return numbers([None if value is None else float(value) for value in values])
-
-
-def _text(value: float | str | None) -> str:
-    return "" if value is None else f"{value:.15g}" if isinstance(value, float) else str(value)
-
-
 def _assigned_in(table: Any) -> list[str]:
     """ValueError where the note names what is no column beside a run's own."""
     names = json.loads((table.schema.metadata or {}).get(_ASSIGNED, b"[]"))
     if not isinstance(names, list) or any(name in _OWN or name not in table.column_names for name in names):
         raise ValueError("the note of swept fields names no columns")
     return names
-
-
-def _is_text(table: Any, name: str) -> bool:
-    return str(table.schema.field(name).type) == "string"
-
-
-def _as_text(table: Any, names: Iterable[str]) -> Any:
-    for name in names:
-        if name in table.column_names and not _is_text(table, name):
-            column = texts([_text(value) for value in table[name].to_pylist()])
-            table = table.set_column(table.column_names.index(name), name, column)
-    return table
 
 
 ASTRAY_M = 0.05  # of a hoist

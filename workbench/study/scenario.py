@@ -30,12 +30,31 @@ from pydantic_core import CoreSchema
 
 from workbench.control import SETTINGS, AnyController, Events
 from workbench.core.errors import InputError, nearest
-from workbench.core.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Positive, Record, Speed
+from workbench.core.record import (
+    Acceleration,
+    Duration,
+    Finite,
+    Jerk,
+    NotNegative,
+    Position,
+    Positive,
+    Record,
+    Speed,
+)
 from workbench.core.run import Array
-from workbench.machines import Axis, Hoist, Kind, get_value, kind_of, of_kind
+from workbench.machines import Axis, Hoist, get_value, kind_of, of_kind
 from workbench.machines.kinds.axis import LinearDrive, RotaryDrive
 from workbench.machines.kinds.hoist import BY_NAME, Drive
-from workbench.references import ReferenceKind, Step, planned_kind, planned_kinds, recorded_kinds, usual_kinds
+from workbench.references import (
+    LimitPair,
+    Limits,
+    ReferenceKind,
+    Step,
+    planned_kind,
+    planned_kinds,
+    recorded_kinds,
+    usual_kinds,
+)
 
 MOST_VALUES = 100_000
 
@@ -96,19 +115,16 @@ class RangeBlock(Record):
         return [low, *(float(f"{value:.12g}") for value in inner), high]
 
 
-def _list_or_range(value: Any) -> str:
-    return "range" if isinstance(value, dict | RangeBlock) else "list"
-
-
-def _not_empty(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    if not 1 <= len(values) <= MOST_VALUES:
-        raise ValueError(f"holds {len(values)} values, expected 1 to {MOST_VALUES}")
+def _some(values: tuple[Any, ...], most: int = MOST_VALUES) -> tuple[Any, ...]:
+    if not 1 <= len(values) <= most:
+        raise ValueError(f"holds {len(values)} values, expected 1 to {most}")
     return values
 
 
-Listed = Annotated[tuple[Value, ...], AfterValidator(_not_empty), Field(json_schema_extra={"minItems": 1})]
+Listed = Annotated[tuple[Value, ...], AfterValidator(_some), Field(json_schema_extra={"minItems": 1})]
 AxisValues = Annotated[
-    Annotated[Listed, Tag("list")] | Annotated[RangeBlock, Tag("range")], Discriminator(_list_or_range)
+    Annotated[Listed, Tag("list")] | Annotated[RangeBlock, Tag("range")],
+    Discriminator(lambda value: "range" if isinstance(value, dict | RangeBlock) else "list"),
 ]
 
 
@@ -269,13 +285,14 @@ SOME: dict[str, JsonValue] = {"minItems": 1, "maxItems": 1000}
 
 
 def _once(values: Sequence[object], what: str) -> None:
-    if not 1 <= len(values) <= 1000:
-        raise ValueError(f"holds {len(values)} values, expected 1 to 1000")
+    _some(tuple(values), 1000)
     twice = [value for value, count in Counter(values).items() if count > 1]
     if twice:
         raise ValueError(f"{what} {twice[0]} stands there twice; once is enough")
 
 
+LIMITS = ("speed_m_s", "acceleration_m_s2", "jerk_m_s3")
+WAYS = ("hoisting", "lowering")
 # Keys of a motion in radians, of a rotary axis -> those in metres.
 IN_METRES = {
     "by_rad": "by_m",
@@ -304,7 +321,7 @@ def unit_of(key: str) -> str:
 
 def key_in(unit: str, key: str) -> str:
     """A motion's key, given in metres, in that unit."""
-    return next(name for name, metres in IN_METRES.items() if metres == key) if unit == "rad" else key
+    return {metres: name for name, metres in IN_METRES.items()}.get(key, key) if unit == "rad" else key
 
 
 class MoveBlock(Record):
@@ -363,6 +380,19 @@ class LimitsBlock(DirectionLimits):
     hoisting: DirectionLimits = DirectionLimits()
     lowering: DirectionLimits = DirectionLimits()
 
+    def pair(self) -> LimitPair | None:
+        """Of both directions; None where nothing is given."""
+        both = [self.given() | getattr(self, way).given() for way in WAYS]
+        if not any(both):
+            return None
+        for way, given in zip(WAYS, both, strict=True):
+            if lacking := [name for name in LIMITS[:2] if name not in given]:
+                raise InputError(f"has no {lacking[0]} for {way}", place="limits")
+        try:
+            return LimitPair(*(Limits(**given) for given in both))
+        except InputError as error:
+            raise InputError(error.problem, place=f"limits.{error.place}") from error
+
 
 class RecordedBlock(Record):
     """A reference out of a campaign: the run's set-point, or its measured speed where none was logged.
@@ -390,14 +420,10 @@ class RecordedBlock(Record):
         return self.name or self.kind
 
 
-def _word_or_block(value: Any) -> str:
-    return "recorded" if isinstance(value, dict | RecordedBlock) else "kind"
-
-
 PlannedName = Annotated[str, AfterValidator(_known_planned), _Names(planned_kinds)]
 Reference = Annotated[
     Annotated[PlannedName, Tag("kind")] | Annotated[RecordedBlock, Tag("recorded")],
-    Discriminator(_word_or_block),
+    Discriminator(lambda value: "recorded" if isinstance(value, dict | RecordedBlock) else "kind"),
 ]
 
 # Every key of the drive, none of them needed: what is not given is the machine's.
@@ -480,7 +506,8 @@ class Scenario(Record):
     def _payloads_differ(cls, payloads: tuple[float, ...] | None) -> tuple[float, ...] | None:
         if payloads is not None:
             _once(payloads, "payload")
-            check_payload_kg(max(payloads))
+            if max(payloads) > 1e6:
+                raise ValueError(f"payload {max(payloads):g} kg is more than a thousand tonnes; is it in kg?")
         return payloads
 
     @field_validator("references")
@@ -505,64 +532,51 @@ class Scenario(Record):
         return tuple(item for item in self.references if isinstance(item, str))
 
 
-def check_payload_kg(payload_kg: float) -> None:
-    """A payload heavier than any hoist lifts is grams or newtons given as kilograms: ValueError."""
-    if payload_kg > 1e6:
-        raise ValueError(f"payload {payload_kg:g} kg is more than a thousand tonnes; is it in kg?")
-
-
 def check_kind(scenario: Scenario, machine: Hoist | Axis, varied: set[str]) -> None:
     """InputError, with its place, for what this kind of machine does not have. varied: swept and drawn fields."""
-    kind = kind_of(machine)
+    kind, who = kind_of(machine), of_kind(machine)
     for place in (*_keys(scenario), *sorted(varied)):
         key = place.rpartition(".")[2]
         if unit_of(key) not in ("", kind.moved.unit) and not place.startswith(("machine.", "drive.")):
             expected = key_in(kind.moved.unit, IN_METRES.get(key, key))
-            raise InputError(f"{of_kind(machine)} moves in {kind.moved.unit}; expected {expected}", place=place)
-    _controller(scenario, kind, machine)
-    if kind.payload:
-        return
-    if scenario.ask in ("largest payload", "smallest motor"):
-        raise InputError(f"'{scenario.ask}' is a question for a hoist; expected 'highest deceleration'", place="ask")
-    if scenario.payloads_kg is not None:
-        raise InputError(
-            f"{of_kind(machine)} carries no payload; leave it out, and sweep machine.{kind.free[0]} for other loads",
-            place="payloads_kg",
+            raise InputError(f"{who} moves in {kind.moved.unit}; expected {expected}", place=place)
+    own, expected_of = scenario.controller, SETTINGS[kind.name]
+    one_way = next((way for way in WAYS if getattr(scenario.limits, way).given()), "")
+    wrong: dict[str, tuple[bool, str]] = {
+        "controller": (
+            not isinstance(own, expected_of),
+            f"is of {own.kind!r} with {' and '.join(own.GAINS)}; {who} takes kind: "
+            f"{expected_of.model_fields['kind'].default} with {' and '.join(expected_of.GAINS)}",
         )
-    if scenario.events != Events():
-        raise InputError(f"{of_kind(machine)} has no events; they are of a hoist's motors and brake", place="events")
-    if scenario.plant != "lumped":
-        raise InputError(f"'{scenario.plant}', expected 'lumped' for {of_kind(machine)}", place="plant")
-    for way in ("hoisting", "lowering"):
-        if getattr(scenario.limits, way).given():
-            raise InputError(f"{of_kind(machine)} has the same limits both ways", place=f"limits.{way}")
+    }
+    if not kind.payload:
+        wrong |= {
+            "ask": (
+                scenario.ask in ("largest payload", "smallest motor"),
+                f"'{scenario.ask}' is a question for a hoist; expected 'highest deceleration'",
+            ),
+            "payloads_kg": (
+                scenario.payloads_kg is not None,
+                f"{who} carries no payload; leave it out, and sweep machine.{kind.free[0]} for other loads",
+            ),
+            "events": (
+                scenario.events != Events(), f"{who} has no events; they are of a hoist's motors and brake"
+            ),
+            "plant": (scenario.plant != "lumped", f"'{scenario.plant}', expected 'lumped' for {who}"),
+            f"limits.{one_way}": (bool(one_way), f"{who} has the same limits both ways"),
+        }  # fmt: skip
+    for place, (is_so, problem) in wrong.items():
+        if is_so:
+            raise InputError(problem, place=place)
 
 
 def _keys(scenario: Scenario) -> Iterator[str]:
     """Places of the motion's keys that are given."""
-    for number, move in enumerate(scenario.moves):
-        yield from (f"moves[{number}].{key}" for key in sorted(move.model_fields_set) if getattr(move, key) is not None)
-    blocks = [("limits", scenario.limits)]
-    blocks += [(f"limits.{way}", getattr(scenario.limits, way)) for way in ("hoisting", "lowering")]
-    for name, block in blocks:
-        values = block.model_dump()
-        yield from (f"{name}.{key}" for key in IN_METRES | {v: v for v in IN_METRES.values()} if values.get(key))
-    if scenario.start_position_m is not None:
-        yield "start_position_m"
-    if scenario.start_position_rad is not None:
-        yield "start_position_rad"
-
-
-def _controller(scenario: Scenario, kind: Kind, machine: Hoist | Axis) -> None:
-    expected = SETTINGS[kind.name]
-    if isinstance(scenario.controller, expected):
-        return
-    name = expected.model_fields["kind"].default
-    raise InputError(
-        f"is of {scenario.controller.kind!r} with {' and '.join(scenario.controller.GAINS)}; {of_kind(machine)} takes "
-        f"kind: {name} with {' and '.join(expected.GAINS)}",
-        place="controller",
-    )
+    blocks: dict[str, Record] = {f"moves[{number}]": move for number, move in enumerate(scenario.moves)}
+    blocks |= {"limits": scenario.limits} | {f"limits.{way}": getattr(scenario.limits, way) for way in WAYS}
+    for name, block in blocks.items():
+        yield from (f"{name}.{key}" for key in block.model_dump(exclude_none=True, exclude={*WAYS}))
+    yield from (key for key in ("start_position_m", "start_position_rad") if getattr(scenario, key) is not None)
 
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -24,6 +24,7 @@ import errno
 import os
 import platform
 import shutil
+import subprocess
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -36,10 +37,10 @@ from workbench import __version__
 from workbench.core.errors import InputError
 from workbench.core.input_file import readable_file
 from workbench.core.run import Run
-from workbench.core.whole_folder import is_free, what_is_in, write_json
+from workbench.core.whole_folder import check_free, is_free, what_is_in, write_json
 from workbench.core.yaml_strict import dumps, load, validate
 from workbench.effects.registry import files_behind
-from workbench.machines import LOOPED, AnyKind, load_machine, looped, of_kind, save_machine
+from workbench.machines import LOOPED, load_machine, looped, of_kind, save_machine
 from workbench.study.load import Study
 from workbench.study.rows import (
     INDEX,
@@ -92,18 +93,13 @@ def library_versions() -> dict[str, str]:
 
 
 def _commit(checkout: Path) -> str | None:
-    """The commit that is checked out, read from .git itself: git may not be installed."""
+    """The commit that is checked out; None where the program is installed, or git is not."""
+    if not (checkout / ".git").exists():
+        return None
     try:
-        git = checkout / ".git"
-        head = (git / "HEAD").read_text().strip()
-        if not head.startswith("ref: "):
-            return head
-        name = head.removeprefix("ref: ")
-        if (git / name).is_file():
-            return (git / name).read_text().strip()
-        packed = (git / "packed-refs").read_text().splitlines()
-        return next((line.split()[0] for line in packed if line.endswith(f" {name}")), None)
-    except OSError:
+        words = ["git", "-C", str(checkout), "rev-parse", "HEAD"]
+        return subprocess.run(words, capture_output=True, text=True, timeout=5.0).stdout.strip() or None
+    except (OSError, subprocess.SubprocessError):
         return None
 
 
@@ -160,12 +156,9 @@ def _part(folder: Path, name: str, study: Study) -> Path:
 def _check_free(out: Path) -> None:
     if out.resolve() == Path.cwd():  # the result takes this name, and whoever stands in it would see the old one
         raise InputError("is the current folder; name one to be made", file=out)
-    try:
-        free = is_free(out)
-    except OSError as error:
-        raise InputError(f"no results can be written there: {error.strerror or error}", file=out) from error
-    if not free:
-        raise InputError(f"{_what_is_in(out)}; nothing is overwritten, choose another folder", file=out)
+    if (said := _what_is_in(out)).startswith("holds"):
+        raise InputError(f"{said}; nothing is overwritten, choose another folder", file=out)
+    check_free(out)
 
 
 def _what_is_in(folder: Path) -> str:
@@ -209,23 +202,7 @@ class SavedRuns(Mapping[str, Run]):
         return Run(run_id, columns.pop("time_s"), columns, self._rows[run_id].payload_kg, start)
 
 
-@dataclass(frozen=True)
-class Finished:
-    """scenario: as run, as it stands in the file. runs: the signals by run_id, of the runs that have kept them."""
-
-    folder: Path
-    rows: tuple[Row, ...]
-    runs: Mapping[str, Run]
-    machine: AnyKind
-    scenario: Mapping[str, Any]
-    manifest: Mapping[str, Any]
-
-    @property
-    def name(self) -> str:
-        return str(self.manifest.get("study", self.folder.name))
-
-
-def read_finished(folder: Path) -> Finished:
+def read_finished(folder: Path) -> StudyResult:
     """The result in `folder`. InputError where it is none, is not whole, or is damaged."""
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "no such folder"
@@ -246,10 +223,8 @@ def read_finished(folder: Path) -> Finished:
     machine = looped(read)
     if machine is None:
         raise InputError(f"is {of_kind(read)}; a study's is of {LOOPED}", file=folder / "machine.yaml")
-    document = load(folder / "scenario.yaml")
-    validate(Scenario, document)
-    assert isinstance(document.data, dict)
-    return Finished(folder, tuple(rows), SavedRuns(folder, rows), machine, document.data, manifest)
+    study = Study(validate(Scenario, load(folder / "scenario.yaml")), machine)
+    return StudyResult(study, tuple(rows), SavedRuns(folder, rows), folder, manifest)
 
 
 LOCK = "lock"

@@ -25,7 +25,7 @@ from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view.numbers import NOTHING
 from workbench.view.page import Section, save_page
-from workbench.view.style import BLUE, FAINT, GREY, ORANGE, VERMILLION, figure
+from workbench.view.style import BLUE, FAINT, GREY, ORANGE, VERMILLION, figure, legend
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -50,8 +50,8 @@ def headline(sheet: Sheet) -> str:
         "named": "single effects are named", "pair_both": "pairs are named in full",
         "false_alarm": "machines without a gap are given a cause", "unknown_caught": "unlisted causes are caught",
     }  # fmt: skip
-    shares = [(measures.measure(key).share(sheet.rows), text) for key, text in told.items()]
-    return "; ".join(f"{share.count} of {share.of} {text}" for share, text in shares if share.of) + "."
+    shares = {text: measures.measure(key).share(sheet.rows) for key, text in told.items()}
+    return "; ".join(f"{share.count} of {share.of} {text}" for text, share in shares.items() if share.of) + "."
 
 
 def sentences(sheet: Sheet) -> list[str]:
@@ -73,15 +73,13 @@ def by_kind(head: str, table: Callable[[Sequence[Row]], Table], rows: Sequence[R
 
 def sheet_table(rows: Sequence[Row]) -> Table:
     """One row for each measure, one column for each kind and source."""
-    groups = measures.groups(rows)
-    columns, cells = [words("measured")], [[measure.line] for measure in MEASURES]
-    for kind in dict.fromkeys(name.partition(",")[0] for name in groups):
-        columns.append(Column(f"{kind},\nasked", "%"))
-        mine = {name: which for name, which in groups.items() if name.partition(",")[0] == kind}
-        columns += [Column(name.replace(", ", ",\n")) for name in mine]
-        for line, measure in zip(cells, MEASURES, strict=True):
-            line += [measure.asked_text(kind), *(measure.share(which).text() for which in mine.values())]
-    return Table(columns, [line for line in cells if any("/" in cell for cell in line[1:])], WILSON)
+    columns: dict[Column, list[str]] = {words("measured"): [measure.line for measure in MEASURES]}
+    for name, which in measures.groups(rows).items():
+        kind = name.partition(",")[0]
+        columns.setdefault(Column(f"{kind},\nasked", "%"), [measure.asked_text(kind) for measure in MEASURES])
+        columns[Column(name.replace(", ", ",\n"))] = [measure.share(which).text() for measure in MEASURES]
+    lines = [line for line in zip(*columns.values(), strict=True) if any("/" in cell for cell in line[1:])]
+    return Table(list(columns), lines, WILSON)
 
 
 def sizes(rows: Sequence[Row]) -> Table:
@@ -91,9 +89,8 @@ def sizes(rows: Sequence[Row]) -> Table:
     counted = [_amounts(which) for which in groups.values()]
     lines += [[name, *(amounts[name].partition(" of ")[0] for amounts in counted)] for name in AMOUNTS[:-1]]
     shown = [line for line in lines if any(cell != NOTHING for cell in line[1:])]
-    return Table(
-        [words("measured"), *(Column(name.replace(", ", ",\n")) for name in groups)], shown, f"{said.sizes()} {WILSON}"
-    )
+    columns = [words("measured"), *(Column(name.replace(", ", ",\n")) for name in groups)]
+    return Table(columns, shown, f"{said.sizes()} {WILSON}")
 
 
 def methods_of(rows: Sequence[Row]) -> dict[str, Sequence[Row]]:
@@ -168,12 +165,11 @@ def confusion_table(rows: Sequence[Row]) -> Table:
         if measures.unlisted(row) and measures.likeliest_place(row):
             said += f" at {measures.likeliest_place(row)}"
         counts.setdefault(f"{told} (taken out of the library)" if row.get("withheld") else told, Counter())[said] += 1
-    cells: dict[Column, Callable[[tuple[str, Counter[str]]], str]] = {
-        words("in the machine"): lambda one: one[0],
-        Column("cases"): lambda one: str(one[1].total()),
-        words("answers"): lambda one: ", ".join(f"{answer} {n}" for answer, n in one[1].most_common()),
-    }
-    return table_of(sorted(counts.items(), key=lambda one: one[0]), cells)
+    lines = [
+        [told, str(answers.total()), ", ".join(f"{answer} {n}" for answer, n in answers.most_common())]
+        for told, answers in sorted(counts.items(), key=lambda one: one[0])
+    ]
+    return Table([words("in the machine"), Column("cases"), words("answers")], lines)
 
 
 def _answer(row: Row) -> str:
@@ -186,10 +182,7 @@ def _probability(row: Row) -> str:
 
 def misses(rows: Sequence[Row], most: int | None = None) -> Table:
     """The wrong answers, the largest gap over noise first, each with its reason."""
-
-    def size(row: Row) -> float:
-        return measures.size_over_noise(row)
-
+    size = measures.size_over_noise
     wrong = sorted((row for row in rows if not right(row)), key=lambda row: (math.isnan(size(row)), -size(row)))
     cells: dict[Column, Callable[[Row], str]] = {
         words("campaign"): lambda row: str(row["folder"]),
@@ -340,11 +333,6 @@ def next_runs_table(cases: Sequence[WithNextRun]) -> Table:
 # Figures
 
 
-def _below_the_title(height: int) -> dict[str, Any]:
-    """The legend's place."""
-    return {"y": 1.0 - 68.0 / height, "traceorder": "normal"}
-
-
 def _points(shares: Sequence[Share], **look: Any) -> dict[str, Any]:
     """Per cent, with 95 % intervals."""
     at = [100.0 * share.count / share.of for share in shares]
@@ -367,13 +355,11 @@ def right_by_size(rows: Sequence[Row], height: int = 400) -> Figure:
     for k, measure in enumerate(measures.measure(key) for key in ("named", "first_three", "place")):
         shares = {at: share for at, which in enumerate(groups.values()) if (share := measure.share(which)).of}
         look = {"line": {"color": (BLUE, ORANGE, VERMILLION)[k]}, "marker": {"size": 9, "symbol": k}}
-        x = [at + APART * (k - 1) for at in shares]
-        data.append(_points([*shares.values()], name=measure.line, x=x, **look))
+        data.append(_points([*shares.values()], name=measure.line, x=[at + APART * (k - 1) for at in shares], **look))
     ticks = {"tickvals": list(range(len(groups))), "ticktext": list(groups), "zeroline": False}
     return figure(
-        "Answers that are right, by the size of the gap", height, data,
-        legend=_below_the_title(height), xaxis={"title": {"text": "gap over noise"}, **ticks},
-        yaxis={"title": {"text": "share (%)"}, "range": [0, 104]},
+        "Answers that are right, by the size of the gap", height, data, legend=legend(height),
+        xaxis={"title": {"text": "gap over noise"}, **ticks}, yaxis={"title": {"text": "share (%)"}, "range": [0, 104]},
     )  # fmt: skip
 
 
@@ -386,8 +372,8 @@ def reliability(bins: Sequence[measures.Bin], height: int = 420) -> Figure:
     look = {"line": {"color": BLUE}, "marker": {"size": 9}}
     measured = _points([b.right for b in bins], name="measured", x=[100.0 * b.said for b in bins], **look)
     return figure(
-        "Reliability of the probabilities", height, [diagonal, measured],
-        legend=_below_the_title(height), xaxis={"title": {"text": "probability of the answer (%)"}, "range": [0, 104]},
+        "Reliability of the probabilities", height, [diagonal, measured], legend=legend(height),
+        xaxis={"title": {"text": "probability of the answer (%)"}, "range": [0, 104]},
         yaxis={"title": {"text": "right (%)"}, "range": [0, 104]},
     )  # fmt: skip
 
@@ -396,40 +382,34 @@ def power(effects: Sequence[EffectPower], unit: str) -> Figure:
     """The power chart: for each effect the smallest change of the input that is named in 9 of 10 cases, its interval,
     and the same with one more run, each with the effect's own amount above it. An arrow: not within the sizes tried."""
     shown = sorted(effects, key=lambda e: (e.change is None, e.change or e.largest_change_tried), reverse=True)
-    data = []
+    named, data = [e for e in shown if e.change is not None], []
 
-    def draw(
-        name: str, points: Sequence[tuple[EffectPower, float | None, float | None]], place: str, sign: str = "",
-        reach: Sequence[tuple[float, float]] = (), **marker: Any,
-    ) -> None:  # fmt: skip
-        """points: effect, change, amount; reach: of each change, down and up."""
-        if not points:
-            return
-        text = ["" if own is None else f"{sign}{_three(own)} {unit_of(e.parameter)}".strip() for e, _, own in points]
-        error = {"type": "data", "symmetric": False, "thickness": 1.2, "array": [high for _, high in reach],
-                 "arrayminus": [low for low, _ in reach]}  # fmt: skip
-        data.append({
-            "type": "scatter", "mode": "markers+text", "name": name, "marker": {"size": 10, **marker}, "text": text,
-            "textposition": f"{place} center", "textfont": {"size": 10, "color": marker["color"]},
-            "x": [x for _, x, _ in points], "y": [e.effect for e, *_ in points], "cliponaxis": False,
-            "hovertemplate": f"%{{text}}, %{{x:.3~g}} {unit}", **({"error_x": error} if reach else {}),
-        })  # fmt: skip
+    def draw(name: str, place: str, points: Sequence[tuple[EffectPower, float | None, str]], colour: str, symbol: str,
+             **more: Any) -> None:  # fmt: skip
+        """points: effect, change, amount."""
+        if points:
+            data.append({
+                "type": "scatter", "mode": "markers+text", "name": name, "cliponaxis": False,
+                "marker": {"size": 10, "color": colour, "symbol": symbol}, "textfont": {"size": 10, "color": colour},
+                "text": [f"{own} {unit_of(e.parameter)}".strip() if own else "" for e, _, own in points],
+                "textposition": f"{place} center", "x": [x for _, x, _ in points], "y": [e.effect for e, *_ in points],
+                "hovertemplate": f"%{{text}}, %{{x:.3~g}} {unit}", **more,
+            })  # fmt: skip
 
-    named = [e for e in shown if e.change is not None]
     spans = [(e.change or 0.0, *(e.change_interval or (e.change or 0.0, e.change or 0.0))) for e in named]
-    reach = [(change - low, high - change) for change, low, high in spans]
-    draw("these runs", [(e, e.change, e.amount) for e in named], "top", "", reach, color=BLUE)
-    more = [
-        (e, e.change_one_more, e.one_more if e.one_more and e.amount and e.one_more < BUYS * e.amount else None)
-        for e in named
-        if e.change_one_more is not None
-    ]
-    draw("with one more run", more, "bottom", color=ORANGE, symbol="diamond-open")
-    beyond = [(e, e.largest_change_tried, e.largest_tried) for e in shown if e.change is None]
-    draw("not within the sizes tried", beyond, "top", "> ", color=VERMILLION, symbol="triangle-right")
+    error = {"type": "data", "symmetric": False, "thickness": 1.2, "array": [high - x for x, _, high in spans],
+             "arrayminus": [x - low for x, low, _ in spans]}  # fmt: skip
+    own = [(e, e.change, _three(e.amount) if e.amount else "") for e in named]
+    draw("these runs", "top", own, BLUE, "circle", error_x=error)
+    less = {e.effect: bool(e.one_more and e.amount and e.one_more < BUYS * e.amount) for e in named}
+    more = [(e, e.change_one_more, _three(e.one_more or 0.0) if less[e.effect] else "") for e in named]
+    more = [point for point in more if point[1] is not None]
+    draw("with one more run", "bottom", more, ORANGE, "diamond-open")
+    beyond = [(e, e.largest_change_tried, f"> {_three(e.largest_tried)}") for e in shown if e.change is None]
+    draw("not within the sizes tried", "top", beyond, VERMILLION, "triangle-right")
+    height = 150 + ROW * len(shown)
     return figure(
-        "The smallest effect that these runs would have named in 9 of 10", 150 + ROW * len(shown), data,
-        legend=_below_the_title(150 + ROW * len(shown)),
+        "The smallest effect that these runs would have named in 9 of 10", height, data, legend=legend(height),
         margin={"l": 210, "r": 28, "t": 84, "b": 60},
         xaxis={"title": {"text": f"change of the input, rms while moving ({unit})"}, "type": "log"},
         yaxis={"categoryorder": "array", "categoryarray": [e.effect for e in shown], "gridcolor": FAINT},
@@ -452,23 +432,26 @@ def write_score(sheet: Sheet, folder: Path, power: Power | None = None, next_run
 def sections(sheet: Sheet, chart: Power | None = None, next_runs: Sequence[WithNextRun] = ()) -> list[Section]:
     """The sections of the page; those without rows are omitted."""
     rows, bins = sheet.rows, measures.reliability(sheet.rows)
+    by_size = [Section(head, tables=[table]) for head, table in by_kind("By the size of the gap", sizes, rows)]
+    by_size[-1] = replace(by_size[-1], figures=[(right_by_size(rows), "")])
     parts = [
         Section(tables=[*map(sheet_table, measures.by_kind(rows).values()), amounts(rows)]),
         Section("The seal", points=sentences(sheet)),
-    ]
-    if chart is not None:
-        drawn = [(power(chart.effects, chart.unit), "")]
-        parts.append(Section("The power of these runs", power_sentences(chart), (), [power_table(chart)], drawn))
-    if next_runs:
-        text, table = settled_text(next_runs, rows), next_runs_table(next_runs)
-        parts.append(Section("Open cases with the recommended next run", [text], tables=[table]))
-    parts += [Section(head, tables=[table]) for head, table in by_kind("By the size of the gap", sizes, rows)]
-    parts[-1] = replace(parts[-1], figures=[(right_by_size(rows), "")])
-    parts.append(Section("Probabilities", tables=[reliability_table(rows)], figures=[(reliability(bins), "")]))
-    parts += [Section(head, tables=[table]) for head, table in by_kind("Beside other methods", methods, rows)]
-    parts.append(Section("Answers", tables=[confusion_table(rows)]))
-    wrong = misses(rows)
-    return [*parts, *([Section("Misses", tables=[wrong])] if wrong else [])]
+        *([_power_section(chart)] if chart is not None else []),
+        *([Section("Open cases with the recommended next run", [settled_text(next_runs, rows)],
+                   tables=[next_runs_table(next_runs)])] if next_runs else []),
+        *by_size,
+        Section("Probabilities", tables=[reliability_table(rows)], figures=[(reliability(bins), "")]),
+        *(Section(head, tables=[table]) for head, table in by_kind("Beside other methods", methods, rows)),
+        Section("Answers", tables=[confusion_table(rows)]),
+        Section("Misses", tables=[misses(rows)]),
+    ]  # fmt: skip
+    return list(filter(None, parts))
+
+
+def _power_section(chart: Power) -> Section:
+    drawn = [(power(chart.effects, chart.unit), "")]
+    return Section("The power of these runs", power_sentences(chart), (), [power_table(chart)], drawn)
 
 
 def _blocks(part: Section) -> Iterator[str]:

@@ -1,8 +1,9 @@
-"""A diagnosis as people see it: sentences, tables, the sections of its page and of the terminal, its `View`."""
+"""A diagnosis as people see it: sentences, tables, the sections of its page and of the terminal, its files."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +27,6 @@ from workbench.effects import effects_for
 from workbench.machines import kind_of, plant_of, save_machine
 from workbench.study.consequences import consequences_table
 from workbench.view import diagnosis_figures as draw
-from workbench.view.consequences import before_and_after
 from workbench.view.diagnosis_json import probabilities, to_json
 from workbench.view.numbers import NOTHING, figures, with_error
 from workbench.view.page import Section, save_page
@@ -59,11 +59,12 @@ STAGES = {
     Stage.CONSEQUENCES: "what changes in the control study",
     Stage.WRITE: "writing the report",
 }
+Cells = dict[Column, Callable[[Any], str]]
 
 
 def progress_words(progress: Progress) -> str:
     """The current step in one short line."""
-    names = listed(progress.effects) if progress.effects else ""
+    names = listed(progress.effects or ())
     return {
         Task.BASE: "base parameters",
         Task.SIGNATURES: "signatures of all effects",
@@ -101,16 +102,10 @@ def alike_sentence(d: Diagnosis) -> str:
     return "" if named else said.alike(d.verdict.alike)
 
 
-def reasons_of(d: Diagnosis) -> list[str]:
-    """The reasons for a cause outside the library, as sentences."""
-    return [said.reason(reason, d.shrink.unit) for reason in d.verdict.reasons]
-
-
 def effect_sentences(d: Diagnosis) -> list[str]:
     """The declared meaning, equation and signature of each named effect."""
     kind = plant_of(d.campaign.machine).kind
-    known = effects_for(kind)
-    named = [known[name] for name in d.verdict.effects if name in known]
+    named = [effect for name in d.verdict.effects if (effect := effects_for(kind).get(name)) is not None]
     return [said.effect(effect, place_name(effect.subsystem(kind))) for effect in named]
 
 
@@ -155,19 +150,16 @@ def plain_summary(d: Diagnosis) -> list[str]:
     """The verdict for a reader who knows the machine and not this program: what, where, how sure, what it mends."""
     v, s, kind, w = d.verdict, d.shrink, plant_of(d.campaign.machine).kind, words_of(d.campaign.machine)
     known = effects_for(kind)
-
-    def cause(name: str) -> str:
-        """`Friction that grows with the load; on …` as `friction that grows with the load`."""
-        first = known[name].meaning.partition(";")[0].partition(". ")[0].rstrip(".")
-        return first[0].lower() + first[1:]
-
     if v.word == "no_gap":
         return [said.plain_no_gap(s, w)]
     if v.word == "unknown" or not all(name in known for name in v.effects):
         warning = "The controller should not be tuned on this model before the cause is found."
         return [said.plain_unknown(s, w, "" if d.where is None else d.where.subsystem), warning]
-    causes = [f"{cause(name)} (at the {place_name(known[name].subsystem(kind))})" for name in v.effects]
-    alike = "; ".join(cause(name) for name in v.alike if name in known)
+    # `Friction that grows with the load; on …` as `friction that grows with the load`.
+    meant = {name: re.split(r"; |;|\. ", known[name].meaning)[0].rstrip(".") for name in known}
+    cause = {name: text[0].lower() + text[1:] for name, text in meant.items()}
+    causes = [f"{cause[name]} (at the {place_name(known[name].subsystem(kind))})" for name in v.effects]
+    alike = "; ".join(cause[name] for name in v.alike if name in known)
     return [f"What the model lacks: {', and '.join(causes)}.", said.plain_named(s, w, v.probability, alike)]
 
 
@@ -179,12 +171,14 @@ def unit_of(d: Diagnosis) -> str:
     return words_of(d.campaign.machine).unit.replace(" ", "\u00a0")
 
 
-def _of(field: str, scale: float = 1.0, digits: int = 3) -> Callable[[Any], str]:
-    """The text of a record's number; a dash where it has none."""
+def _of(field: str, form: float | str = 1.0, digits: int = 3) -> Callable[[Any], str]:
+    """The text of a record's number, times a factor or in a format's form; a dash where it has none."""
 
     def text(record: Any) -> str:
         value = getattr(record, field)
-        return NOTHING if value is None else figures(scale * value, digits)
+        if value is None:
+            return NOTHING
+        return f"{value:{form}}" if isinstance(form, str) else figures(form * value, digits)
 
     return text
 
@@ -199,22 +193,22 @@ def _ratio(value: float, noise: float, digits: int = 3) -> str:
 
 def condition_table(d: Diagnosis) -> Table:
     """The condition of the logs, one row for each run."""
-    runs = {run.name: run for run in d.campaign.runs}
-    load = {Column("payload", "kg"): lambda log: f"{runs[log.name].payload_kg:g}"}
-    cells = {
-        words("run"): lambda log: log.name,
-        **(load if kind_of(d.campaign.machine).payload else {}),
+    runs, payload = {run.name: run for run in d.campaign.runs}, Column("payload", "kg")
+    cells: Cells = {
+        words("run"): _of("name", ""),
+        payload: lambda log: f"{runs[log.name].payload_kg:g}",
         Column("length", "s"): lambda log: f"{runs[log.name].duration_s:.1f}",
-        Column("samples"): lambda log: str(log.samples),
+        Column("samples"): _of("samples", "d"),
         Column("step", "ms"): _of("sample_time_s", 1e3),
         Column("noise", unit_of(d)): _of("noise_rms"),
         Column("moving", "%"): _percent("moving_share"),
         Column("clipped", "%"): _of("clipped_share", 100.0, 2),
-        Column("outliers"): lambda log: str(log.outliers),
+        Column("outliers"): _of("outliers", "d"),
         Column("delay", "ms"): lambda log: NOTHING if log.delay_s is None else f"{1e3 * log.delay_s:.0f}",
     }
-    note = said.condition(d, words_of(d.campaign.machine))
-    return table_of(d.condition.runs, cells, note)
+    if not kind_of(d.campaign.machine).payload:
+        del cells[payload]
+    return table_of(d.condition.runs, cells, said.condition(d, words_of(d.campaign.machine)))
 
 
 def gap_table(d: Diagnosis) -> Table:
@@ -225,7 +219,7 @@ def gap_table(d: Diagnosis) -> Table:
         ("refitted within tolerances", g.residual_rms, g.speed_rmse_percent),
         ("delivered", d.delivered.residual_rms, d.delivered.speed_rmse_percent),
     ]
-    cells: dict[Column, Callable[[Any], str]] = {
+    cells: Cells = {
         words("machine"): lambda row: row[0],
         Column(f"{words_of(d.campaign.machine).quantity}\nresidual", unit_of(d)): lambda row: figures(row[1]),
         Column("times\nthe noise"): lambda row: _ratio(row[1], g.noise_rms, 2),
@@ -233,63 +227,47 @@ def gap_table(d: Diagnosis) -> Table:
     if (force := g.force_rms_n) is not None:  # one lever for all: what a torque is on the carriage
         cells[Column("on the\ncarriage", "N")] = lambda row: _ratio(force * row[1], g.residual_rms)
     cells[Column("speed error\nopen loop", "%")] = lambda row: figures(row[2])
-    note = said.gap(d)
-    return table_of(machines if d.corrected != d.refitted else machines[:2], cells, note)
+    return table_of(machines if d.corrected != d.refitted else machines[:2], cells, said.gap(d))
 
 
 def runs_table(d: Diagnosis) -> Table:
     """Each run: its share of the gap's energy, its residual before and after, the noise."""
     kept, unit = d.delivered.validated, unit_of(d)
-    cells = {
+    cells: Cells = {
         words("run"): lambda run: f"{run.name}, not in the fit" if run in kept else run.name,
         Column("of the gap's\nenergy", "%"): lambda run: NOTHING if run in kept else f"{100.0 * run.share:.0f}",
         **{Column(name, unit): _of(name) for name in ("before", "after", "noise")},
     }
-    note = said.runs(d)
-    return table_of([*d.delivered.runs, *kept], cells, note)
+    return table_of([*d.delivered.runs, *kept], cells, said.runs(d))
 
 
 def left_table(d: Diagnosis) -> Table:
     """Each run's residual under the delivered machine: whether it is white, and with what it correlates."""
 
-    def goes_with(name: str) -> Callable[[ResidualTest], str]:
-        def text(test: ResidualTest) -> str:
-            found = test.correlations.get(name)
-            return f"{found.value:+.2f}{' *' if name in test.related else ''}" if found else NOTHING
-
-        return text
-
-    def beyond(test: ResidualTest) -> str:
-        return f"{np.count_nonzero(np.abs(test.autocorrelation) > test.bound_99)} of {len(test.lags_s)}"
+    def correlation(test: ResidualTest, name: str) -> str:
+        found = test.correlations.get(name)
+        return f"{found.value:+.2f}{' *' if name in test.related else ''}" if found else NOTHING
 
     names = dict.fromkeys(name for test in d.residual_tests for name in test.correlations)
-    cells = {
-        words("run"): lambda test: test.run,
-        Column("probability\nof white"): lambda test: draw.percent(test.p_white),
-        Column("lags beyond\nthe 99 % bound"): beyond,
-        **{Column(f"correlation\nwith {name}"): goes_with(name) for name in names},
-    }
-    note = said.left_table()
-    return table_of(d.residual_tests, cells, note)
+    heads = ["probability\nof white", "lags beyond\nthe 99 % bound", *(f"correlation\nwith {name}" for name in names)]
+    rows = []
+    for test in d.residual_tests:
+        beyond = f"{np.count_nonzero(np.abs(test.autocorrelation) > test.bound_99)} of {len(test.lags_s)}"
+        rows.append([test.run, draw.percent(test.p_white), beyond, *(correlation(test, name) for name in names)])
+    return Table([words("run"), *map(Column, heads)], rows, said.left_table())
 
 
 def where_table(d: Diagnosis) -> Table:
     """Each run's share of the energy of the gap, and the window with most of it; no rows without a gap."""
-    windows = d.where.windows if d.where else ()
-
-    def spans(run: tuple[str, float]) -> str:
-        mine = [w for w in windows if w.run == run[0]]
+    rows = []
+    for run, share in d.where.energy_by_run.items() if d.where else ():
+        mine = [w for w in d.where.windows if w.run == run] if d.where else []
         longest = sorted(mine, key=lambda w: w.from_s - w.to_s)[:MOST_WINDOWS]
-        said = ", ".join(f"{w.from_s:.1f} to {w.to_s:.1f}" for w in mine if w in longest) or NOTHING
-        return f"{said}; {len(mine) - MOST_WINDOWS} shorter" if len(mine) > MOST_WINDOWS else said
-
-    cells = {
-        words("run"): lambda run: run[0],
-        Column("of the gap's\nenergy", "%"): lambda run: f"{100.0 * run[1]:.0f}",
-        Column("windows", "s", "left"): spans,
-    }
-    note = said.windows(d)
-    return table_of(d.where.energy_by_run.items() if d.where else (), cells, note)
+        spans = ", ".join(f"{w.from_s:.1f} to {w.to_s:.1f}" for w in mine if w in longest) or NOTHING
+        more = len(mine) - MOST_WINDOWS
+        rows.append([run, f"{100.0 * share:.0f}", f"{spans}; {more} shorter" if more > 0 else spans])
+    return Table([words("run"), Column("of the gap's\nenergy", "%"), Column("windows", "s", "left")], rows,
+                 said.windows(d))  # fmt: skip
 
 
 def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str, float]]:
@@ -297,9 +275,8 @@ def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str,
     order = sorted(rows, key=lambda row: -row.probability)
     most = min(most, max(sum(row.probability >= WORTH_A_BAR for row in order), 3))
     names = [(str(row.verdict), hypothesis_name(row.verdict, row.effects, row.twins), row.probability) for row in order]
-    rest = len(names) - most
-    others = "1 other" if rest == 1 else f"{rest} others together"
-    return [*names[:most], *([("", others, sum(p for *_, p in names[most:]))] if rest > 0 else [])]
+    others = ("", f"{len(names) - most} more", sum(p for *_, p in names[most:]))
+    return [*names[:most], *([others] if names[most:] else [])]
 
 
 def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = False) -> Table:
@@ -307,21 +284,12 @@ def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = Fal
 
     most: largest number of rows. brief: only fitted hypotheses, without parameters and objections.
     """
-    probability = {
-        frozenset(names): row.probability
-        for row in d.verdict.ranking
-        if row.verdict == "named"
-        for names in (row.effects, *row.twins)
-    }
-
-    def likely(c: Candidate) -> str:
-        p = probability.get(frozenset(c.effects))
-        return NOTHING if p is None else draw.percent(p)
-
+    named = [row for row in d.verdict.ranking if row.verdict == "named"]
+    likely = {frozenset(names): draw.percent(row.probability) for row in named for names in (row.effects, *row.twins)}
     no_gap = d.verdict.word == "no_gap"  # of a gap that is none there is no share
-    cells: dict[Column, Callable[[Candidate], str]] = {
+    cells: Cells = {
         words("hypothesis"): lambda c: (" +\n" if brief else " + ").join(c.effects),
-        Column("proba-\nbility"): likely,
+        Column("proba-\nbility"): lambda c: likely.get(frozenset(c.effects), NOTHING),
         Column("explains", "%"): (lambda c: NOTHING) if no_gap else _percent("explained"),
         Column("residual", unit_of(d)): _of("residual_rms"),
         Column("held out", unit_of(d)): _of("held_out_rms"),
@@ -352,7 +320,7 @@ def values_of(one: Estimate) -> list[tuple[float, float]]:
     return list(zip(values, errors, strict=True))
 
 
-def parameters_table(d: Diagnosis, note: str = "") -> Table:
+def parameters_table(d: Diagnosis) -> Table:
     """The parameters of the named effects, one row for each value; no rows if none is named."""
     rows: list[list[str]] = []
     for effect, estimates in d.chosen.parameters.items() if d.chosen else ():
@@ -360,32 +328,28 @@ def parameters_table(d: Diagnosis, note: str = "") -> Table:
             runs = [f", run {run.name}" for run in d.campaign.runs] if isinstance(one.value, tuple) else [""]
             for run, pair in zip(runs, values_of(one), strict=True):
                 rows.append([effect, one.name + run, *with_error(*pair)])
-    return Table([words("effect"), words("parameter"), Column("value"), Column("± std\nerror")], rows, note)
+    heads = [words("effect"), words("parameter"), Column("value"), Column("± std\nerror")]
+    return Table(heads, rows, said.parameters(d))
 
 
 def visible_table(d: Diagnosis) -> Table:
     """The smallest amount of each effect that these runs can show."""
-    return Table(
-        [words("effect"), words("parameter"), Column("smallest\nvisible")],
-        [[name, parameter, figures(size)] for name, (parameter, size) in d.isolability.visible.items()],
-        "The smallest amount of each effect that these runs would show. A name's end is its unit.",
-    )
+    rows = [[name, parameter, figures(size)] for name, (parameter, size) in d.isolability.visible.items()]
+    note = "The smallest amount of each effect that these runs would show. A name's end is its unit."
+    return Table([words("effect"), words("parameter"), Column("smallest\nvisible")], rows, note)
 
 
 def shrink_table(d: Diagnosis) -> Table:
     """The residual of the held-out runs before and after; without a gap only after."""
-    s, unit, no_gap = d.shrink, unit_of(d), d.verdict.word == "no_gap"
+    s, unit, note = d.shrink, unit_of(d), f"Residual rms below {d.shrink.band_hz:.3g} Hz."
     pairs = dict(s.by_run) if len(s.by_run) < 2 else {**s.by_run, "all runs": (s.before, s.after)}
-    cells: dict[Column, Callable[[Any], str]] = {words("held out"): lambda row: row[0]}
-    if not no_gap:
-        cells[Column("before", unit)] = lambda row: figures(row[1][0])
-    cells[Column("residual" if no_gap else "after", unit)] = lambda row: figures(row[1][1])
-    if not no_gap:
-        cells[Column("factor")] = lambda row: _ratio(*row[1])
-    cells[Column("times\nthe noise" if no_gap else "after, times\nthe noise")] = lambda row: _ratio(
-        row[1][1], s.noise, 2
-    )
-    return table_of(pairs.items(), cells, f"Residual rms below {s.band_hz:.3g} Hz.")
+    if d.verdict.word == "no_gap":
+        heads = [words("held out"), Column("residual", unit), Column("times\nthe noise")]
+        return Table(heads, [[run, figures(b), _ratio(b, s.noise, 2)] for run, (_, b) in pairs.items()], note)
+    heads = [words("held out"), Column("before", unit), Column("after", unit), Column("factor"),
+             Column("after, times\nthe noise")]  # fmt: skip
+    rows = [[run, figures(a), figures(b), _ratio(a, b), _ratio(b, s.noise, 2)] for run, (a, b) in pairs.items()]
+    return Table(heads, rows, note)
 
 
 def brief_shrink_table(d: Diagnosis) -> Table:
@@ -401,8 +365,8 @@ def brief_shrink_table(d: Diagnosis) -> Table:
 def next_run_table(d: Diagnosis) -> Table:
     """The run that would decide between open hypotheses; no row if none is open."""
     load = kind_of(d.campaign.machine).payload
-    cells = {
-        words("profile"): lambda n: n.profile,
+    cells: Cells = {
+        words("profile"): _of("profile", ""),
         Column("length", "s"): lambda n: NOTHING if n.planned is None else figures(n.planned.duration_s),
         Column("payload", "kg"): lambda n: f"{n.payload_kg:g}" if load else NOTHING,
         words("signals to log too"): lambda n: ", ".join(n.signals) or NOTHING,
@@ -411,76 +375,74 @@ def next_run_table(d: Diagnosis) -> Table:
         Column("a plain run\nas long"): _of("menu", 1.0, 2),
         Column("decides\n20 to 1", "%"): _of("decides", 100.0, 2),
     }
-    note = said.next_run()
-    return table_of([] if d.next_run is None else [d.next_run], cells, note)
+    return table_of([] if d.next_run is None else [d.next_run], cells, said.next_run())
 
 
 # Sections: of the page, and of the terminal.
 
 
 def sections_of(d: Diagnosis) -> dict[str, Section]:
-    """The sections of the page by name, in their order, numbered; empty tables and sentences are left out. The runs are
-    replayed for the figures."""
-    v, i, s, c, where = d.verdict, d.isolability, d.shrink, d.consequences, d.where
+    """The sections of the page by name, in their order, numbered. The runs are replayed for the figures."""
+    v, i, s, where, unknown = d.verdict, d.isolability, d.shrink, d.where, d.unknown
     w, ways = words_of(d.campaign.machine), direction_names(d.campaign.machine)
     runs, gap = draw.series_of(d), v.word != "no_gap"
-    lead = [probability_sentence(d), alike_sentence(d), shrink_sentence(d), *effect_sentences(d)]
-    lies = [(draw.inputs(runs, w.unit), said.inputs(d, len(runs)))]
     profiles = sorted(filter(draw.worth_a_panel, where.profiles if where else ()), key=lambda p: -p.explains)
-    if profiles:
-        lies.append((draw.profiles(profiles[:MOST_PROFILES], w.unit, ways), said.profiles()))
-    against = {True: "What speaks for a cause that the library does not hold:", False: "What speaks against it:"}
-    bars = draw.shrink_bars(s.by_run, (s.before, s.after), s.noise, s.unit)
-    shrinks = [
-        *([(bars, "Each run predicted by a fit to the others.")] if gap else []),
-        (draw.residuals(runs, s.unit, d.gap.noise_rms), said.residuals(gap)),
-        (draw.speeds(runs, w.scale), said.speeds(gap, w)),
-    ]
+    against = "What speaks for a cause that the library does not hold:" if v.word == "unknown" else (
+        "What speaks against it:")  # fmt: skip
+    lead = [probability_sentence(d), alike_sentence(d), shrink_sentence(d), *effect_sentences(d)]
     parts = {
-        "answer": Section("", lead, d.warnings, [parameters_table(d, said.parameters(d))]),
+        "answer": Section("", lead, d.warnings, [parameters_table(d)]),
         "condition": Section("1. Condition of the logs", (), d.condition.sentences, [condition_table(d)]),
         "gap": Section("2. The gap", (), d.gap.sentences, [gap_table(d), runs_table(d)]),
         "where": Section(
-            "3. Where it lies", [where_sentence(d), *(where.sentences if where else ())], (), [where_table(d)], lies
+            "3. Where it lies", [where_sentence(d), *(where.sentences if where else ())], (), [where_table(d)],
+            [(draw.inputs(runs, w.unit), said.inputs(d, len(runs))),
+             (draw.profiles(profiles[:MOST_PROFILES], w.unit, ways) if profiles else None, said.profiles())],
         ),
         "candidates": Section("4. Candidates", (), (), [candidates_table(d, MOST_CANDIDATES)]),
         "isolability": Section(
             "5. Isolability of the effects", (), i.sentences, [visible_table(d)],
-            [(draw.isolability(i.names, i.angle, v.effects), said.angles())] if len(i.names) > 1 else [],
+            [(draw.isolability(i.names, i.angle, v.effects) if len(i.names) > 1 else None, said.angles())],
         ),
         "verdict": Section(
-            "6. Verdict", [v.sentence, alike_sentence(d), against[v.word == "unknown"] if v.reasons else ""],
-            reasons_of(d), (), [(draw.ranking(ranking_table(v.ranking, MOST_RANKED)), "")],
+            "6. Verdict", [v.sentence, alike_sentence(d), against if v.reasons else ""],
+            [said.reason(reason, s.unit) for reason in v.reasons], (),
+            [(draw.ranking(ranking_table(v.ranking, MOST_RANKED)), "")],
         ),
     }  # fmt: skip
-    if d.unknown is not None:
+    if unknown is not None:
         from workbench.diagnose.unknown import OVER
 
-        units = [kind_of(d.campaign.machine).ports[curve.acts_on].unit for curve in d.unknown.curves]
-        figure = draw.curves(d.unknown.curves, ways, OVER, units, d.unknown.law_levels)
-        drawn = [(figure, said.curves(d.unknown.law is not None))] if units else []
+        units = [kind_of(d.campaign.machine).ports[curve.acts_on].unit for curve in unknown.curves]
+        curves = draw.curves(unknown.curves, ways, OVER, units, unknown.law_levels) if units else None
+        drawn = [(curves, said.curves(unknown.law is not None))]
         parts["unknown"] = Section("What is known of the unknown cause", unknown_sentences(d), (), (), drawn)
-    sentences = [shrink_sentence(d), *s.sentences]
-    parts["shrink"] = Section("7. Residual on held-out runs", sentences, (), [shrink_table(d)], shrinks)
+    bars = draw.shrink_bars(s.by_run, (s.before, s.after), s.noise, s.unit) if gap else None
+    parts["shrink"] = Section(
+        "7. Residual on held-out runs", [shrink_sentence(d), *s.sentences], (), [shrink_table(d)],
+        [(bars, "Each run predicted by a fit to the others."),
+         (draw.residuals(runs, s.unit, d.gap.noise_rms), said.residuals(gap)),
+         (draw.speeds(runs, w.scale), said.speeds(gap, w))],
+    )  # fmt: skip
     if d.residual_tests:
         drawn = [(draw.autocorrelations(d.residual_tests), said.autocorrelation())]
         parts["left"] = Section("Is anything left?", [left_sentence(d)], (), [left_table(d)], drawn)
     changes = Section("8. What changes in the control study", [d.why_no_consequences or "It was not asked for."])
-    if c is not None:
-        drawn = [(before_and_after(c), "")]
+    if (c := d.consequences) is not None:
+        drawn = [(draw.consequences(c), "")]
         changes = Section(changes.heading, c.sentences[:1], c.sentences[1:], [consequences_table(c)], drawn)
     parts["consequences"] = changes
     parts["next_run"] = Section("9. The next run", [next_run_sentence(d)], (), [next_run_table(d)])
-    return {name: _without_gaps(part) for name, part in parts.items()}
-
-
-def _without_gaps(part: Section) -> Section:
-    return replace(part, sentences=list(filter(None, part.sentences)), tables=list(filter(None, part.tables)))
+    return parts
 
 
 def brief_sections(d: Diagnosis) -> list[Section]:
-    """What the terminal shows: the answer first, then small tables without their notes."""
+    """What the terminal shows: the answer first, then small tables."""
     v, c = d.verdict, d.consequences
+    left = Section("Residual on held-out runs", tables=[brief_shrink_table(d)])
+    if v.word == "no_gap":
+        left = Section(left.heading, [shrink_sentence(d)])
+    why = [] if d.unknown is None else [said.reason(reason, d.shrink.unit) for reason in v.reasons]
     sections = [
         Section("", [v.sentence, probability_sentence(d), alike_sentence(d)]),
         Section("To know first", points=d.warnings),
@@ -489,20 +451,14 @@ def brief_sections(d: Diagnosis) -> list[Section]:
         Section("", [where_sentence(d)] if d.where is not None else []),
         Section("Found", tables=[parameters_table(d)]),
         Section("Candidates, the best first", tables=[candidates_table(d, MOST_BRIEF, brief=True)]),
-        Section(
-            "What is known of the unknown cause",
-            points=[] if d.unknown is None else [*reasons_of(d), *unknown_sentences(d)],
-        ),
-        Section("Residual on held-out runs", [shrink_sentence(d)])
-        if v.word == "no_gap"
-        else Section("Residual on held-out runs", tables=[brief_shrink_table(d)]),
+        Section("What is known of the unknown cause", points=[*why, *unknown_sentences(d)]),
+        left,
         # The first sentence of the consequences says what was run; the report has it.
         Section("What changes in the control study", points=[d.why_no_consequences] if c is None else c.sentences[1:]),
         Section("Is anything left?", [left_sentence(d)]),
         Section("The next run", [next_run_sentence(d)]),
     ]
-    full = [s for s in map(_without_gaps, sections) if s.sentences or s.points or s.tables]
-    return [replace(s, tables=[replace(table, note="") for table in s.tables]) for s in full]
+    return list(filter(None, sections))
 
 
 def write_diagnosis(
@@ -540,8 +496,7 @@ def write_next_run(d: Diagnosis, planned: Planned, folder: Path) -> None:
     kind, run, limits = kind_of(d.campaign.machine), planned.run, planned.limits
     unit, speed = kind.moved.unit, run[kind.plant.speeds[0]] * kind.transmission_of(d.campaign.machine)
     gone = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(run.time_s))
-    place = planned.start_position + np.concatenate([[0.0], gone])
-    table = np.column_stack([run.time_s, place, speed])
+    table = np.column_stack([run.time_s, planned.start_position + np.concatenate([[0.0], gone]), speed])
     head = f"time_s,position_{unit},speed_{unit}_s"
     np.savetxt(folder / "next_run.csv", table, fmt="%.6g", delimiter=",", header=head, comments="")
     if kind.closed_loop is None:
@@ -554,10 +509,7 @@ def write_next_run(d: Diagnosis, planned: Planned, folder: Path) -> None:
         "machine": "machine.yaml",
         **({"payloads_kg": [planned.payload_kg]} if kind.payload else {}),
         f"start_position_{unit}": round(planned.start_position, 6),
-        "moves": [
-            {names.get(key, key): value for key, value in vars(step).items() if value is not None}
-            for step in planned.steps
-        ],
+        "moves": [{names.get(k, k): v for k, v in vars(step).items() if v is not None} for step in planned.steps],
         "limits": {
             f"speed_{unit}_s": limits.speed_m_s,
             f"acceleration_{unit}_s2": limits.acceleration_m_s2,
@@ -582,7 +534,7 @@ def save_diagnosis_page(d: Diagnosis, path: Path) -> None:
 def _figure(section: str, number: int = 0) -> Callable[[Diagnosis], Any]:
     def figure(d: Diagnosis) -> Any:
         drawn = sections_of(d).get(section, Section()).figures
-        if not drawn:
+        if len(drawn) <= number:
             raise InputError(f"this diagnosis has nothing to draw there; its verdict is '{d.verdict.word}'")
         return drawn[number][0]
 

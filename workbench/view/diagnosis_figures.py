@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,8 @@ from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.location.profiles import Profile
 from workbench.diagnose.residual_tests import ResidualTest
 from workbench.machines import plant_of
+from workbench.metrics import set_of
+from workbench.study.consequences import Consequences
 from workbench.view import style
 from workbench.view.replay import Line, Stretches, run_panels, stretches, torque_residual
 
@@ -65,8 +68,7 @@ def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
     """
     refitted, corrected = d.replayed()
     changed, speed = d.corrected != d.refitted, plant_of(d.refitted).speeds[0]
-    windows = () if d.where is None else d.where.windows
-    energy = {} if d.where is None else d.where.energy_by_run
+    windows, energy = ((), {}) if d.where is None else (d.where.windows, d.where.energy_by_run)
     kept = sorted(range(len(refitted.runs)), key=lambda j: -energy.get(refitted.runs[j].name, 0.0))[:most]
     series = []
     for run, better in ((refitted.runs[j], corrected.runs[j]) for j in sorted(kept)):
@@ -95,13 +97,12 @@ def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
 
 def autocorrelations(tests: Sequence[ResidualTest]) -> Figure:
     """The autocorrelation of each run's residual over the lag, with its 95 and 99 % bounds."""
-    stem, drawn = {"color": style.BLACK, "dash": "solid", "width": 1.6}, []
+    stem, drawn = style.look(style.BLACK, width=1.6), []
     for test in tests:
-        lags = test.lags_s
-        nothing = np.full(len(lags), np.nan)  # between two stems
+        lags, nothing = test.lags_s, np.full(len(test.lags_s), np.nan)  # between two stems
         x, y = np.stack([lags, lags, lags], 1).ravel(), np.stack([0.0 * lags, test.autocorrelation, nothing], 1).ravel()
         bounds = [
-            Line(f"{name} bound", lags, sign * bound, {"color": style.GREY, "dash": dash, "width": 1.4})
+            Line(f"{name} bound", lags, sign * bound, style.look(style.GREY, dash, 1.4))
             for name, bound, dash in (("95 %", test.bound_95, "2px,2px"), ("99 %", test.bound_99, style.NOISE_DASH))
             for sign in (1.0, -1.0)
         ]
@@ -171,7 +172,7 @@ def _panels(title: str, heads: Sequence[str], columns: int, panel: int, gap: flo
         note.update(x=axis.domain[0], xanchor="left", yshift=3, font_size=11, align="left")
     figure.update_layout(
         template=style.TEMPLATE, height=height, title=style.heading(title, height), barmode="overlay", bargap=0.0,
-        legend={"y": 1.0 - 68.0 / height, "traceorder": "normal"}, margin={"t": 124, "b": 56},
+        legend=style.legend(height), margin={"t": 124, "b": 56},
     )  # fmt: skip
     return figure.update_xaxes(nticks=6, title_font_size=12).update_yaxes(side="left", title_font_size=12)
 
@@ -191,49 +192,47 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
     figure = _panels(f"Mean residual ({unit}) over what may explain it", heads, COLUMNS, 190, 0.055)
     means = np.concatenate([[0.0], *(values for p in shown for values in (p.mean_forward, p.mean_backward))])
     largest = float(np.nanmax(np.abs(means))) or 1.0
-    hidden = {"showticklabels": False, "showgrid": False, "ticks": "", "showline": False, "zeroline": False}
     for k, profile in enumerate(shown):
         panel = {"row": k // COLUMNS + 1, "col": k % COLUMNS + 1}
-        share, middle = 100.0 * profile.share, (profile.edges[1:] + profile.edges[:-1]) / 2.0
+        share, name = 100.0 * profile.share, profile.label.partition(", ")[0]
         most = float(np.nanmax(share)) if np.any(share > 0.0) else 100.0
-        bars = {"name": "share of the gap's energy (grey)", "legendgroup": "share", "hovertemplate": "%{y:.1f} %"}
-        look: dict[str, Any]
-        if is_spectrum(profile):
-            look, title = {"range": [0.0, 1.15 * most], "ticksuffix": " %"}, "one wave's share of the energy"
-            line = {"shape": "hv", "color": style.GREY, "width": 1.2}
-            y, fill = _gaps(np.append(share, share[-1])), {"fill": "tozeroy", "fillcolor": style.FAINT}
-            figure.add_scatter(x=profile.edges, y=y, mode="lines", line=line, **fill, **bars, **panel)
-            figure.update_xaxes(type="log", dtick=1, **panel)
-        else:
-            look = {"range": [-1.15 * largest, 1.15 * largest], "nticks": 7, "tickmode": "auto"}
-            title = f"mean residual ({unit})"
-            grey = {"color": style.FAINT, "line_width": 0}
-            figure.add_bar(x=middle, y=share, width=np.diff(profile.edges), marker=grey, **bars, **panel)
-            for way, values in enumerate((profile.mean_forward, profile.mean_backward)):
-                figure.add_scatter(**_line(middle, values, ways[way], way, unit), **panel, secondary_y=True)
-        name = profile.label.partition(", ")[0]
         figure.update_xaxes(title_text=name if profile.unit in ("", "1") else f"{name} ({profile.unit})", **panel)
+        bars = {"name": "share of the gap's energy (grey)", "legendgroup": "share", "hovertemplate": "%{y:.1f} %"}
+        if is_spectrum(profile):
+            figure.add_scatter(
+                x=profile.edges, y=_gaps(np.append(share, share[-1])), mode="lines", fill="tozeroy",
+                fillcolor=style.FAINT, line={"shape": "hv", "color": style.GREY, "width": 1.2}, **bars, **panel,
+            )  # fmt: skip
+            title = "one wave's share of the energy" if k % COLUMNS == 0 else ""
+            figure.update_xaxes(type="log", dtick=1, **panel)
+            figure.update_yaxes(range=[0.0, 1.15 * most], ticksuffix=" %", title_text=title, **panel, secondary_y=False)
+            continue
+        middle = (profile.edges[1:] + profile.edges[:-1]) / 2.0
+        grey = {"color": style.FAINT, "line_width": 0}
+        figure.add_bar(x=middle, y=share, width=np.diff(profile.edges), marker=grey, **bars, **panel)
+        for way, values in enumerate((profile.mean_forward, profile.mean_backward)):
+            figure.add_scatter(**_line(middle, values, ways[way], way, unit), **panel, secondary_y=True)
         if profile.variable == "direction":  # a sign: backward or forward
             figure.update_xaxes(tickvals=list(middle), ticktext=list(ways[::-1]), **panel)
-        if lines := not is_spectrum(profile):
-            figure.update_yaxes(range=[0.0, SHARE_ROOM * most], **hidden, **panel, secondary_y=False)
-        title = title if k % COLUMNS == 0 else ""
-        figure.update_yaxes(**look, title_text=title, **panel, secondary_y=lines)
+        figure.update_yaxes(
+            range=[0.0, SHARE_ROOM * most], showticklabels=False, showgrid=False, ticks="", showline=False,
+            zeroline=False, **panel, secondary_y=False,
+        )  # fmt: skip
+        figure.update_yaxes(
+            range=[-1.15 * largest, 1.15 * largest], nticks=7, tickmode="auto", **panel, secondary_y=True,
+            title_text=f"mean residual ({unit})" if k % COLUMNS == 0 else "",
+        )  # fmt: skip
     return _once_in_the_legend(figure)
 
 
 def curves(
-    shown: Sequence[Curve],
-    ways: tuple[str, str],
-    words: Mapping[str, tuple[str, str]],
-    units: Sequence[str],
+    shown: Sequence[Curve], ways: tuple[str, str], words: Mapping[str, tuple[str, str]], units: Sequence[str],
     law: Array | None = None,
-) -> Figure:
+) -> Figure:  # fmt: skip
     """A panel a curve: the unknown cause's force against the motion, both ways, with a band of two standard errors.
 
-    law: (2 points,) a law in a formula over the first curve's points, forward, then backward.
-
-    words: variable -> (what it is called, its unit). units: of each curve's force (N) or torque (N m).
+    law: (2 points,) a law in a formula over the first curve's points, forward, then backward. words: variable -> (what
+    it is called, its unit). units: of each curve's force (N) or torque (N m).
     """
     names = [words.get(curve.over, (curve.over, "")) for curve in shown]
     heads = [f"<b>{name}</b><br>explains {100.0 * c.explains:.0f} %" for (name, _), c in zip(names, shown, strict=True)]
@@ -251,9 +250,8 @@ def curves(
             )  # fmt: skip
             figure.add_scatter(**_line(curve.at, values, ways[way], way, of), **panel)
             if law is not None and k == 0:
-                said = _line(curve.at, np.split(law, 2)[way], f"law, {ways[way]}", way, of)
-                said |= {"mode": "lines", "line": {"color": style.BLACK, "dash": style.SPARE[way][1], "width": 2.4}}
-                figure.add_scatter(**said, **panel)
+                said = _line(curve.at, np.split(law, 2)[way], f"law, {ways[way]}", way, of) | {"mode": "lines"}
+                figure.add_scatter(**said | {"line": style.look(style.BLACK, style.SPARE[way][1], 2.4)}, **panel)
         figure.update_xaxes(title_text=f"{name} ({unit})" if unit else name, **panel)
         quantity = "force" if of == "N" else "torque"
         figure.update_yaxes(title_text=f"{quantity} at the {curve.acts_on} ({of})", **panel, secondary_y=False)
@@ -292,7 +290,7 @@ def worth_a_panel(profile: Profile) -> bool:
     return not is_spectrum(profile) or profile.explains >= 0.005
 
 
-# Verdict and shrink
+# Verdict, shrink, consequences
 
 
 def ranking(rows: Sequence[tuple[str, str, float]]) -> Figure:
@@ -349,25 +347,82 @@ def shrink_bars(
     """Two bars a run and two for all of them, rms in `unit`; dashed: the noise floor in the same band."""
     rows = {**by_run, f"<b>{ALL}</b>": together} if len(by_run) != 1 else dict(by_run)
     names, height = list(rows), 380
-    data: list[dict[str, Any]] = []
-    for index, (name, colour) in enumerate((("before", style.BEFORE), ("after", style.AFTER))):
-        values = [both[index] for both in rows.values()]
-        data.append({
+    data: list[dict[str, Any]] = [
+        {
             "type": "bar", "x": names, "y": values, "name": name, "marker": {"color": colour},
             "text": [powers(f"{value:#.3g}") for value in values], "textposition": "outside", "textangle": 0,
             "cliponaxis": False, "textfont": {"size": 11},
             "hovertemplate": f"%{{x}}, {name}: %{{y:.4~g}} {unit}<extra></extra>",
-        })  # fmt: skip
+        }
+        for name, colour, values in zip(
+            ("before", "after"), (style.BEFORE, style.AFTER), zip(*rows.values(), strict=True), strict=True)
+    ]  # fmt: skip
     # A line of the whole width is a shape; this one only stands for it in the legend.
-    said = powers(f"noise floor, {noise:.2g} {unit}")
-    floor = {"name": said, "mode": "lines", "line": style.NOISE, "hoverinfo": "skip"}
+    floor = {"name": powers(f"noise floor, {noise:.2g} {unit}"), "mode": "lines", "line": style.NOISE}
     across = {"type": "line", "x0": 0, "x1": 1, "y0": noise, "y1": noise, "xref": "x domain", "yref": "y"}
     highest = max([noise, *(value for both in rows.values() for value in both)]) or 1.0
     return style.figure(
         f"Residual on held-out runs, rms ({unit})", height,
-        [*data, {"type": "scatter", "x": names[:1], "y": [noise], **floor}],
-        legend={"y": 1.0 - 64.0 / height, "traceorder": "normal"}, margin={"t": 80}, barmode="group", bargap=0.3,
+        [*data, {"type": "scatter", "x": names[:1], "y": [noise], "hoverinfo": "skip", **floor}],
+        legend=style.legend(height, 64.0), margin={"t": 80}, barmode="group", bargap=0.3,
         shapes=[across | {"line": style.NOISE}],
         xaxis={"type": "category", "categoryorder": "array", "categoryarray": names},
         yaxis={"title": {"text": f"residual, rms ({unit})"}, "range": [0.0, ROOM * highest]},
     )  # fmt: skip
+
+
+def consequences(found: Consequences, height: int = 620) -> Figure:
+    """What the effects change in the control study: torque peak and largest speed error, a panel each.
+
+    Two bars a payload and reference. Before: light and hatched. After: solid, with its change in per cent above it.
+    Where a run failed "failed" stands in place of its bar. The dotted line is one motor's nominal torque.
+    """
+    from plotly.subplots import make_subplots
+
+    kind, rows, names = found.study.kind, found.rows, found.effects
+    judged, figure = set_of(kind.name), make_subplots(2, 1, vertical_spacing=0.1)
+    for level, metric in enumerate((judged.by_name[judged.peak], judged.by_name[judged.error]), 1):
+        panel = {"row": level, "col": 1}
+        highest = max((metric.scale * run[metric.name] for row in rows for run in (row.before, row.after) if run.ok),
+                      default=1.0) or 1.0  # fmt: skip
+        for reference in dict.fromkeys(row.reference for row in rows):
+            own, colour = [row for row in rows if row.reference == reference], style.line(reference)["color"]
+            for when in ("before", "after"):
+                runs, name = [getattr(row, when) for row in own], f"{reference}, {when}"
+                values = [metric.scale * run[metric.name] if run.ok else 0.0 for run in runs]
+                changes = ["" if when == "before" else _change(row.percent(metric.name)) for row in own]
+                fill: dict[str, Any] = {"color": colour, "line": {"color": colour, "width": 1.2}}
+                if when == "before":
+                    hatched = {"shape": "/", "fgcolor": colour, "size": 7}
+                    fill |= {"color": style.faint(colour, 0.18), "pattern": hatched}
+                figure.add_bar(
+                    name=name, legendgroup=name, offsetgroup=name, showlegend=level == 1, marker=fill, y=values,
+                    x=[f"{row.payload_kg:g} kg" if kind.payload else "there and back" for row in own],
+                    text=[change if run.ok else "failed" for run, change in zip(runs, changes, strict=True)],
+                    textposition="outside", textfont_size=11, textangle=0, cliponaxis=False,
+                    hovertext=[run.reason or f"{value:.4g} {metric.shown_unit}"
+                               for run, value in zip(runs, values, strict=True)],
+                    hovertemplate="%{x}: %{hovertext}", **panel,
+                )  # fmt: skip
+        if level == 1 and found.nominal is not None:
+            highest = max(highest, found.nominal)
+            figure.add_hline(
+                found.nominal, line={"color": style.GREY, "width": 1.2, "dash": "dot"},
+                annotation={"text": f"nominal {found.nominal:.4g} N m", "font": {"size": 11, "color": style.GREY}},
+                annotation_position="top left", **panel,
+            )  # fmt: skip
+        title = f"{metric.label}<br>({metric.shown_unit})"
+        figure.update_yaxes(title_text=title, range=[0.0, 1.16 * highest], **panel)  # room for what stands above
+    figure.update_xaxes(title_text="payload" if kind.payload else "", row=2, col=1)
+    title = "Control study before and after"
+    title += f": {' and '.join(names)}" if 0 < len(names) <= 2 else " the correction"
+    return figure.update_layout(
+        template=style.TEMPLATE, height=height, barmode="group", bargap=0.25, hovermode="closest", margin_t=88,
+        title=style.heading(title, height), legend=style.legend(height, 72.0),
+    )  # fmt: skip
+
+
+def _change(percent: float) -> str:
+    if not math.isfinite(percent):
+        return ""
+    return f"{percent:+.1f} %" if abs(percent) >= 0.05 else "±0 %"

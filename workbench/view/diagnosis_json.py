@@ -26,8 +26,8 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         said["where"]["windows"] = [
             {"run": w.run, "from_s": round(w.from_s, 3), "to_s": round(w.to_s, 3)} for w in d.where.windows
         ]
-    consequences = None if d.consequences is None else as_json(d.consequences)
-    return said | {"consequences": consequences, "why_no_consequences": d.why_no_consequences}
+    said["consequences"] = None if d.consequences is None else as_json(d.consequences)
+    return said | {"why_no_consequences": d.why_no_consequences}
 
 
 def _answer(d: Diagnosis) -> dict[str, Any]:
@@ -55,21 +55,13 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
         "left": _of(v.left, "rms percent_of_input relevant"),
         "remainder": v.remainder and vars(v.remainder),
         "places": [_of(place, "subsystem probability") for place in (d.where.places if d.where else ())],
-        "gap": {
-            f"{w.quantity}_rms_{w.suffix}": g.residual_rms,
-            f"noise_rms_{w.suffix}": g.noise_rms,
-            **_of(g, "band_hz speed_rmse_percent"),
-        },
+        "gap": {f"{w.quantity}_rms_{w.suffix}": g.residual_rms, f"noise_rms_{w.suffix}": g.noise_rms,
+                **_of(g, "band_hz speed_rmse_percent")},
         "shrink": _without(d.shrink, "by_run sentences"),
-        "delivered": {
-            **_of(d.delivered, "residual_rms speed_rmse_percent"),
-            "band_hz": g.band_hz,
-            "runs": list(map(vars, d.delivered.runs)),
-            "validated": list(map(vars, d.delivered.validated)),
-        },
+        "delivered": _of(d.delivered, "residual_rms speed_rmse_percent") | {"band_hz": g.band_hz}
+        | {name: list(map(vars, getattr(d.delivered, name))) for name in ("runs", "validated")},
         "steps": list(map(vars, v.steps)),
-        "law": law
-        and {
+        "law": law and {
             **_of(law, "equation acts_on unit"),
             "values": {name: {"value": a, "std_error": error, "unit": unit} for name, a, error, unit in law.values},
             **_of(law, "before after explains rms"),
@@ -91,12 +83,9 @@ def _steps(d: Diagnosis) -> dict[str, Any]:
         "runs": [run.name for run in d.campaign.runs],
         "seed": d.seed,
         "version": __version__,
-        "condition": {
-            "band_hz": d.condition.band_hz,
-            noise: d.condition.noise_rms,
-            "runs": [_renamed(run, {"noise_rms": noise}) for run in d.condition.runs],
-            "sentences": d.condition.sentences,
-        },
+        "condition": {"band_hz": d.condition.band_hz, noise: d.condition.noise_rms,
+                      "runs": [_renamed(run, {"noise_rms": noise}) for run in d.condition.runs],
+                      "sentences": d.condition.sentences},
         "gap_details": {
             "significant": g.significant,
             "force_on_carriage_rms_n": g.force_rms_n,
@@ -105,8 +94,7 @@ def _steps(d: Diagnosis) -> dict[str, Any]:
             "worst_tolerance": dict(zip(("key", "tolerances"), g.worst_tolerance, strict=True)),
             "sentences": g.sentences,
         },
-        "where_details": where
-        and {
+        "where_details": where and {
             "share_interval": where.interval,
             **_of(where, "side energy_by_run"),
             "profiles": [_without(profile, "label") for profile in where.profiles],

@@ -11,8 +11,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +22,6 @@ from workbench.core.run import Array, Run
 from workbench.core.templates import render
 from workbench.machines import HOIST, Hoist
 from workbench.simulate.driven import InverseSimulation
-from workbench.view import arm_parts as parts
 from workbench.view.style import VERMILLION
 
 HEIGHT = 640  # px
@@ -72,36 +70,37 @@ class Scene:
 
     def at(self, time_s: Array) -> Scene:
         """The scene at other times. Slack is kept where there was any since the time before."""
-
-        def between(values: Array) -> Array:
-            return np.interp(time_s, self.time_s, values)
-
         edges = np.searchsorted(self.time_s, time_s, side="right")
         before = np.concatenate([[0], edges[:-1]])
         slack = np.array([bool(np.any(self.slack[a : max(b, a + 1)])) for a, b in zip(before, edges, strict=True)])
-        return Scene(
-            self.name, self.payload_kg, time_s, between(self.height_m), between(self.speed_m_s), between(self.wound_m),
-            tuple(between(torque) for torque in self.torques_nm), between(self.tension_drum_n),
-            between(self.tension_dead_line_n), slack, self.tension_of, self.height_of,
-        )  # fmt: skip
+        names = ("height_m", "speed_m_s", "wound_m", "tension_drum_n", "tension_dead_line_n")
+        values = {name: np.interp(time_s, self.time_s, getattr(self, name)) for name in names}
+        torques = tuple(np.interp(time_s, self.time_s, torque) for torque in self.torques_nm)
+        return replace(self, time_s=time_s, torques_nm=torques, slack=slack, **values)
 
 
 def scene_of(machine: Hoist, run: Run) -> Scene:
     """Of a simulated run what it has; of a log what it has, the rest from the nominal wire and carriage driven by the
     measured motor speed. InputError for a run whose motion cannot be computed."""
-    torques, simulated = _torques(machine, run), all(name in run for name in SIMULATED)
-    shown = run if simulated else _driven(machine, run, np.sum(torques, axis=0) * machine.motor.count / len(torques))
-    logged = ("position_carriage_m", "tension_dead_line_n")
-    height, dead = (np.asarray((run if name in run else shown)[name], dtype=float) for name in logged)
+    count, both = machine.motor.count, ("torque_motor1_nm", "torque_motor2_nm")
+    torques: tuple[Array, ...] = (run["torque_motor_nm"] / count,) if "torque_motor_nm" in run else ()
+    if all(name in run for name in both) and count > 1:
+        torques = tuple(run[name] for name in both)
+    simulated = all(name in run for name in SIMULATED)
+    shown = run if simulated else _driven(machine, run, np.sum(torques, axis=0) * count / len(torques))
     modelled = "simulated" if simulated else "of the model under the measured motor speed"
-    of = [f"measured at the dead line, {modelled} at the drum", "measured"]
-    tension_of, height_of = (
-        said if name in run and not simulated else modelled for name, said in zip(logged[::-1], of, strict=True)
-    )
+    logged = [name for name in ("position_carriage_m", "tension_dead_line_n") if name in run and not simulated]
+    height, dead = ((run if name in logged else shown)[name] for name in ("position_carriage_m", "tension_dead_line_n"))
+    speed = run["speed_motor_rad_s"]
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(run.time_s))])
     return Scene(
-        run.name, run.payload_kg, run.time_s, height, np.asarray(shown["speed_carriage_m_s"], dtype=float),
-        _wound(machine, run, run.start_position_m), torques, np.asarray(shown["tension_drum_n"], dtype=float), dead,
-        np.asarray(shown["tension_min_n"]) <= 0.0, tension_of, height_of,
+        run.name, run.payload_kg, run.time_s, np.asarray(height, dtype=float),
+        np.asarray(shown["speed_carriage_m_s"], dtype=float),
+        2.0 * (run.start_position_m + machine.lift_m_per_rad * angle),  # two falls, so twice the height to begin with
+        torques, np.asarray(shown["tension_drum_n"], dtype=float), np.asarray(dead, dtype=float),
+        np.asarray(shown["tension_min_n"]) <= 0.0,
+        f"measured at the dead line, {modelled} at the drum" if "tension_dead_line_n" in logged else modelled,
+        "measured" if "position_carriage_m" in logged else modelled,
     )  # fmt: skip
 
 
@@ -115,20 +114,6 @@ def _driven(machine: Hoist, run: Run, torque: Array) -> Mapping[str, Any]:
     return HOIST.plant.outputs(run.time_s, q, [motion.speed, *states[:, n - 1 :].T], torque, bench.base[0])
 
 
-def _torques(machine: Hoist, run: Run) -> tuple[Array, ...]:
-    """One motor each; equal parts of the sum where only that is logged."""
-    if "torque_motor1_nm" in run and "torque_motor2_nm" in run and machine.motor.count > 1:
-        return run["torque_motor1_nm"], run["torque_motor2_nm"]
-    return (run["torque_motor_nm"] / machine.motor.count,)
-
-
-def _wound(machine: Hoist, run: Run, start_m: float) -> Array:
-    """Wire (m) that the drum has taken in, from its motor's speed: two falls, so twice the height to begin with."""
-    speed = run["speed_motor_rad_s"]
-    angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(run.time_s))])
-    return 2.0 * (start_m + machine.lift_m_per_rad * angle)
-
-
 def look_of(dark: bool) -> SimpleNamespace:
     """Colours; steel, arm, wheel, pipe: fills."""
     return SimpleNamespace(**{name: colours[dark] for name, colours in LOOK.items()})
@@ -136,14 +121,12 @@ def look_of(dark: bool) -> SimpleNamespace:
 
 def film(machine: Hoist, scenes: Sequence[Scene], dark: bool = False, height: int = HEIGHT) -> str:
     """A page that needs nothing else. scenes: one run, or two of the same machine."""
-    look = look_of(dark)
-    data = film_data(machine, scenes)
-    columns = "".join(_stage(machine, scene, look, number) for number, scene in enumerate(scenes))
-    page = _page()
+    look, data = look_of(dark), film_data(machine, scenes)
+    page = Path(__file__).with_name("film.html").read_text(encoding="utf-8")
     for name, text in {
         "INK": look.ink, "GROUND": "#0E1117" if dark else "#FFFFFF", "EDGE": look.edge, "GRID": look.grid,
-        "ALARM": look.alarm, "ACCENT": look.accent, "HEIGHT": str(height), "STAGES": columns,
-        "STRIPS": _strips(data, look),
+        "ALARM": look.alarm, "ACCENT": look.accent, "HEIGHT": str(height), "STRIPS": _strips(data, look),
+        "STAGES": "".join(_stage(machine, scene, look, number) for number, scene in enumerate(scenes)),
         # A name of somebody's must not end the script.
         "DATA": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
     }.items():  # fmt: skip
@@ -162,7 +145,7 @@ def film_data(machine: Hoist, scenes: Sequence[Scene]) -> dict[str, Any]:
     n = min(MOST_SAMPLES, max(2, math.ceil((end - begin) / STEP_S) + 1))
     time = np.linspace(begin, end, n)
     largest = max(float(np.max([s.tension_drum_n, s.tension_dead_line_n])) for s in scenes)
-    s = parts.sizes(machine)
+    s = sizes(machine)
     return {
         "start_s": begin,
         "step_s": float(time[1] - time[0]),
@@ -176,32 +159,28 @@ def film_data(machine: Hoist, scenes: Sequence[Scene]) -> dict[str, Any]:
     }
 
 
-def _run(scene: Scene, s: parts.Sizes) -> dict[str, Any]:
+def _run(scene: Scene, s: SimpleNamespace) -> dict[str, Any]:
     torques = np.array(scene.torques_nm)
     harder = np.argmax(np.abs(torques), axis=0)
-
-    def short(values: Array, digits: int) -> list[float]:
-        return [round(float(value), digits) for value in np.nan_to_num(values)]
-
-    return {
-        "name": scene.name,
-        "height_m": short(scene.height_m, 4),
-        "drum_deg": short(np.degrees(scene.wound_m / s.R), 2),
-        "sheave_deg": short(np.degrees(-scene.wound_m / (2.0 * s.r)), 2),
-        "speed_m_s": short(scene.speed_m_s, 4),
-        "torque_nm": short(np.take_along_axis(torques, harder[None], axis=0)[0], 1),
-        "tension_kn": short(scene.tension_drum_n / 1000.0, 2),
-        "dead_kn": short(scene.tension_dead_line_n / 1000.0, 2),
-        "slack": [int(flag) for flag in scene.slack],
+    values = {
+        "height_m": (scene.height_m, 4),
+        "drum_deg": (np.degrees(scene.wound_m / s.R), 2),
+        "sheave_deg": (np.degrees(-scene.wound_m / (2.0 * s.r)), 2),
+        "speed_m_s": (scene.speed_m_s, 4),
+        "torque_nm": (np.take_along_axis(torques, harder[None], axis=0)[0], 1),
+        "tension_kn": (scene.tension_drum_n / 1000.0, 2),
+        "dead_kn": (scene.tension_dead_line_n / 1000.0, 2),
     }
+    short = {name: np.nan_to_num(of).round(digits).tolist() for name, (of, digits) in values.items()}
+    return {"name": scene.name, **short, "slack": scene.slack.astype(int).tolist()}
 
 
 def _stage(machine: Hoist, scene: Scene, look: SimpleNamespace, number: int) -> str:
     """One machine, drawn."""
-    drawing = {name: getattr(parts, name) for name in ("path", "box", "circle", "spokes", "link", "zigzag", "hatch")}
-    half = parts.half_pipe(parts.sizes(machine), scene.payload_kg, machine.carriage.mass_kg)
+    drawing = {of.__name__: of for of in (path, box, circle, spokes, link, zigzag, hatch)}
+    half = half_pipe(sizes(machine), scene.payload_kg, machine.carriage.mass_kg)
     return render(
-        "view/film_stage.j2", s=parts.sizes(machine), half=half, look=look, number=number, title=scene.name,
+        "view/film_stage.j2", s=sizes(machine), half=half, look=look, number=number, title=scene.name,
         colour=COLOURS[number % 2], f=format, **drawing,
     )  # fmt: skip
 
@@ -235,6 +214,66 @@ def _shown(value: float) -> str:
     return f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
 
 
-@cache
-def _page() -> str:
-    return Path(__file__).with_name("film.html").read_text(encoding="utf-8")
+# The machine as it is drawn: its sizes in m, and outlines as the `d` of SVG paths; film_stage.j2 has the parts.
+
+Point = tuple[float, float]
+
+
+def sizes(machine: Hoist) -> SimpleNamespace:
+    """How large things are drawn: heights to scale, parts larger, all by one unit u (m).
+
+    Fall 1 runs at -r, fall 2 at +r, the sheave's axis at the carriage's height. The drum's axis is at the top of the
+    falls. mast: left and right chord, the left one is the guide rail. beam: bottom and top of what carries the winch.
+    reach: where the gripper holds the pipe. Wheels turn as the drawn wire runs, so magnified ones turn less often than
+    the real ones.
+    """
+    low, top = machine.rail.lowest_position_m, machine.wire.segment_length_m
+    u = (top - low) / 22.0
+    R = 1.55 * u
+    # The sheave beside the drum as it really is, within what can be seen.
+    r = R * min(max(machine.sheave.diameter_m / machine.winch.drum_diameter_m, 0.6), 1.3)
+    mast, beam = (r + 1.3 * u, r + 3.3 * u), (top + R + 0.45 * u, top + R + 1.25 * u)
+    floor, reach = low - 3.3 * u, -r - 6.2 * u
+    return SimpleNamespace(
+        low=low, top=top, u=u, R=R, r=r, drum_x=-r - R, mast=mast, beam=beam, floor=floor, reach=reach,
+        y_range=(floor - 0.7 * u, beam[1] + 2.0 * u), x_range=(reach - 3.4 * u, mast[1] + 0.6 * u),
+    )  # fmt: skip
+
+
+def half_pipe(s: SimpleNamespace, payload_kg: float, carriage_kg: float) -> float:
+    """Half the drawn width of the payload: its cross-section grows with its mass; 0 for none."""
+    return 0.0 if payload_kg <= 0.0 else s.u * (0.1 + 0.22 * min(math.sqrt(payload_kg / carriage_kg), 1.5))
+
+
+def path(points: Sequence[Point]) -> str:
+    return "M" + "L".join(f"{x:.4g} {y:.4g}" for x, y in points)
+
+
+def box(left: float, bottom: float, right: float, top: float) -> str:
+    return path([(left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)])
+
+
+def circle(radius: float, x: float = 0.0, y: float = 0.0, begins: float = 0.0) -> str:
+    """From a share of the turn to its end."""
+    angles = 2.0 * math.pi * np.linspace(begins, 1.0, 49)
+    return path([(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles])
+
+
+def spokes(radius: float) -> str:
+    ends = [(radius * math.cos(a), radius * math.sin(a)) for a in 2.0 * math.pi * np.arange(3) / 3.0]
+    return "".join(path([(0.22 * x, 0.22 * y), (x, y)]) for x, y in ends)
+
+
+def link(x0: float, y0: float, x1: float, y1: float, half: float) -> str:
+    """A bar from one point to the other, so thick to each side."""
+    length = math.dist((x0, y0), (x1, y1))
+    x, y = (y0 - y1) / length * half, (x1 - x0) / length * half
+    return path([(x0 + x, y0 + y), (x1 + x, y1 + y), (x1 - x, y1 - y), (x0 - x, y0 - y), (x0 + x, y0 + y)])
+
+
+def zigzag(left: float, right: float, low: float, high: float) -> str:
+    return path([(left if k % 2 == 0 else right, float(y)) for k, y in enumerate(np.linspace(low, high, 15))])
+
+
+def hatch(left: float, right: float, step: float, y: float, across: float, down: float) -> str:
+    return "".join(path([(x, y), (x - across, y - down)]) for x in np.arange(left, right, step))

@@ -26,7 +26,7 @@ from workbench.view import replay as replay_view
 from workbench.view.numbers import change_percent, figures, with_error
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
-from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, VERMILLION, figure, line
+from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, VERMILLION, figure, line, look
 from workbench.view.words import direction_names, words_of
 
 if TYPE_CHECKING:
@@ -88,7 +88,6 @@ def to_json(identification: Identification) -> dict[str, Any]:
     """identify.json: parameters with errors, correlations, the iteration's history, statements, replays."""
     i, fit, levels = identification, identification.fit, identification.levels
     w, (forward, backward) = words_of(i.campaign.machine), direction_names(i.campaign.machine)
-    fitted = zip(fit.free, fit.value, fit.std_error, strict=True)
     return {
         "format": 1,
         "campaign": i.campaign.name,
@@ -96,20 +95,16 @@ def to_json(identification: Identification) -> dict[str, Any]:
         "parameters": {
             free.key: {"nominal": free.nominal, "value": rounded(value, 8), "std_error": rounded(error, 4),
                        "held_by_tolerance": free.prior_std is not None}
-            for free, value, error in fitted
+            for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True)
         },
         "correlation": {"keys": [free.key for free in fit.free], "matrix": plain(fit.correlation, 4)},
         "paper_iteration": {
             forward: plain(levels.forward), backward: plain(levels.backward), "settled": levels.settled
         },
         "statements": list(fit.statements),
-        "fit": {
-            f"residual_rms_before_{w.suffix}": rounded(fit.residual_rms_before),
-            f"residual_rms_{w.suffix}": rounded(fit.residual_rms),
-            f"noise_rms_{w.suffix}": rounded(fit.noise_rms),
-            "samples": fit.samples,
-            "evaluations": fit.evaluations,
-        },
+        "fit": {f"{name}_{w.suffix}": rounded(getattr(fit, name))
+                for name in ("residual_rms_before", "residual_rms", "noise_rms")}
+        | {"samples": fit.samples, "evaluations": fit.evaluations},
         "before": replay_view.to_json(i.campaign, i.before)["overall"],
         "after": replay_view.to_json(_identified(i), i.after)["overall"],
         "notes": list(i.campaign.all_notes),
@@ -135,18 +130,15 @@ def force_balance(machine: Hoist | Axis, result: ReplayResult) -> tuple[Array, A
 
     On a hoist the residual torque is converted to a force at the carriage through gearbox, drum and the two falls.
     """
-    gain, _ = sensor(machine)
-    kind = kind_of(machine)
-    lever = kind.transmission_of(machine)
-    speeds, forces = [], []
-    for run in result.runs:
-        balance = run.balance
+    kind, (gain, _) = kind_of(machine), sensor(machine)
+    points = []
+    for balance in (run.balance for run in result.runs):
         speed = friction_speed(kind, balance)
-        both = np.column_stack([speed, law(machine, speed)])
-        smooth = lowpass(balance.run.time_s, both, balance.band_hz)[balance.moving]
-        speeds.append(smooth[:, 0])
-        forces.append(smooth[:, 1] + balance.residual[balance.moving] / gain / lever)
-    return np.concatenate(speeds), np.concatenate(forces)
+        both = lowpass(balance.run.time_s, np.column_stack([speed, law(machine, speed)]), balance.band_hz)
+        both[:, 1] += balance.residual / gain / kind.transmission_of(machine)
+        points.append(both[balance.moving])
+    speed, force = np.concatenate(points).T
+    return speed, force
 
 
 def combined_weight(machine: Hoist | Axis, result: ReplayResult) -> float | None:
@@ -185,13 +177,11 @@ def history(identification: Identification) -> Figure:
     panels = Panels("Friction levels over the iterations", [f"level ({unit})"], x_title="iteration")
     both = zip(direction_names(identification.machine), (levels.forward, levels.backward), strict=True)
     for number, (name, values) in enumerate(both):
-        colour, dash = SPARE[number]
-        marker = {"symbol": MARKERS[number], "size": 9}
-        look = {"color": colour, "dash": dash, "width": 2.0}
-        rounds = np.arange(len(values), dtype=float)
-        panels.line(0, 0, rounds, np.asarray(values), name, look, unit, mode="lines+markers", marker=marker)
-    figure = panels.figure(480)
-    return figure.update_xaxes(tickmode="linear", dtick=max(1, len(levels.forward) // 12))
+        more = {"mode": "lines+markers", "marker": {"symbol": MARKERS[number], "size": 9}}
+        panels.line(
+            0, 0, np.arange(len(values), dtype=float), np.asarray(values), name, look(*SPARE[number], 2.0), unit, **more
+        )
+    return panels.figure(480).update_xaxes(tickmode="linear", dtick=max(1, len(levels.forward) // 12))
 
 
 def correlation_matrix(names: Sequence[str], correlation: Array) -> Figure:
@@ -266,27 +256,22 @@ def write_identification(run: Callable[[], Identification], folder: Path) -> Ide
 
 def save_identify_page(identification: Identification, path: Path) -> None:
     """Write the page of an identification; it needs no network."""
-    machine, after, campaign = identification.machine, identification.after, identification.campaign
+    i, machine, after = identification, identification.machine, identification.after
     weight = combined_weight(machine, after)
     per = "" if weight is None else f" Weight: {weight / 1000.0:.0f} kN, carriage and mean payload of the runs."
-    drawn = {
-        "The paper's Figure 6: what the machine was given.": replay_view.inputs(machine, after),
-        f"The paper's Figure 7. Points: the log's balance of forces under the identified machine.{per}": friction(
-            identification
-        ),
-        "The identified machine under the measured input (the paper's Figure 8).": replay_view.speeds(machine, after),
-        replay_view.RESIDUAL_NOTE: replay_view.residuals(machine, after, identification.before),
-        "The paper's own identification: all other values stay nominal; round 0 is the start.": history(identification),
-        "Near ±1 the runs show two values together only: one may be off as long as the other makes up for it.": (
-            correlations(identification)
-        ),
-    }
-    section = Section(
-        sentences=[*sentences(identification), *replay_view.notes_line(campaign)],
-        tables=[table(identification.fit), measures_table(identification)],
-        figures=[(figure, note) for note, figure in drawn.items()],
-    )
-    save_page([section], path, f"Identification of {machine.name} from campaign {campaign.name}")
+    points = "The paper's Figure 7. Points: the log's balance of forces under the identified machine."
+    near = "Near ±1 the runs show two values together only: one may be off as long as the other makes up for it."
+    drawn = [
+        (replay_view.inputs(machine, after), replay_view.INPUTS_NOTE),
+        (friction(i), f"{points}{per}"),
+        (replay_view.speeds(machine, after), replay_view.SPEEDS_NOTE),
+        (replay_view.residuals(machine, after, i.before), replay_view.RESIDUAL_NOTE),
+        (history(i), "The paper's own identification: all other values stay nominal; round 0 is the start."),
+        (correlations(i), near),
+    ]
+    said = [*sentences(i), *replay_view.notes_line(i.campaign)]
+    section = Section(sentences=said, tables=[table(i.fit), measures_table(i)], figures=drawn)
+    save_page([section], path, f"Identification of {machine.name} from campaign {i.campaign.name}")
 
 
 def correlations(identification: Identification) -> Figure:

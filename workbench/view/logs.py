@@ -1,9 +1,8 @@
-"""Campaigns, runs and imported logs as tables and figures."""
+"""Campaigns, runs, simulated motions and imported logs as tables and figures."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,17 @@ import numpy as np
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Array, Run
 from workbench.core.shown import View
-from workbench.core.table import Column, Table, words
+from workbench.core.table import Column, Table, table_of, words
+from workbench.core.whole_folder import whole_file
 from workbench.logs import Campaign
 from workbench.logs.importing import Proposed
+from workbench.simulate.loop import LoopResult
 from workbench.study.labels import metric_label
 from workbench.view.numbers import figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
 from workbench.view.replay import input_profiles
+from workbench.view.study_figures import over_time
 from workbench.view.style import BLUE, line
 
 
@@ -33,8 +35,7 @@ def run_figure(run: Run, signals: Sequence[str] | None = None) -> Any:
     panels = Panels(run.name, [f"{x.words}<br>({x.unit})" if x.unit else x.words for x in labels])
     for row, (name, label) in enumerate(zip(names, labels, strict=True)):
         panels.line(row, 0, run.time_s, run[name], label.words, line("measured", width=1.4), label.unit)
-    figure = panels.figure(140 + 130 * len(names))
-    return figure.update_layout(showlegend=False)
+    return panels.figure(140 + 130 * len(names)).update_layout(showlegend=False)
 
 
 def _signals(run: Run) -> Table:
@@ -53,42 +54,51 @@ def _columns(run: Run) -> Mapping[str, Sequence[Any]]:
 
 RUN = View({"signals": _signals}, {"signals": run_figure}, _columns, index="time_s")
 
-_RUN_COLUMNS = (
-    words("run"), Column("payload", "kg"), Column("length", "s"), Column("samples"), Column("step", "ms"),
-    words("signals"),
-)  # fmt: skip
+
+def _loop_metrics(result: LoopResult) -> Table:
+    labels = {name: metric_label(name) for name in result.metrics}
+    rows = [[labels[name].words, figures(value, 4), labels[name].unit] for name, value in result.metrics.items()]
+    note = f"{result.case.name}: {result.outcome.value}."
+    return Table([words("metric"), Column("value"), words("unit")], rows, note)
+
+
+def _loop_overview(result: LoopResult) -> Any:
+    return over_time([(result.case.name, result.run)], result.case.machine, result.case.name)
+
+
+LOOP = View(
+    {"metrics": _loop_metrics},
+    {"overview": _loop_overview, "signals": lambda r: run_figure(r.run)},
+    lambda r: _columns(r.run),
+    index="time_s",
+)
 
 
 def _runs(campaign: Campaign) -> Table:
-    rows = [
-        [
-            run.name, f"{run.payload_kg:g}", f"{run.duration_s:.1f}", str(len(run.time_s)),
-            figures(1000.0 * run.sample_time_s), ", ".join(run.signals),
-        ]
-        for run in campaign.runs
-    ]  # fmt: skip
-    return Table(_RUN_COLUMNS, rows, "; ".join(campaign.all_notes))
+    cells: dict[Column, Callable[[Run], str]] = {
+        words("run"): lambda run: run.name,
+        Column("payload", "kg"): lambda run: f"{run.payload_kg:g}",
+        Column("length", "s"): lambda run: f"{run.duration_s:.1f}",
+        Column("samples"): lambda run: str(len(run.time_s)),
+        Column("step", "ms"): lambda run: figures(1000.0 * run.sample_time_s),
+        words("signals"): lambda run: ", ".join(run.signals),
+    }
+    return table_of(campaign.runs, cells, "; ".join(campaign.all_notes))
 
 
 def _run_columns(campaign: Campaign) -> Mapping[str, Sequence[Any]]:
-    runs = campaign.runs
-    return {
-        "run": [run.name for run in runs],
-        "payload_kg": [run.payload_kg for run in runs],
-        "start_position_m": [run.start_position_m for run in runs],
-        "start_time_s": [run.start_time_s for run in runs],
-        "duration_s": [run.duration_s for run in runs],
-        "samples": [len(run.time_s) for run in runs],
-        "sample_time_s": [run.sample_time_s for run in runs],
-    }
+    names = ("payload_kg", "start_position_m", "start_time_s", "duration_s")
+    columns = {name: [getattr(run, name) for run in campaign.runs] for name in names}
+    samples, steps = ([of(run) for run in campaign.runs] for of in (lambda r: len(r.time_s), lambda r: r.sample_time_s))
+    return {"run": [run.name for run in campaign.runs], **columns, "samples": samples, "sample_time_s": steps}
 
 
-def _inputs(campaign: Campaign) -> Any:
-    machine = campaign.machine
-    return input_profiles(machine, campaign.runs)
-
-
-CAMPAIGN = View({"runs": _runs}, {"input": _inputs}, _run_columns, index="run")
+CAMPAIGN = View(
+    {"runs": _runs},
+    {"input": lambda campaign: input_profiles(campaign.machine, campaign.runs)},
+    _run_columns,
+    index="run",
+)
 
 
 def mapping_table(proposed: Proposed) -> Table:
@@ -113,12 +123,8 @@ def write_page(signals: Sequence[tuple[str, str, Array, Array]], proposed: Propo
         tables=[mapping_table(proposed)],
         figures=[(drawn(signals), "Each signal in SI, at its own samples; up, hoisting and forward are positive.")],
     )
-    hidden = path.with_name(f".{path.name}.part")
-    try:
-        save_page([section], hidden, f"Import of {name}")
-        os.replace(hidden, path)
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
+    with whole_file(path) as part:
+        save_page([section], part, f"Import of {name}")
 
 
 def drawn(signals: Sequence[tuple[str, str, Array, Array]]) -> Any:
@@ -126,6 +132,4 @@ def drawn(signals: Sequence[tuple[str, str, Array, Array]]) -> Any:
     panels = Panels("Proposed signals", [signal.replace("_", " ") for signal, _, _, _ in signals])
     for i, (signal, column, time_s, values) in enumerate(signals):
         panels.line(i, 0, time_s, values, f"{signal}: {column}", {"color": BLUE, "width": 1.3})
-    figure = panels.figure(170 * len(signals) + 120)
-    figure.update_layout(showlegend=False)
-    return figure
+    return panels.figure(170 * len(signals) + 120).update_layout(showlegend=False)

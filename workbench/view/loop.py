@@ -22,10 +22,10 @@ from workbench.core.whole_folder import write_json
 from workbench.effects import find
 from workbench.machines import Axis, Hoist, Kind, kind_of
 from workbench.study.loop_design import DesignCase
+from workbench.view import style
 from workbench.view.numbers import NOTHING, figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
-from workbench.view.style import BLUE, FAINT, GREEN, GREY, ORANGE, PURPLE, SKY, TEMPLATE, VERMILLION
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -47,23 +47,15 @@ CAPTION = (
 
 def table(members: Sequence[Member]) -> Table:
     """One row for each loop."""
-    kind = members[0].loop.kind
+    kind, rows = members[0].loop.kind, []
+    for member in members:
+        m, point = member.margins, member.point
+        values = (m.phase_deg, 1000.0 * m.delay_s, m.disk, m.ms, m.mt, m.crossover_hz, m.bandwidth_hz, m.rejection_hz)
+        said = [gain_text(m), *map(figures, values)] if m.stable else ["unstable", *[NOTHING] * len(values)]
+        where = [f"{point.payload_kg:g}"] * kind.payload + [f"{point.height_m:g}"]
+        rows.append([*where, *said, *map(figures, poles_in_s(member))])
     place = Column("height" if kind.payload else "position", kind.moved.unit)
-    where = [Column("load", "kg"), place] if kind.payload else [place]
-    return Table([*where, *MARGINS], [_line(member) for member in members], CAPTION)
-
-
-def _line(member: Member) -> list[str]:
-    m, point = member.margins, member.point
-    where = [*([f"{point.payload_kg:g}"] if member.loop.kind.payload else []), f"{point.height_m:g}"]
-    slowest, damping = poles_in_s(member)
-    if not m.stable:
-        return [*where, "unstable", *[NOTHING] * 8, figures(slowest), figures(damping)]
-    return [
-        *where, gain_text(m), figures(m.phase_deg), figures(1000.0 * m.delay_s), figures(m.disk), figures(m.ms),
-        figures(m.mt), figures(m.crossover_hz), figures(m.bandwidth_hz), figures(m.rejection_hz),
-        figures(slowest), figures(damping),
-    ]  # fmt: skip
+    return Table([*[Column("load", "kg")] * kind.payload, place, *MARGINS], rows, CAPTION)
 
 
 def gain_text(m: Margins) -> str:
@@ -81,10 +73,8 @@ def poles_in_s(member: Member) -> tuple[float, float]:
 
 def sentences(case: DesignCase, members: Sequence[Member]) -> list[str]:
     """The table in sentences."""
-    drive = drive_sentence(case.machine, case.settings.sample_time_s)
-    unstable = [m for m in members if not m.margins.stable]
-    known = effect_sentences(case.machine)
-    if unstable:
+    drive, known = drive_sentence(case.machine, case.settings.sample_time_s), effect_sentences(case.machine)
+    if unstable := [m for m in members if not m.margins.stable]:
         where = ", ".join(where_of(m) for m in unstable)
         return [f"{len(unstable)} of {len(members)} loops are unstable: {where}.", drive, *known]
     all_ = "The loop is stable." if len(members) == 1 else f"All {len(members)} loops are stable."
@@ -106,54 +96,46 @@ def least_sentence(members: Sequence[Member]) -> str:
     """The smallest of each margin, with its loop."""
     worst = weakest(members)
     m = worst.margins
-    downwards = -20.0 * math.log10(m.gain_down) if m.gain_down > 0.0 else math.inf
     words_of = {
         "ms": f"largest Ms {m.ms:.2f} at {figures(m.ms_hz)} Hz",
         "phase_deg": f"smallest phase margin {m.phase_deg:.0f}°",
-        "gain_up": f"smallest gain margin {gain_text(m).partition('/')[0]} dB" if math.isfinite(m.gain_up) else "",
-        "gain_down": f"smallest gain margin downwards {downwards:.1f} dB" if math.isfinite(downwards) else "",
+        "gain_up": f"smallest gain margin {gain_text(m).partition('/')[0]} dB" * math.isfinite(m.gain_up),
+        "gain_down": f"smallest gain margin downwards {-_db(m.gain_down):.1f} dB" if m.gain_down > 0.0 else "",
         "delay_s": f"smallest delay margin {figures(1000.0 * m.delay_s)} ms",
         "bandwidth_hz": f"narrowest bandwidth {figures(m.bandwidth_hz)} Hz",
         "rejection_hz": f"disturbances rejected up to {figures(m.rejection_hz)} Hz",
     }
+    words_of = {name: words for name, words in words_of.items() if words}
+    if len(members) == 1:
+        return f"Its margins: {', '.join(words_of.values())}."
     by_member: dict[str, list[str]] = {}
     for name, words in words_of.items():
-        if words:
-            by_member.setdefault(where_of(worst.member[name]), []).append(words)
-    if len(members) == 1:
-        return f"Its margins: {', '.join(words for words in words_of.values() if words)}."
+        by_member.setdefault(where_of(worst.member[name]), []).append(words)
     return "Weakest of them: " + "; ".join(f"at {where}: {', '.join(w)}" for where, w in by_member.items()) + "."
 
 
 def load_sentence(members: Sequence[Member], machine: Hoist | Axis) -> str:
-    """The largest response to a load step."""
-    steps_ = [load_step(member.loop) for member in members]
-    peak, iae, last = (max(getattr(s, n) for s in steps_) for n in ("peak_rad_s", "iae_rad", "recovery_s"))
+    """The largest response to a load step; of an axis about a tenth of what its inputs are judged against."""
+    answers = [load_step(member.loop) for member in members]
+    peak, iae, last = (max(getattr(s, n) for s in answers) for n in ("peak_rad_s", "iae_rad", "recovery_s"))
     kind = members[0].loop.kind
-    if not kind.payload:
-        way, rate, unit = kind.moved.unit, kind.moved.speed_unit, kind.drive.unit
-        places = [answer for member in members if (answer := position_answer(member.loop)) is not None]
-        step = _step_of(machine)
-        moved = left = ""
-        if places:
-            most, stays = (step * max(getattr(a, name) for a in places) for name in ("peak", "left"))
-            moved = f", its position by at most {_fine(most, way)}"
-            left = ", and the position comes back" if stays < GONE * most else f"; {_fine(stays, way)} of the way stay"
+    if kind.payload:
         return (
-            f"A load step of {step:g} {unit} moves the speed by at most {_fine(step * peak, rate)}{moved}; the speed "
-            f"is down to a tenth after {figures(last)} s{left}."
+            f"{LOAD_NM:g} N m on the shaft move the speed by at most {figures(LOAD_NM * peak)} rad/s, its error "
+            f"integrates to {figures(LOAD_NM * iae)} rad and is down to a tenth after {figures(last)} s."
         )
+    tenth, moved, left = 0.1 * kind.looped.input_scale(machine), "", ""
+    step = 10.0 ** math.floor(math.log10(tenth)) if tenth > 0.0 else 1.0
+    step *= max((digit for digit in (1.0, 2.0, 5.0) if digit * step <= tenth), default=1.0)
+    if places := [answer for member in members if (answer := position_answer(member.loop)) is not None]:
+        most, stays = (step * max(getattr(a, name) for a in places) for name in ("peak", "left"))
+        moved = f", its position by at most {_fine(most, kind.moved.unit)}"
+        left = ", and the position comes back" if stays < GONE * most else f"; {_fine(stays, kind.moved.unit)} stay"
     return (
-        f"{LOAD_NM:g} N m on the shaft move the speed by at most {figures(LOAD_NM * peak)} rad/s, its error integrates "
-        f"to {figures(LOAD_NM * iae)} rad and is down to a tenth after {figures(last)} s."
+        f"A load step of {step:g} {kind.drive.unit} moves the speed by at most "
+        f"{_fine(step * peak, kind.moved.speed_unit)}{moved}; the speed is down to a tenth after {figures(last)} "
+        f"s{left}."
     )
-
-
-def _step_of(machine: Hoist | Axis) -> float:
-    """A load step that suits an axis: about a tenth of what its inputs are judged against, one digit."""
-    tenth = 0.1 * kind_of(machine).looped.input_scale(machine)
-    decade = 10.0 ** math.floor(math.log10(tenth)) if tenth > 0.0 else 1.0
-    return decade * max((digit for digit in (1.0, 2.0, 5.0) if digit * decade <= tenth), default=1.0)
 
 
 def _fine(value: float, unit: str) -> str:
@@ -170,20 +152,14 @@ def event_words(case: DesignCase) -> str:
 
 def drive_sentence(machine: Hoist | Axis, sample_time_s: float) -> str:
     """The drive: lag, filter and delay between commanded torque and measured speed."""
-    d = machine.drive
-    parts = [
-        f"{1000.0 * value:g} ms {name}"
-        for name, value in (
-            ("torque lag", d.torque_lag_s), ("speed filter", d.speed_filter_s), ("speed delay", d.speed_delay_s)
-        )
-        if value > 0.0
-    ]  # fmt: skip
-    if not parts:
-        return (
-            f"The drive is ideal: only sampling at {1000.0 * sample_time_s:g} ms limits this loop. Give the drive's "
-            "torque_lag_s, speed_filter_s and speed_delay_s to see what a real one leaves."
-        )
-    return f"In the loop: sampling at {1000.0 * sample_time_s:g} ms, {', '.join(parts)}."
+    d, sampled = machine.drive, f"sampling at {1000.0 * sample_time_s:g} ms"
+    lags = {"torque lag": d.torque_lag_s, "speed filter": d.speed_filter_s, "speed delay": d.speed_delay_s}
+    if parts := [f"{1000.0 * value:g} ms {name}" for name, value in lags.items() if value > 0.0]:
+        return f"In the loop: {sampled}, {', '.join(parts)}."
+    return (
+        f"The drive is ideal: only {sampled} limits this loop. Give the drive's torque_lag_s, speed_filter_s and "
+        "speed_delay_s to see what a real one leaves."
+    )
 
 
 def effect_sentences(machine: Hoist | Axis) -> list[str]:
@@ -216,13 +192,26 @@ def _loop_json(member: Member) -> dict[str, Any]:
     kind, margins = member.loop.kind, vars(member.margins)
     values = {name: value if isinstance(value, bool) else rounded(value, 8) for name, value in margins.items()}
     z = sorted(member.loop.poles(), key=lambda p: (-abs(p), p.imag))
-    poles = [[rounded(float(p.real), 12), rounded(float(p.imag), 12)] for p in z]
-    where = {**place_of(member), "motion": kind.looped.motion_words[member.point.motion]}
-    load: dict[str, Any] | None = None
-    if member.margins.stable:
-        load = {name: rounded(value, 8) for name, value in vars(load_step(member.loop)).items()}
-        load = load if kind.payload else _axis_load(member, load)
-    return {**where, **values, f"load_step_1_{kind.drive.suffix}": load, "poles_z": poles}
+    return {
+        **place_of(member),
+        "motion": kind.looped.motion_words[member.point.motion],
+        **values,
+        f"load_step_1_{kind.drive.suffix}": _load_json(member) if member.margins.stable else None,
+        "poles_z": [[rounded(float(p.real), 12), rounded(float(p.imag), 12)] for p in z],
+    }
+
+
+def _load_json(member: Member) -> dict[str, Any]:
+    """The answer to a load step; of an axis under names with its units, and that of the position."""
+    kind, load = member.loop.kind, {name: rounded(value, 8) for name, value in vars(load_step(member.loop)).items()}
+    if kind.payload:
+        return load
+    way, answer = kind.moved.unit, position_answer(member.loop)
+    names = {"peak_rad_s": f"peak_{way}_s", "peak_s": "peak_s", "iae_rad": f"iae_{way}", "recovery_s": "recovery_s"}
+    said = {name: load[of] for of, name in names.items()}
+    if answer is not None:
+        said |= {f"position_peak_{way}": rounded(answer.peak, 8), f"position_left_{way}": rounded(answer.left, 8)}
+    return said
 
 
 def place_of(member: Member) -> dict[str, float]:
@@ -231,18 +220,6 @@ def place_of(member: Member) -> dict[str, float]:
     if kind.payload:
         return {"payload_kg": point.payload_kg, "height_m": point.height_m}
     return {f"position_{kind.moved.unit}": point.height_m}
-
-
-def _axis_load(member: Member, load: dict[str, Any]) -> dict[str, Any]:
-    """The answer to a load step under names with the axis' units, and that of the position."""
-    kind = member.loop.kind
-    way, rate = kind.moved.unit, "m_s" if kind.moved.unit == "m" else "rad_s"
-    answer = position_answer(member.loop)
-    said = {f"peak_{rate}": load["peak_rad_s"], "peak_s": load["peak_s"], f"iae_{way}": load["iae_rad"]}
-    said |= {"recovery_s": load["recovery_s"]}
-    if answer is not None:
-        said |= {f"position_peak_{way}": rounded(answer.peak, 8), f"position_left_{way}": rounded(answer.left, 8)}
-    return said
 
 
 def write_loop(case: DesignCase, members: Sequence[Member], ms_limit: float, folder: Path) -> None:
@@ -282,12 +259,12 @@ def gains_text(case: DesignCase) -> str:
     )
 
 
-LOWEST_HZ = 0.02
+LOWEST_HZ, POINTS = 0.02, 600
 # A colour a payload, a dash a height: both can be told apart, and in black and white the heights still.
-COLOURS = (BLUE, GREEN, VERMILLION, PURPLE, ORANGE, SKY)
+COLOURS = (style.BLUE, style.GREEN, style.VERMILLION, style.PURPLE, style.ORANGE, style.SKY)
 DASHES = ("solid", "8px,3px", "2px,2px", "8px,3px,2px,3px")
-POINTS = 600
 HZ, RAD_S = ("Hz", 1.0), ("rad/s", 2.0 * math.pi)  # a unit of frequency and what makes it of Hz
+INK = "#222222"
 
 
 def member_name(member: Member) -> str:
@@ -297,23 +274,19 @@ def member_name(member: Member) -> str:
 
 
 def _looks(members: Sequence[Member]) -> list[dict[str, Any]]:
-    payloads = list(dict.fromkeys(m.point.payload_kg for m in members))
-    heights = list(dict.fromkeys(m.point.height_m for m in members))
+    payloads, heights = (
+        list(dict.fromkeys(getattr(m.point, of) for m in members)) for of in ("payload_kg", "height_m")
+    )
     return [
-        {
-            "color": COLOURS[payloads.index(m.point.payload_kg) % len(COLOURS)],
-            "dash": DASHES[heights.index(m.point.height_m) % len(DASHES)],
-            "width": 1.8,
-            "simplify": False,
-        }
+        style.look(COLOURS[payloads.index(m.point.payload_kg) % len(COLOURS)],
+                   DASHES[heights.index(m.point.height_m) % len(DASHES)])
         for m in members
-    ]
+    ]  # fmt: skip
 
 
 def _frequencies(member: Member) -> Array:
     """Even in log, and the loop's own dense ones, so that sharp peaks are drawn."""
-    nyquist = member.loop.nyquist_hz
-    own = member.loop.grid()
+    nyquist, own = member.loop.nyquist_hz, member.loop.grid()
     f = np.unique(np.concatenate([np.geomspace(LOWEST_HZ, nyquist, POINTS), own[own > LOWEST_HZ]]))
     return f[f <= nyquist]
 
@@ -322,14 +295,10 @@ def _db(values: Any) -> Array:
     return np.asarray(20.0 * np.log10(np.abs(values)))
 
 
-_SPEEDS = {"m": "m/s", "rad": "rad/s"}
-
-
 def _log_axes(figure: Figure, members: Sequence[Member], per_hz: float) -> Figure:
     ends = [math.log10(per_hz * f) for f in (LOWEST_HZ, max(m.loop.nyquist_hz for m in members))]
     figure.update_xaxes(type="log", dtick=1, range=ends, minor={"showgrid": True})
-    figure.update_layout(hovermode="closest")
-    return figure
+    return figure.update_layout(hovermode="closest")
 
 
 def bode(
@@ -341,115 +310,79 @@ def bode(
     """
     name_of, per_hz = unit
     panels = Panels(title, ["|L| (dB)", "phase of L (°)"], x_title=f"frequency ({name_of})")
-    worst = weakest(members)
-    lowest_phase = -270.0
+    worst, lowest = weakest(members), -270.0
     for member, look in zip(members, _looks(members), strict=True):
         f = _frequencies(member)
         L = member.loop.open_response(f)
         phase = np.degrees(np.unwrap(np.angle(L)))
         phase -= 360.0 * math.ceil((phase[0] - 1e-9) / 360.0)
-        name = member_name(member)
         for row, values, of in ((0, _db(L), "dB"), (1, phase, "°")):
             hover = f"%{{x:.4~g}} {name_of}: %{{y:.4~g}} {of}"
-            panels.line(row, 0, per_hz * f, values, name, look, of, hovertemplate=hover)
+            panels.line(row, 0, per_hz * f, values, member_name(member), look, of, hovertemplate=hover)
         if member.margins.stable:
             _draw_margins(panels, member, worst, f, phase, unit)
-        lowest_phase = min(lowest_phase, float(phase[_db(L) > -40.0].min()))
+        lowest = min(lowest, float(phase[_db(L) > -40.0].min()))
     panels.level(0, 0, 0.0, "0 dB")
     panels.level(1, 0, -180.0, "−180°")
-    figure = panels.figure(height, y_ranges={0: (-60.0, 60.0), 1: (max(lowest_phase - 30.0, -720.0), -60.0)})
+    figure = panels.figure(height, y_ranges={0: (-60.0, 60.0), 1: (max(lowest - 30.0, -720.0), -60.0)})
     return _log_axes(figure, members, per_hz)
 
 
 def _draw_margins(
     panels: Panels, member: Member, worst: Weakest, f: Array, phase: Array, unit: tuple[str, float]
 ) -> None:
-    """Those of the least margins that are this member's."""
-    m, name = member.margins, member_name(member)
-    name_of, per_hz = unit
+    """Those of the least margins that are this member's, where the curves leave room for the words."""
+    m, name, (name_of, per_hz) = member.margins, member_name(member), unit
+
+    def bar(row: int, x: float, foot: float, end: float, text: str, away: tuple[int, int]) -> None:
+        ends = {"x0": x, "x1": x, "y0": foot, "y1": end, "line": {"color": INK, "width": 2.2}}
+        panels.shapes.append({"type": "line", **ends, **panels.axes(row, 0)})
+        panels.note(row, 0, math.log10(x), foot if row else end, f"{text} at {x:.3g} {name_of}<br>{name}", away)
+
     if member is worst.member["phase_deg"] and math.isfinite(m.crossover_hz):
-        at = float(np.interp(math.log(m.crossover_hz), np.log(f), phase))
+        at, x = float(np.interp(math.log(m.crossover_hz), np.log(f), phase)), per_hz * m.crossover_hz
         foot = -180.0 + 360.0 * round((at + 180.0) / 360.0)
-        x = per_hz * m.crossover_hz
-        _bar(panels, 1, x, (foot, at))
-        _note(panels, 1, x, foot, f"phase margin {m.phase_deg:.0f}° at {x:.3g} {name_of}<br>{name}")
+        bar(1, x, foot, at, f"phase margin {m.phase_deg:.0f}°", (-4, 34))
         late = math.log(m.crossover_hz / f[0]) > 0.6 * math.log(f[-1] / f[0])  # no room on its right
-        _note(panels, 0, x, 0.0, f"crossover {x:.3g} {name_of}", (-40, -44) if late else (50, -30))
+        panels.note(0, 0, math.log10(x), 0.0, f"crossover {x:.3g} {name_of}", (-40, -44) if late else (50, -30))
     if member is worst.member["gain_up"] and math.isfinite(m.gain_up):
-        gain = -20.0 * math.log10(m.gain_up)
-        x = per_hz * m.gain_up_hz
-        _bar(panels, 0, x, (0.0, gain))
-        _note(panels, 0, x, gain, f"gain margin {-gain:.1f} dB at {x:.3g} {name_of}<br>{name}")
-
-
-def _bar(panels: Panels, row: int, x: float, y: tuple[float, float]) -> None:
-    n = panels._number(row, 0)
-    panels.shapes.append(
-        {"type": "line", "x0": x, "x1": x, "y0": y[0], "y1": y[1], "xref": f"x{n}", "yref": f"y{n}"}
-        | {"line": {"color": "#222222", "width": 2.2}}
-    )
-
-
-def _note(panels: Panels, row: int, x: float, y: float, text: str, away: tuple[int, int] | None = None) -> None:
-    """away: px right and down from the point."""
-    n = panels._number(row, 0)
-    # Where the curves are not: the phase's note stands below its foot, left of the crossover.
-    ax, ay = away or ((-70, 22) if row == 0 else (-4, 34))
-    panels.annotations.append(
-        {"text": text, "x": math.log10(x), "y": y, "xref": f"x{n}", "yref": f"y{n}", "align": "right"}
-        | {"showarrow": True, "arrowhead": 0, "ax": ax, "ay": ay, "xanchor": "left" if ax > 0 else "right"}
-        | {"font": {"size": 12}, "bgcolor": "rgba(255,255,255,0.8)", "borderpad": 2}
-    )
+        gain = -float(_db(m.gain_up))
+        bar(0, per_hz * m.gain_up_hz, 0.0, gain, f"gain margin {-gain:.1f} dB", (-70, 22))
 
 
 def nyquist(members: Sequence[Member], ms_limit: float, title: str = "Nyquist", height: int = 720) -> Figure:
     """L in the complex plane around −1, with the circle that it must not enter for Ms to stay below the limit."""
-    import plotly.graph_objects as go
-
     data: list[dict[str, Any]] = []
-    angle = np.linspace(0.0, 2.0 * math.pi, 181)
 
-    def circle(centre: float, radius: float, name: str, look: dict[str, Any], **more: Any) -> None:
-        x, y = centre + radius * np.cos(angle), radius * np.sin(angle)
-        data.append({"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "line": look, **more})
+    def curve(z: Any, name: str, line: dict[str, Any], **more: Any) -> None:
+        shown = {"type": "scatter", "mode": "lines", "x": z.real, "y": z.imag, "name": name, "line": line}
+        data.append(shown | {"hoverinfo": "skip"} | more)
 
-    worst = max(m.margins.ms for m in members)
-    circle(0.0, 1.0, "|L| = 1", {"color": GREY, "width": 1, "dash": "2px,3px"}, hoverinfo="skip")
-    circle(
-        -1.0, 1.0 / ms_limit, f"Ms = {ms_limit:g}, the limit", {"color": GREY, "width": 1.5, "dash": "5px,3px"},
-        fill="toself", fillcolor="rgba(107,107,107,0.10)", hoverinfo="skip",
-    )  # fmt: skip
-    circle(-1.0, 1.0 / worst, f"Ms = {worst:.3g}, the largest", {"color": "#222222", "width": 1.2}, hoverinfo="skip")
+    turn, worst = np.exp(2j * math.pi * np.linspace(0.0, 1.0, 181)), max(m.margins.ms for m in members)
+    disk = {"fill": "toself", "fillcolor": "rgba(107,107,107,0.10)"}
+    curve(turn, "|L| = 1", {"color": style.GREY, "width": 1, "dash": "2px,3px"})
+    limit = {"color": style.GREY, "width": 1.5, "dash": "5px,3px"}
+    curve(turn / ms_limit - 1.0, f"Ms = {ms_limit:g}, the limit", limit, **disk)
+    curve(turn / worst - 1.0, f"Ms = {worst:.3g}, the largest", {"color": INK, "width": 1.2})
     for member, look in zip(members, _looks(members), strict=True):
         f = _frequencies(member)
         L = member.loop.open_response(f)
-        near = np.abs(L) < 6.0
-        data.append(
-            {"type": "scatter", "mode": "lines", "x": L.real[near], "y": L.imag[near], "line": look}
-            | {"name": member_name(member), "customdata": f[near]}
-            | {"hovertemplate": "%{customdata:.4~g} Hz: %{x:.3f} %{y:+.3f}j"}
-        )
-    data.append(
-        {"type": "scatter", "mode": "markers", "x": [-1.0], "y": [0.0], "showlegend": False, "name": "−1"}
-        | {"marker": {"symbol": "cross", "size": 11, "color": "#222222"}}
-    )
-    layout = {
-        "template": TEMPLATE,
-        "height": height,
-        "title": {"text": title, "y": 1.0 - 22.0 / height, "yanchor": "middle"},
-        "legend": {"orientation": "v", "x": 1.01, "y": 1.0, "yref": "paper", "xref": "paper", "yanchor": "top"},
-        "margin": {"t": 60},
-        "hovermode": "closest",
-        "xaxis": {"title": {"text": "real part"}, "range": [-2.6, 1.4], "constrain": "domain"},
-        "yaxis": {"title": {"text": "imaginary part"}, "range": [-2.4, 1.0], "scaleanchor": "x"},
-    }
-    return go.Figure({"data": data, "layout": layout})
+        near, hover = np.abs(L) < 6.0, "%{customdata:.4~g} Hz: %{x:.3f} %{y:+.3f}j"
+        curve(L[near], member_name(member), look, customdata=f[near], hovertemplate=hover, hoverinfo=None)
+    cross = {"symbol": "cross", "size": 11, "color": INK}
+    curve(np.array([-1.0 + 0.0j]), "−1", {}, mode="markers", marker=cross, showlegend=False, hoverinfo=None)
+    return style.figure(
+        title, height, data, margin={"t": 60},
+        legend={"orientation": "v", "x": 1.01, "y": 1.0, "yref": "paper", "xref": "paper", "yanchor": "top"},
+        xaxis={"title": {"text": "real part"}, "range": [-2.6, 1.4], "constrain": "domain"},
+        yaxis={"title": {"text": "imaginary part"}, "range": [-2.4, 1.0], "scaleanchor": "x"},
+    )  # fmt: skip
 
 
 def gang_names(kind: Kind) -> tuple[tuple[str, int, int, str], ...]:
     """(response, row, column, in words) of the four, in the units of a kind."""
     what, unit = kind.drive.quantity, kind.drive.unit
-    speed, who = ("rad/s", "motor") if kind.payload else (_SPEEDS[kind.moved.unit], "axis")
+    speed, who = ("rad/s", "motor") if kind.payload else (kind.moved.speed_unit, "axis")
     return (
         ("S", 0, 0, "S = 1/(1+L)"),
         ("T", 0, 1, "T = L/(1+L)"),
@@ -459,35 +392,30 @@ def gang_names(kind: Kind) -> tuple[tuple[str, int, int, str], ...]:
 
 
 def gang_of_four(
-    members: Sequence[Member],
-    ms_limit: float,
-    title: str = "Gang of four",
-    height: int = 760,
+    members: Sequence[Member], ms_limit: float, title: str = "Gang of four", height: int = 760,
     unit: tuple[str, float] = HZ,
-) -> Figure:
+) -> Figure:  # fmt: skip
     """|S|, |T|, |PS| and |CS| over frequency, in HZ or RAD_S."""
-    name_of, per_hz = unit
+    (name_of, per_hz), names = unit, gang_names(members[0].loop.kind)
     panels = Panels(title, ["dB", "dB"], ["", ""], x_title=f"frequency ({name_of})", link_rows=False)
+    hover = f"%{{x:.4~g}} {name_of}: %{{y:.4~g}} dB"
     for member, look in zip(members, _looks(members), strict=True):
         f = _frequencies(member)
         responses = member.loop.responses(f)
-        for key, row, column, _ in gang_names(members[0].loop.kind):
-            hover, values = f"%{{x:.4~g}} {name_of}: %{{y:.4~g}} dB", _db(getattr(responses, key))
+        for key, row, column, _ in names:
+            values = _db(getattr(responses, key))
             panels.line(row, column, per_hz * f, values, member_name(member), look, "dB", hovertemplate=hover)
     for column, name in ((0, f"Ms {ms_limit:g}"), (1, f"Mt {ms_limit:g}")):
         panels.level(0, column, 20.0 * math.log10(ms_limit), name)
-    for _, row, column, text in gang_names(members[0].loop.kind):
-        n = panels._number(row, column)
-        panels.annotations.append(
-            {"text": f"<b>{text}</b>", "x": 0.01, "y": 1.0, "xref": f"x{n} domain", "yref": f"y{n} domain"}
-            | {"xanchor": "left", "yanchor": "bottom", "showarrow": False, "font": {"size": 13}}
-        )
+    for _, row, column, text in names:
+        panels.words(f"<b>{text}</b>", 0.01, 1.0, "left", "bottom", panels.axes(row, column, "xy"), size=13)
     figure = panels.figure(height)
     figure.update_layout({"yaxis": {"range": [-50, 10]}, "yaxis2": {"range": [-50, 10]}})
     return _log_axes(figure, members, per_hz)
 
 
-STEPS = (
+Step = tuple[str, str, str, float, str]  # input, signal, title of the panel, scale, unit
+STEPS: tuple[Step, ...] = (
     ("speed_reference", "speed_motor_rad_s", "motor speed (rad/s)<br>step of 1 rad/s", 1.0, "rad/s"),
     ("speed_reference", "speed_carriage_m_s", "carriage speed (mm/s)<br>the same step", 1000.0, "mm/s"),
     ("speed_reference", "tension_drum_n", "wire tension (N)<br>the same step", 1.0, "N"),
@@ -495,66 +423,54 @@ STEPS = (
 )
 
 
-Step = tuple[str, str, str, float, str]
-
-
-def steps_of(member: Member) -> tuple[Step, ...]:
-    """(input, signal, title of the panel, scale, unit) of the rows: of an axis its place, too."""
+def steps_of(member: Member, load: float = 1.0) -> tuple[Step, ...]:
+    """The rows: of an axis its place, too. load: the step of an axis' load."""
     kind, loop = member.loop.kind, member.loop.kind.looped
     if kind.payload:
         return STEPS
-    way, speed, unit = kind.moved.unit, _SPEEDS[kind.moved.unit], kind.drive.unit
+    way, speed, on = kind.moved.unit, kind.moved.speed_unit, powers(f"{load:g} {kind.drive.unit} on the axis")
     fine = f"m{way}"
     rows = (
         ("speed_reference", loop.speed, f"speed ({speed})<br>step of 1 {speed}", 1.0, speed),
-        ("load_torque", loop.speed, f"speed (m{speed})<br>1 {unit} on the axis", 1000.0, f"m{speed}"),
+        ("load_torque", loop.speed, f"speed (m{speed})<br>{on}", 1000.0 * load, f"m{speed}"),
     )
     if not np.any(member.loop.plant.C[member.loop.outputs.index(loop.position)]):
         return rows
     # One thousandth of a metre or radian: a step that no drive could follow if it were whole.
     moved = ("position_reference", loop.position, f"position ({fine})<br>step of 1 {fine}", 1.0, fine)
-    return (moved, *rows, ("load_torque", loop.position, f"position ({fine})<br>1 {unit} on the axis", 1000.0, fine))
+    return (moved, *rows, ("load_torque", loop.position, f"position ({fine})<br>{on}", 1000.0 * load, fine))
 
 
-def _with_load(rows: tuple[Step, ...], kind: Kind, answers: Sequence[StepResponse]) -> tuple[Step, ...]:
-    """The rows with a step of the load that leaves an axis' speed below one unit: 1 N m throws a small one away."""
-    if kind.payload:
-        return rows
+def load_for(kind: Kind, answers: Sequence[StepResponse]) -> float:
+    """A step of the load that leaves an axis' speed below one unit: 1 N m throws a small one away."""
     fastest = max(float(np.max(np.abs(answer.signals[kind.looped.speed]))) for answer in answers)
-    step = 10.0 ** -max(0, math.ceil(math.log10(fastest))) if fastest > 0.0 else 1.0
-    one, other = f"1 {kind.drive.unit} on the axis", f"{step:g} {kind.drive.unit} on the axis"
-    return tuple(
-        (of, signal, text.replace(one, powers(other)), scale * (step if of == "load_torque" else 1.0), unit)
-        for of, signal, text, scale, unit in rows
-    )
+    return 1.0 if fastest <= 0.0 else float(10.0 ** -max(0, math.ceil(math.log10(fastest))))
 
 
 def steps(members: Sequence[Member], title: str = "Step responses of the linear loop", height: int = 860) -> Figure:
     """Deviations after a step of the reference, and of a torque on the shaft; duration by the slowest bandwidth."""
-    rows = steps_of(members[0])
-    slowest = min(m.margins.bandwidth_hz for m in members)
+    kind, slowest = members[0].loop.kind, min(m.margins.bandwidth_hz for m in members)
     duration = min(max(6.0 / slowest if math.isfinite(slowest) else 0.0, 60.0 * members[0].loop.dt), 20.0)
-    inputs = dict.fromkeys(of for of, *_ in rows)
+    inputs = dict.fromkeys(of for of, *_ in steps_of(members[0]))
     answers = [{of: step_response(member.loop, of, duration) for of in inputs} for member in members]
-    rows = _with_load(rows, members[0].loop.kind, [answer["load_torque"] for answer in answers])
+    rows = steps_of(members[0], 1.0 if kind.payload else load_for(kind, [one["load_torque"] for one in answers]))
     panels = Panels(title, [text for _, _, text, _, _ in rows])
     for member, responses, look in zip(members, answers, _looks(members), strict=True):
         for row, (of, signal, _, scale, unit) in enumerate(rows):
             response = responses[of]
             panels.line(row, 0, response.time_s, scale * response.signals[signal], member_name(member), look, unit)
     panels.level(0, 0, 1.0)
-    figure = panels.figure(height)
-    figure.update_xaxes(gridcolor=FAINT)
-    return figure
+    return panels.figure(height).update_xaxes(gridcolor=style.FAINT)
 
 
 def columns(members: Sequence[Member]) -> Mapping[str, Sequence[Any]]:
     """One row per loop: operating point and margins."""
-    where = [place_of(member) for member in members]
-    places: dict[str, Sequence[Any]] = {name: [place[name] for place in where] for name in where[0]}
-    words = members[0].loop.kind.looped.motion_words
-    places["motion"] = [words[member.point.motion] for member in members]
-    return places | {name: [getattr(m.margins, name) for m in members] for name in vars(members[0].margins)}
+    where, words = [place_of(member) for member in members], members[0].loop.kind.looped.motion_words
+    return {
+        **{name: [place[name] for place in where] for name in where[0]},
+        "motion": [words[member.point.motion] for member in members],
+        **{name: [getattr(m.margins, name) for m in members] for name in vars(members[0].margins)},
+    }
 
 
 VIEW = View(

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from workbench.core.json_records import rounded
+from workbench.core.json_records import plain
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.simulate.models import ModelsCompared
 from workbench.view.page import Section, save_page
 from workbench.view.replay import Line, run_panels, said
-from workbench.view.style import BLUE, ORANGE, SPARE, line
+from workbench.view.style import BLUE, ORANGE, SPARE, line, look
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -50,33 +50,26 @@ def sentences(compared: ModelsCompared) -> list[str]:
 
 def to_json(compared: ModelsCompared) -> dict[str, Any]:
     lumped_s, multibody_s = compared.cpu_s
-    runs = []
-    for run in compared.runs:
-        numbers = {name: rounded(getattr(run, name)) for name in (*PERCENTS, "lumped_cpu_s", "multibody_cpu_s")}
-        parts = {
-            "time_s": rounded(run.parted_s),
-            "within_a_second_percent": rounded(run.parted_percent),
-            "height_m": rounded(run.parted_height_m),
-            "payload_kg": run.measured.payload_kg,
-            "roller": run.parted_force,
-            "roller_force_n": rounded(run.parted_force_n),
-        }
-        runs.append({"name": run.name, **numbers, "parts_most": parts})
-    return {
+    parts = {"time_s": "parted_s", "within_a_second_percent": "parted_percent", "height_m": "parted_height_m"}
+    told = {
         "format": 1,
         "machine": compared.machine.name,
         "against": compared.against,
-        "runs": runs,
-        "overall": {
-            **{name: rounded(compared.pooled(name)) for name in PERCENTS},
-            "simulated_s": rounded(compared.simulated_s),
-            "lumped_cpu_s": rounded(lumped_s),
-            "multibody_cpu_s": rounded(multibody_s),
-            "ratio": rounded(compared.ratio),
-            "real_time_factor": rounded(compared.simulated_s / multibody_s),
-        },
+        "runs": [
+            {"name": run.name}
+            | {name: getattr(run, name) for name in (*PERCENTS, "lumped_cpu_s", "multibody_cpu_s")}
+            | {"parts_most": {key: getattr(run, name) for key, name in parts.items()}
+                | {"payload_kg": run.measured.payload_kg, "roller": run.parted_force,
+                   "roller_force_n": run.parted_force_n}}
+            for run in compared.runs
+        ],
+        "overall": {name: compared.pooled(name) for name in PERCENTS}
+        | {"simulated_s": compared.simulated_s, "lumped_cpu_s": lumped_s, "multibody_cpu_s": multibody_s,
+           "ratio": compared.ratio, "real_time_factor": compared.simulated_s / multibody_s},
         "paper": {"multibody_s": PAPER[0], "analytical_s": PAPER[1], "simulated_s": PAPER[2]},
-    }
+    }  # fmt: skip
+    shown: dict[str, Any] = plain(told)
+    return shown
 
 
 def write_models(simulate: Callable[[], ModelsCompared], title: str, folder: Path) -> ModelsCompared:
@@ -98,23 +91,21 @@ def section_of(compared: ModelsCompared) -> Section:
 def figures_of(compared: ModelsCompared) -> list[tuple[Figure, str]]:
     """The paper's Figure 8 for these runs, the difference of the two models, forces; each with a line below it."""
     per_cent, names = 100.0 / compared.scale_rad_s, [run.name for run in compared.runs]
-    look = {"color": BLUE, "width": 1.6, "simplify": False}
     speeds, apart, forces = [], [], []
     for run in compared.runs:
         time, multibody = run.multibody.time_s, run.multibody
-        lumped = {"color": ORANGE, "width": 1.8, "simplify": False}
         speeds.append([
             Line("measured", run.measured.time_s, per_cent * run.measured[_SPEED], line("measured", width=3.4)),
-            Line("lumped", run.lumped.time_s, per_cent * run.lumped[_SPEED], lumped),
-            Line("multi-body", time, per_cent * multibody[_SPEED], look | {"dash": "5px,3px"}),
+            Line("lumped", run.lumped.time_s, per_cent * run.lumped[_SPEED], look(ORANGE)),
+            Line("multi-body", time, per_cent * multibody[_SPEED], look(BLUE, "5px,3px", 1.6)),
         ])  # fmt: skip
-        apart.append([Line("multi-body − lumped", time, per_cent * (multibody[_SPEED] - run.lumped[_SPEED]), look)])
+        difference = per_cent * (multibody[_SPEED] - run.lumped[_SPEED])
+        apart.append([Line("multi-body − lumped", time, difference, look(BLUE, width=1.6))])
         felt = [name for name in multibody.signals if name.startswith(_FORCES)]
-        looks = [{"color": c, "dash": dash, "width": 1.4, "simplify": False} for c, dash in SPARE]
+        called = [name.removeprefix("force_").removesuffix("_n").replace("_", " ") for name in felt]
         forces.append([
-            Line(name.removeprefix("force_").removesuffix("_n").replace("_", " "), time, multibody[name] / 1000.0,
-                 looks[number % len(looks)])
-            for number, name in enumerate(felt)
+            Line(words, time, multibody[name] / 1000.0, look(*SPARE[k % len(SPARE)], 1.4))
+            for k, (name, words) in enumerate(zip(felt, called, strict=True))
         ])  # fmt: skip
     return [
         (

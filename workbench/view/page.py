@@ -41,14 +41,24 @@ def without_sharing() -> None:
 class Section:
     """A part of a page, in this order: heading (none where empty), sentences, points as a list, tables, figures.
 
-    What stands in backticks in sentences and points is set as code. figures: each with a line below it.
+    What stands in backticks in sentences and points is set as code. figures: each with a line below it. Empty
+    sentences, tables without rows and figures that are None are left out.
     """
 
     heading: str = ""
     sentences: Sequence[str] = ()
     points: Sequence[str] = ()
     tables: Sequence[Table] = ()
-    figures: Sequence[tuple[Figure, str]] = ()
+    figures: Sequence[tuple[Figure | None, str]] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("sentences", "points", "tables"):
+            object.__setattr__(self, name, list(filter(None, getattr(self, name))))
+        object.__setattr__(self, "figures", [one for one in self.figures if one[0] is not None])
+
+    def __bool__(self) -> bool:
+        """Whether it says or shows anything."""
+        return bool(self.sentences or self.points or self.tables or self.figures)
 
 
 def save_page(

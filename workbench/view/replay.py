@@ -35,6 +35,10 @@ RESIDUAL_NOTE = (
     "At rest the machine may hold its load anywhere within its friction, so the residual says nothing there; "
     "the scale is that of the motion."
 )
+SPEEDS_NOTE = (
+    "Simulated: the measured input replayed from the first sample on (the paper's Figure 8). Restarted: set back "
+    "to the measured motion every 2 s."
+)
 Stretches = Sequence[tuple[float, float]]
 
 
@@ -155,12 +159,7 @@ def run_panels(
     panels = Panels(title, [y_title] * rows, [""] * columns, x_title)
     places = [divmod(index, columns) for index in range(count)]
     for index, (name, place, drawn) in enumerate(zip(names, places, lines, strict=True)):
-        number = "" if index == 0 else str(index + 1)
-        panels.annotations.append(
-            {"text": f"<b>{name}</b>", "x": 0.01, "y": 0.99, "xref": f"x{number} domain", "yref": f"y{number} domain",
-             "xanchor": "left", "yanchor": "top", "showarrow": False, "font": {"size": 12},
-             "bgcolor": "rgba(255,255,255,0.75)", "borderpad": 1}
-        )  # fmt: skip
+        panels.words(f"<b>{name}</b>", 0.01, 0.99, "left", "top", panels.axes(*place, "xy"), size=12)
         for line in drawn:
             panels.line(*place, line.x, line.y, line.name, dict(line.look), unit)
         for level in levels:
@@ -173,8 +172,7 @@ def run_panels(
         ranges = dict.fromkeys(ranges, (-limit, limit))
     figure = panels.figure(150 + max(210 * rows, 330), ranges)
     # Where the last row is not full, the panel above its empty place ends its column.
-    for index in range(max(count - columns, 0), count):
-        axis = figure.layout["xaxis" if index == 0 else f"xaxis{index + 1}"]
+    for axis in list(figure.select_xaxes())[max(count - columns, 0) : count]:
         axis.update(showticklabels=True, title={"text": x_title})
     return figure
 
@@ -191,30 +189,27 @@ def input_profiles(machine: Hoist | Axis, runs: Sequence[Run]) -> Figure:
         look = style.line("measured", width=1.2)
         drawn = [[Line("measured", run.time_s, run[kind.plant.input], look)] for run in runs]
         return run_panels(f"Measured {w.quantity}", f"{w.quantity} ({w.unit})", [r.name for r in runs], drawn, w.unit)
-    nominal = kind.motor_torque(machine)
+    nominal, both = kind.motor_torque(machine), ("torque_motor1_nm", "torque_motor2_nm")
     for run in runs:
-        if "torque_motor1_nm" in run and "torque_motor2_nm" in run:
-            torques = {f"motor {number}": run[f"torque_motor{number}_nm"] / nominal for number in (1, 2)}
-        else:
-            torques = {"mean of both motors": run["torque_motor_nm"] / (2.0 * nominal)}
-        looks = [style.line(name if len(torques) > 1 else "measured", width=1.4) for name in torques]
-        drawn.append([Line(name, run.time_s, y, look) for (name, y), look in zip(torques.items(), looks, strict=True)])
+        torques = {"mean of both motors": (run["torque_motor_nm"] / 2.0, style.line("measured", width=1.4))}
+        if all(signal in run for signal in both):
+            torques = {f"motor {k}": (run[of], style.line(f"motor {k}", width=1.4)) for k, of in enumerate(both, 1)}
+        drawn.append([Line(name, run.time_s, y / nominal, look) for name, (y, look) in torques.items()])
     return run_panels("Measured motor torque", "torque / nominal", [run.name for run in runs], drawn)
 
 
 def speeds(machine: Hoist | Axis, result: ReplayResult) -> Figure:
     """Fig. 8: measured, simulated and restarted speed in per cent of the machine's speed scale, a panel a run."""
     signal, scale = plant_of(machine).speeds[0], kind_of(machine).speed_scale[1]
-    restarted = {"color": style.PURPLE, "dash": "5px,3px", "width": 1.3, "simplify": False}
     drawn = []
     for run in result.runs:
         per_cent, simulated, log = 100.0 / run.speed_scale, run.simulated, run.balance
-        drawn.append([
-            # The measured line is wide and lies below, so that it is seen where both agree.
-            Line("measured", log.run.time_s, per_cent * log.motion.speed, style.line("measured", width=3.4)),
-            Line("simulated", simulated.time_s, per_cent * simulated[signal], style.line("simulated", width=1.6)),
-            Line("restarted every 2 s", simulated.time_s, per_cent * run.restarted, restarted),
-        ])  # fmt: skip
+        # The measured line is wide and lies below, so that it is seen where both agree.
+        measured = Line("measured", log.run.time_s, per_cent * log.motion.speed, style.line("measured", width=3.4))
+        model = Line("simulated", simulated.time_s, per_cent * simulated[signal], style.line("simulated", width=1.6))
+        restarted = style.look(style.PURPLE, "5px,3px", 1.3)
+        again = Line("restarted every 2 s", simulated.time_s, per_cent * run.restarted, restarted)
+        drawn.append([measured, model, again])
     names = [f"{run.name}</b>, RMSE {run.speed_rmse_percent:.2f} %<b>" for run in result.runs]
     return run_panels("Measured and simulated speed", f"speed (% of {scale})", names, drawn, "%")
 
@@ -233,12 +228,11 @@ def torque_residual(
     quantity = "torque" if unit == "N m" else "force"
     left_out = "; grey: at rest or at an end, left out" if any(rests) else ""
     title = f"{quantity.capitalize()} residual (dashed: ± 2 × noise of {noise_rms:.2g} {unit}{left_out})"
-    name = "after" if before else "measured − predicted"
     look = style.LINE_AFTER if before else alone or style.LINE_AFTER | {"color": style.BLACK}
-    lines = [[Line(name, t, y, look)] for t, y in zip(times_s, after, strict=True)]
-    if before:
-        was = [Line("before", t, y, style.LINE_BEFORE) for t, y in zip(times_s, before, strict=True)]
-        lines = [[first, *rest] for first, rest in zip(was, lines, strict=True)]
+    lines = []
+    for k, (time, y) in enumerate(zip(times_s, after, strict=True)):
+        was = [Line("before", time, before[k], style.LINE_BEFORE)] if before else []
+        lines.append([*was, Line("after" if before else "measured − predicted", time, y, look)])
     nothing: Sequence[Stretches] = [()] * len(names)
     shaded = [
         [(yellow, style.WINDOW), (grey, style.REST)]
@@ -287,19 +281,13 @@ def write_replay(run: Callable[[], ReplayResult], campaign: Campaign, folder: Pa
 def save_replay_page(campaign: Campaign, result: ReplayResult, path: Path) -> None:
     """Write the page of a replay; it needs no network."""
     machine = campaign.machine
-    simulated = (
-        "Simulated: the measured input replayed from the first sample on (the paper's Figure 8). Restarted: set back "
-        "to the measured motion every 2 s."
-    )
-    section = Section(
-        sentences=[*sentences(machine, result), *notes_line(campaign)],
-        tables=[table(machine, result)],
-        figures=[
-            (inputs(machine, result), INPUTS_NOTE),
-            (speeds(machine, result), simulated),
-            (residuals(machine, result), RESIDUAL_NOTE),
-        ],
-    )
+    drawn = [
+        (inputs(machine, result), INPUTS_NOTE),
+        (speeds(machine, result), SPEEDS_NOTE),
+        (residuals(machine, result), RESIDUAL_NOTE),
+    ]
+    said = [*sentences(machine, result), *notes_line(campaign)]
+    section = Section(sentences=said, tables=[table(machine, result)], figures=drawn)
     save_page([section], path, f"Replay of campaign {campaign.name} — {machine.name}")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.view.panels import Panels
-from workbench.view.style import BLUE, GREY, ORANGE, SKY, TEMPLATE, VERMILLION
+from workbench.view.style import BLUE, GREY, ORANGE, SKY, VERMILLION, figure, look
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -19,20 +19,14 @@ NEAR = 0.7  # of the torque's limit, which is drawn from there on
 # Each row with its lines: column, words, colour, dash, factor, unit.
 ROWS: Mapping[str, Sequence[tuple[str, str, str, str, float, str]]] = {
     "height<br>(m)": [("position_carriage_m", "height", BLUE, "solid", 1.0, "m")],
-    "speed<br>(rad/s)": [
-        ("speed_reference_rad_s", "set point", GREY, "2px,2px", 1.0, "rad/s"),
-        ("speed_motor_rad_s", "motor", VERMILLION, "solid", 1.0, "rad/s"),
-    ],
-    "torque<br>(N m)": [
-        ("torque_motor_nm", "asked for", GREY, "2px,2px", 1.0, "N m"),
-        ("torque_at_work_nm", "at work", ORANGE, "solid", 1.0, "N m"),
-    ],
-    "tension<br>(kN)": [
-        ("tension_drum_n", "drum", BLUE, "solid", 1e-3, "kN"),
-        ("tension_dead_line_n", "dead line", SKY, "solid", 1e-3, "kN"),
-        ("tension_min_n", "least", VERMILLION, "4px,2px", 1e-3, "kN"),
-    ],
-}
+    "speed<br>(rad/s)": [("speed_reference_rad_s", "set point", GREY, "2px,2px", 1.0, "rad/s"),
+                         ("speed_motor_rad_s", "motor", VERMILLION, "solid", 1.0, "rad/s")],
+    "torque<br>(N m)": [("torque_motor_nm", "asked for", GREY, "2px,2px", 1.0, "N m"),
+                        ("torque_at_work_nm", "at work", ORANGE, "solid", 1.0, "N m")],
+    "tension<br>(kN)": [("tension_drum_n", "drum", BLUE, "solid", 1e-3, "kN"),
+                        ("tension_dead_line_n", "dead line", SKY, "solid", 1e-3, "kN"),
+                        ("tension_min_n", "least", VERMILLION, "4px,2px", 1e-3, "kN")],
+}  # fmt: skip
 
 
 def last_seconds(
@@ -52,28 +46,24 @@ def last_seconds(
         for column, words, colour, dash, factor, unit in lines:
             values = factor * columns[column][shown]
             if np.any(np.isfinite(values)):
-                look = {"color": colour, "dash": dash, "width": 1.7, "simplify": False}
-                panels.line(row, 0, time[shown], values, words, look, unit)
+                panels.line(row, 0, time[shown], values, words, look(colour, dash, 1.7), unit)
             if unit == "N m" and len(values) and np.nanmax(np.abs(values), initial=0.0) > NEAR * torque_limit_nm:
                 panels.level(row, 0, torque_limit_nm if np.nanmax(values) > 0.0 else -torque_limit_nm, "limit")
         for at, words in events:
             if start <= at <= end:
                 panels.shade(row, 0, at, at, VERMILLION, 1.2, words if row == 0 else "")
-    figure = panels.figure(ROW * len(ROWS) + 130)
-    return figure.update_xaxes(range=[start, start + window_s])
+    return panels.figure(ROW * len(ROWS) + 130).update_xaxes(range=[start, start + window_s])
 
 
 def late_starts(jitter: Mapping[str, int]) -> Figure:
     """How late the steps began, a bar a class. jitter: name of a class ("<50 us") -> steps."""
-    import plotly.graph_objects as go
-
     steps = max(sum(jitter.values()), 1)
     share = [100.0 * count / steps for count in jitter.values()]
     names = [name.removesuffix(" us").replace(">=", "≥") for name in jitter]
-    words = [f"{x:.0f} %" if x >= 1.0 else "" for x in share]
-    bars = {"type": "bar", "x": names, "y": share, "text": words, "textposition": "outside", "cliponaxis": False,
-            "marker": {"color": BLUE}}  # fmt: skip
-    title = {"title": {"text": "how late the steps began (µs)"}, "tickfont": {"size": 10}, "type": "category"}
-    layout = {"template": TEMPLATE, "height": 230, "xaxis": title, "yaxis": {"title": {"text": "% of steps"}},
-              "margin": {"t": 30, "b": 60}}  # fmt: skip
-    return go.Figure({"data": [bars], "layout": layout})
+    bars = {
+        "type": "bar", "x": names, "y": share, "text": [f"{x:.0f} %" if x >= 1.0 else "" for x in share],
+        "textposition": "outside", "cliponaxis": False, "marker": {"color": BLUE},
+    }  # fmt: skip
+    across = {"title": {"text": "how late the steps began (µs)"}, "tickfont": {"size": 10}, "type": "category"}
+    down = {"title": {"text": "% of steps"}}
+    return figure("", 230, [bars], margin={"t": 30, "b": 60}, xaxis=across, yaxis=down)

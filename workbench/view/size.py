@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from workbench.core.table import Column, Table, words
+from workbench.core.table import Column, Table, table_of, words
 from workbench.study.size import Candidate, Check, Sizing, largest_torque_nm, rated_current, s1_share
 
 MOST_SMALLER = 8
@@ -69,19 +70,16 @@ def checks_table(candidate: Candidate) -> Table:
 
 def candidates_table(sizing: Sizing) -> Table:
     """The drive taken, then those of less power with what limits each, the largest first."""
-    shown = [*([sizing.taken] if sizing.taken is not None else []), *sizing.smaller[:MOST_SMALLER]]
-    lines = [
-        [
-            f"{c.count} × {c.motor.name}",
-            f"{c.power_kw:g}",
-            f"{c.ratio:g}",
-            "" if c.passes else why_not(c).split("; ")[0],
-        ]
-        for c in shown
-    ]
+    cells: dict[Column, Callable[[Candidate], str]] = {
+        words("drive"): lambda c: f"{c.count} × {c.motor.name}",
+        Column("power", "kW"): lambda c: f"{c.power_kw:g}",
+        Column("ratio"): lambda c: f"{c.ratio:g}",
+        words("does not pass for"): lambda c: "" if c.passes else why_not(c).split("; ")[0],
+    }
     more = len(sizing.smaller) - MOST_SMALLER
     note = f"{more} smaller ones do not pass either." if more > 0 else ""
-    return Table([words("drive"), Column("power", "kW"), Column("ratio"), words("does not pass for")], lines, note)
+    taken = [sizing.taken] if sizing.taken is not None else []
+    return table_of([*taken, *sizing.smaller[:MOST_SMALLER]], cells, note)
 
 
 def s1_table(sizing: Sizing) -> Table:
@@ -92,12 +90,7 @@ def s1_table(sizing: Sizing) -> Table:
     share = s1_share(np.array(SPEEDS) * motor.speed_rad_s, motor.speed_rad_s, sizing.file.thermal)
     short = largest_torque_nm(motor, sizing.study)
     lines = [
-        [
-            f"{100.0 * at:.0f}",
-            f"{at * motor.speed_rpm:.0f}",
-            f"{motor.torque_nm * k:.0f}",
-            f"{short / max(at, 1.0):.0f}",
-        ]
+        [f"{x:.0f}" for x in (100.0 * at, at * motor.speed_rpm, motor.torque_nm * k, short / max(at, 1.0))]
         for at, k in zip(SPEEDS, share, strict=True)
     ]
     note = f"{motor.name}: rated current {rated:.0f} A, of which magnetising {field:.0f} A."

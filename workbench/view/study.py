@@ -9,52 +9,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from workbench.core import shown as core_shown
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.table import Column, Table, words
-from workbench.machines import AnyKind, kind_of
+from workbench.core.whole_folder import whole_file
+from workbench.machines import kind_of
 from workbench.metrics import Metric, View, shown_in
-from workbench.study.conclude import (
-    QUANTILES,
-    SIGN,
-    Answer,
-    Use,
-    answer,
-    rank_correlations,
-    read_answer,
-    sentences,
-    utilisation,
-)
+from workbench.study import conclude
+from workbench.study.conclude import QUANTILES, SIGN, Use, utilisation
 from workbench.study.decide import TIME, Decision, decisions
 from workbench.study.front import fronts
 from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
-from workbench.study.load import plan_study
 from workbench.study.rows import Row, index_table, metrics_of, with_payload
 from workbench.study.run import StudyResult, peak_limit
-from workbench.study.scenario import Scenario
-from workbench.study.store import Finished
+from workbench.view import study_figures as draw
 from workbench.view.page import Section, save_page
-from workbench.view.study_figures import (
-    QUANTITIES,
-    axis_overview,
-    changing,
-    curves_over_time,
-    metrics_over_axis,
-    overview,
-    pareto,
-    peak_torque_over_payload,
-    spread,
-    tornado,
-    torque_speed_plane,
-)
+from workbench.view.study_figures import QUANTITIES, over_time, plane
 from workbench.view.style import label
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+__all__ = ["over_time", "plane"]  # beside what is defined here
 MARK = "workbench report"
 BEST = "★"
 MOST_SWEPT = 3  # columns of swept values, or one for each axis
@@ -62,7 +40,6 @@ WIDEST_HEAD, WIDEST_RUN, WIDEST_NAME = 12, 42, 26  # characters of a head's line
 MOST_LINES = 60  # runs that are listed one by one
 MOST_CURVES, MOST_GROUPS, MOST_NAMED = 6, 3, 12
 SWING = "wire_tension_swing_n"
-Result = Finished | StudyResult
 Noted = tuple["Figure", str]
 
 
@@ -80,12 +57,11 @@ def run_table(rows: Sequence[Row]) -> Table:
 
     A failed run has no metrics but those known before it runs.
     """
-    swept = _swept(rows)
-    return _lines(rows, swept, shown_in(View.SWEPT_RUNS if swept else View.RUNS, metrics_of(rows)))
+    return _lines(rows, shown_in(View.SWEPT_RUNS if _swept(rows) else View.RUNS, metrics_of(rows)))
 
 
-def _lines(rows: Sequence[Row], swept: Sequence[str], metrics: Sequence[Metric], what: str = "") -> Table:
-    lines = []
+def _lines(rows: Sequence[Row], metrics: Sequence[Metric], what: str = "") -> Table:
+    swept, lines = _swept(rows), []
     for row in rows:
         cells = [metric.text(row.get(metric.name)) for metric in metrics]
         if not row.ok and cells and not what:
@@ -109,32 +85,30 @@ def _swept(rows: Sequence[Row]) -> list[str]:
 
 def quantile_table(rows: Sequence[Row]) -> Table:
     """Five lines for each payload and reference; of failed runs their number only."""
-    columns, lines = shown_in(View.QUANTILES, metrics_of(rows)), []
+    metrics, lines = shown_in(View.QUANTILES, metrics_of(rows)), []
+    cases: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        cases.setdefault(tuple(_case_cells(row)), []).append(row)
     shares = dict(zip(("least", "5 %", "median", "95 %", "most"), (0.0, *QUANTILES, 1.0), strict=True))
-    for case in dict.fromkeys(tuple(_case_cells(row)) for row in rows):
-        members = [row for row in rows if tuple(_case_cells(row)) == case]
+    for case, members in cases.items():
         good = [row for row in members if row.ok]
-        number = f"{len(good)}" if len(good) == len(members) else f"{len(good)} + {len(members) - len(good)} failed"
-        head = [*case, number]
+        failed = f" + {len(members) - len(good)} failed" if len(good) < len(members) else ""
+        head = [*case, f"{len(good)}{failed}"]
         if not good:
-            lines.append([*head, "", *("–" for _ in columns)])
-            continue
-        known = [np.quantile([row.get(metric.name) for row in good], list(shares.values())) for metric in columns]
-        for k, name in enumerate(shares):
-            cells = [metric.text(float(values[k])) for metric, values in zip(columns, known, strict=True)]
-            lines.append([*(head if k == 0 else [""] * len(head)), name, *cells])
+            lines.append([*head, "", *("–" for _ in metrics)])
+        for name, share in shares.items() if good else ():
+            values = [np.quantile([row.get(metric.name) for row in good], share) for metric in metrics]
+            cells = [metric.text(float(value)) for metric, value in zip(metrics, values, strict=True)]
+            lines.append([*(head if name == "least" else [""] * len(head)), name, *cells])
     each = "payload and reference" if metrics_of(rows).payload else "reference"
-    note = (
-        f"Of each {each} the smallest value, the 5 %, 50 % and 95 % quantiles and the largest value of each column for "
-        f"itself. {metric_note(columns)}"
-    )
-    return Table([*_case(rows), Column("runs"), words("quantile"), *metric_heads(columns)], lines, note)
+    note = f"Of each {each} and column: smallest value, 5 %, 50 % and 95 % quantiles, largest. {metric_note(metrics)}"
+    return Table([*_case(rows), Column("runs"), words("quantile"), *metric_heads(metrics)], lines, note)
 
 
 def extremes_table(rows: Sequence[Row], axes: Sequence[SweptAxis]) -> Table:
     """The runs at the ends of what matters; where all runs are alike no line."""
-    good, columns, lines = [row for row in rows if row.ok], shown_in(View.EXTREMES, metrics_of(rows)), []
-    for metric in columns:
+    good, metrics, lines = [row for row in rows if row.ok], shown_in(View.EXTREMES, metrics_of(rows)), []
+    for metric in metrics:
         known = [row for row in good if np.isfinite(row.get(metric.name))]
         values = np.array([row[metric.name] for row in known])
         values = np.abs(values) if metric.better == "zero" else values
@@ -143,8 +117,8 @@ def extremes_table(rows: Sequence[Row], axes: Sequence[SweptAxis]) -> Table:
         for name, sign in metric.ends:
             row = known[int(np.argmax(sign * values))]
             which = textwrap.fill(run_in_words(row, axes), WIDEST_RUN)
-            lines.append([name, which, *(column.text(row.get(column.name)) for column in columns)])
-    return Table([words("run with the"), words("which"), *metric_heads(columns)], lines)
+            lines.append([name, which, *(column.text(row.get(column.name)) for column in metrics)])
+    return Table([words("run with the"), words("which"), *metric_heads(metrics)], lines)
 
 
 def metric_heads(metrics: Sequence[Metric]) -> list[Column]:
@@ -170,17 +144,17 @@ def _narrow(text: str) -> str:
 
 def decision_table(decision: Decision) -> Table | None:
     """Of each reference its best limits in the time of the one taken; None where there is nothing to choose."""
-    compared, judged = decision.at_equal_time, decision.judged
+    compared, judged, lines = decision.at_equal_time, decision.judged, []
     if len(compared) < 2:
         return None
-    chosen = [c for c in decision.criteria if c.name in (judged.peak, TIME, judged.rms_error, SWING)]
-    metrics, lines = [c.metric for c in chosen], []
+    names = (judged.peak, TIME, judged.rms_error, SWING)
+    metrics = [c.metric for c in decision.criteria if c.name in names]
     for one in compared:
-        mark, name = f"{BEST} " if one is decision.taken else "", label(one.reference)
-        name = name.removesuffix(", same limits") if one.setting else name
+        name = label(one.reference).removesuffix(", same limits" if one.setting else "")
+        name = f"{BEST} {name}" if one is decision.taken else name
+        texts = [textwrap.fill(text, WIDEST_NAME) for text in (name, one.setting or "as given")]
         cells = [metric.text(one.values[metric.name]) for metric in metrics]
-        names = [textwrap.fill(text, WIDEST_NAME) for text in (mark + name, one.setting or "as given")]
-        lines.append([*names, *cells, "out" if one.broken else f"{one.total:.2f}"])
+        lines.append([*texts, *cells, "out" if one.broken else f"{one.total:.2f}"])
     where = f"At {decision.payload_kg:g} kg each" if judged.payload else "Each"
     note = (
         f"{where} reference with its best limits within the time of the one taken ({BEST}); a slower one with its "
@@ -217,12 +191,11 @@ def run_tables(rows: Sequence[Row]) -> list[Table]:
     judged, tables = metrics_of(rows), [run_table(rows)]
     for view, what in ((View.DRIVE, "The drive"), (View.MOTION, "Motion and wire" if judged.payload else "Motion")):
         metrics = [m for m in shown_in(view, judged) if any(row.metrics.get(m.name) is not None for row in rows)]
-        if metrics:
-            tables.append(_lines(rows, _swept(rows), metrics, f"{what}. "))
+        tables += [_lines(rows, metrics, f"{what}. ")] if metrics else []
     return tables
 
 
-def what_was_run(result: Result) -> Table:
+def what_was_run(result: StudyResult) -> Table:
     """Scenario, machine, versions: enough to run it again."""
     said, manifest, machine, rows = result.scenario, result.manifest, result.machine, result.rows
 
@@ -236,7 +209,7 @@ def what_was_run(result: Result) -> Table:
         "drive": kind_of(machine).looped.drive_words(machine),
         "payloads": f"{payloads} kg" if metrics_of(rows).payload else "",
         "references": ", ".join(dict.fromkeys(row.reference for row in rows)),
-        "moves": ", ".join(_move(move) for move in said.get("moves") or ()),
+        "moves": "; ".join(_block(move) for move in said.get("moves") or ()),
         **{name: _block(said.get(name) or {}) for name in ("limits", "controller", "events")},
     }
     for axis in swept_axes(rows):
@@ -254,20 +227,12 @@ def what_was_run(result: Result) -> Table:
     return Table([words("what"), words("was run")], [[name, text] for name, text in lines.items() if text])
 
 
-def _move(move: Mapping[str, Any]) -> str:
-    ((key, value),) = ((k, v) for k, v in move.items() if k != "for_s")
-    if "for_s" in move:
-        return f"{value:g} {'rad' if 'rad' in key else 'm'}/s for {move['for_s']:g} s"
-    word, _, unit = key.partition("_")
-    return f"{'rest' if word == 'dwell' else word} {value:g} {unit}"
-
-
 def _block(block: Mapping[str, Any]) -> str:
-    """The values of a block that say something; zeros of nested blocks are left out."""
+    """The values of a block of the scenario that are given, each with its key's words and unit."""
     parts = []
     for key, value in block.items():
         if isinstance(value, Mapping):
-            inner = ", ".join(field_label(k).of(v) for k, v in value.items() if v)
+            inner = _block({k: v for k, v in value.items() if v})
             parts += [f"{key.replace('_', ' ')}: {inner}"] if inner else []
         elif isinstance(value, bool):
             parts.append(f"{key.replace('_', ' ')} {'yes' if value else 'no'}")
@@ -276,26 +241,23 @@ def _block(block: Mapping[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def conclusions(result: Result) -> list[str]:
+def conclusions(result: StudyResult) -> list[str]:
     """The study's answer, as it stands in the result or made again, then what it means for drive and wire."""
-    kept = _kept(result)
-    good = [row for row in result.rows if row.ok]
+    kept, good = _kept(result), [row for row in result.rows if row.ok]
     said = list(kept.sentences) if kept is not None else _asked_again(result)
     return [*said, *_heat(good, result.scenario), *_power(good), *_wire(good)]
 
 
-def _kept(result: Result) -> Answer | None:
-    return None if result.folder is None else read_answer(result.folder)
+def _kept(result: StudyResult) -> conclude.Answer | None:
+    return None if result.folder is None else conclude.read_answer(result.folder)
 
 
-def _asked_again(result: Result) -> list[str]:
+def _asked_again(result: StudyResult) -> list[str]:
     """The answer of a result without one; only what its rows say where it cannot be planned here."""
     try:
-        if isinstance(result, StudyResult):
-            return answer(result.study, result.rows)
-        return answer(plan_study(Scenario.model_validate(dict(result.scenario)), result.machine), result.rows)
-    except (InputError, ValidationError):
-        return sentences(result.rows, peak_limit(result.machine))
+        return conclude.answer(result.study, result.rows)
+    except InputError:
+        return conclude.sentences(result.rows, peak_limit(result.machine))
 
 
 def _heat(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:
@@ -360,7 +322,7 @@ def _wire(good: Sequence[Row]) -> list[str]:
     return [f"{text}; the safety factor is {min(factors):.1f} or more." if factors else f"{text}."]
 
 
-def decision(result: Result) -> list[Table]:
+def decision(result: StudyResult) -> list[Table]:
     """What decides: at each payload a row a reference, the criteria at the heaviest, the use of what is borne."""
     made, uses = _decisions(result), utilisation(result.rows, result.machine)
     tables = [table for one in made[-MOST_GROUPS:] if (table := decision_table(one)) is not None]
@@ -368,23 +330,20 @@ def decision(result: Result) -> list[Table]:
     return [*tables, *criteria, *([utilisation_table(uses)] if uses else [])]
 
 
-def _decisions(result: Result) -> list[Decision]:
-    given = Scenario.model_validate(dict(result.scenario)).decide
-    return decisions(result.rows, result.machine, given, _beside(result))
-
-
-def _beside(result: Result) -> Sequence[Row]:
+def _decisions(result: StudyResult) -> list[Decision]:
     kept = _kept(result)
-    return kept.beside if kept is not None else ()
+    beside = kept.beside if kept is not None else ()
+    return decisions(result.rows, result.machine, result.study.scenario.decide, beside)
 
 
-def figures_of(result: Result) -> list[Noted]:
+def figures_of(result: StudyResult) -> list[Noted]:
     """The figures that a study's kind asks for, each with a line that says how to read it."""
     good = [row for row in result.rows if row.ok]
     if not good:
         return []
-    axes, drawn, beside = swept_axes(result.rows), drawn_columns(result.rows), [r for r in _beside(result) if r.ok]
-    judged, figures = metrics_of(good), list[Noted]()
+    kept, judged, figures = _kept(result), metrics_of(good), list[Noted]()
+    axes, drawn = swept_axes(result.rows), drawn_columns(result.rows)
+    beside = [row for row in kept.beside if row.ok] if kept is not None else []
     if any(".limits." in column for axis in axes for column in axis.columns):
         note = (
             "Each point is a run; the line joins those that no other run beats in both. The knee is the run farthest "
@@ -392,7 +351,7 @@ def figures_of(result: Result) -> list[Noted]:
         )
         every = [*good, *(row for row in beside if row.assigned.keys() == good[0].assigned.keys())]
         names = [name for name in (judged.peak, SWING) if all(name in row.metrics for row in every)]
-        figures += [(pareto(every, fronts(every, name)[-MOST_GROUPS:], axes, name), note) for name in names]
+        figures += [(draw.pareto(every, fronts(every, name)[-MOST_GROUPS:], axes, name), note) for name in names]
     elif beside:
         taken = {d.payload_kg: d.taken.values for d in _decisions(result) if d.taken is not None}
         names = [name for name in (judged.peak, judged.rms_error, SWING) if name in good[0].metrics]
@@ -400,10 +359,9 @@ def figures_of(result: Result) -> list[Noted]:
             "Each line is a family of references, slowed down by its limits; of each time its best limits. Filled: "
             "runs of the study; open: run beside it; star: taken."
         )
-        figures.append((curves_over_time(good, beside, names, taken), note))
-    if drawn:
-        figures += _scatter(good, drawn)
-    figures += [_over(result, good, axis) for axis in axes if changing(good, axis)]
+        figures.append((draw.curves_over_time(good, beside, names, taken), note))
+    figures += _scatter(good, drawn) if drawn else []
+    figures += [_over(result, good, axis) for axis in axes if draw.changing(good, axis)]
     if not axes and not drawn and len({row.payload_kg for row in good}) > 1:
         figures.append((peaks_figure(result), ""))
     return [*figures, *_curves(result)]
@@ -414,27 +372,25 @@ def _scatter(good: Sequence[Row], drawn: Sequence[str]) -> list[Noted]:
     for row in good:
         case = f"{row.payload_kg:g} kg, {row.reference}" if judged.payload else row.reference
         groups.setdefault(case, []).append(row)
-    ranked = [(name, rank_correlations(rows, drawn, judged.peak)) for name, rows in groups.items()]
+    ranked = [(name, conclude.rank_correlations(rows, drawn, judged.peak)) for name, rows in groups.items()]
     ranked = [group for group in ranked if group[1]][-MOST_GROUPS:]
     names = [m.name for m in shown_in(View.SPREAD, judged) if all(row.metrics.get(m.name) is not None for row in good)]
     note = "Above the histogram, below the share of runs at or below a value; ticks: 5, 50, 95 %."
-    figures: list[Noted] = [(spread(good, names), note)]
-    if ranked:
-        note = "Spearman's rank correlation of each drawn value with the metric: ±1 is a fixed order, 0 no relation."
-        figures.append((tornado(ranked, judged.peak), note))
-    return figures
+    figures: list[Noted] = [(draw.spread(good, names), note)]
+    note = "Spearman's rank correlation of each drawn value with the metric: ±1 is a fixed order, 0 no relation."
+    return [*figures, (draw.tornado(ranked, judged.peak), note)] if ranked else figures
 
 
-def _over(result: Result, good: Sequence[Row], axis: SweptAxis) -> Noted:
+def _over(result: StudyResult, good: Sequence[Row], axis: SweptAxis) -> Noted:
     machine = result.machine
-    figure = metrics_over_axis(good, axis, kind_of(machine).looped.nominal(machine), peak_limit(machine))
+    figure = draw.metrics_over_axis(good, axis, kind_of(machine).looped.nominal(machine), peak_limit(machine))
     several = len(good) > len({(row.payload_kg, row.reference, axis.at(row)) for row in good})
     note = "The line is the worst of the runs at a value, the band all of them." if several else ""
     together = f"{axis.words.capitalize()} are walked together. " if len(axis.columns) > 1 else ""
     return figure, f"{together}{note}".strip()
 
 
-def peaks_figure(result: Result) -> Figure:
+def peaks_figure(result: StudyResult) -> Figure:
     """The torque peak over payload, a line a reference, with what holds the load."""
     machine, good = result.machine, [row for row in result.rows if row.ok]
     loads = np.array(sorted({row.payload_kg for row in good}))
@@ -445,10 +401,11 @@ def peaks_figure(result: Result) -> Figure:
     kinds = dict.fromkeys(row.reference for row in good)
     peaks = {kind: np.array([peak.get((kind, load), np.nan) for load in loads]) for kind in kinds}
     static: Array = np.array([held[load] for load in loads])
-    return peak_torque_over_payload(loads, peaks, machine.motor.nominal_torque_nm, peak_limit(machine), static)
+    limits = machine.motor.nominal_torque_nm, peak_limit(machine)
+    return draw.peak_torque_over_payload(loads, peaks, *limits, static)
 
 
-def _curves(result: Result) -> list[Noted]:
+def _curves(result: StudyResult) -> list[Noted]:
     """Signals over time, and torque over speed, of a choice of runs that can be told apart."""
     runs, what = chosen_runs(result)
     if not runs:
@@ -462,47 +419,25 @@ def _curves(result: Result) -> list[Noted]:
     return [start, whole, (plane(runs, result.machine), f"{what} {within}".strip())]
 
 
-def runs_figure(result: Result) -> Figure:
+def runs_figure(result: StudyResult) -> Figure:
     """The runs over time."""
-    return _over_time(result, "Closed loop over time", whole=True)
+    return over_time(_runs(result), result.machine, "Closed loop over time")
 
 
-def start_figure(result: Result) -> Figure:
+def start_figure(result: StudyResult) -> Figure:
     """The start of the first move."""
-    return _over_time(result, "Start of the first move", whole=False)
+    runs = _runs(result)
+    return over_time(runs, result.machine, "Start of the first move", start_of_move(result), QUANTITIES[:3])
 
 
-def _over_time(result: Result, title: str, whole: bool) -> Figure:
+def _runs(result: StudyResult) -> list[tuple[str, Run]]:
     runs = chosen_runs(result)[0]
     if not runs:
         raise InputError("there is nothing to draw: it takes a run that ends and keeps its signals")
-    window_s = None if whole else start_of_move(result)
-    return over_time(runs, result.machine, title, window_s, QUANTITIES[: 4 if whole else 3])
+    return runs
 
 
-def over_time(
-    runs: Sequence[tuple[str, Run]],
-    machine: AnyKind,
-    title: str = "",
-    window_s: tuple[float, float] | None = None,
-    quantities: Sequence[str] = QUANTITIES,
-    height: int = 780,
-) -> Figure:
-    """Named runs over time, against the limits of a machine. quantities: of a hoist."""
-    kind, limit = kind_of(machine), peak_limit(machine)
-    if kind.looped.position_loop:
-        return axis_overview(runs, kind, limit, machine.drive.nominal, title, window_s, height)
-    return overview(runs, machine.motor.nominal_torque_nm, limit, title, window_s, quantities, height)
-
-
-def plane(runs: Sequence[tuple[str, Run]], machine: AnyKind, height: int = 560) -> Figure:
-    """Torque over speed of one motor of a hoist, in its envelopes."""
-    motor, drive = machine.motor, machine.drive
-    return torque_speed_plane(runs, motor.nominal_torque_nm, peak_limit(machine), motor.nominal_speed_rad_s,
-                              drive.field_weakening, height)  # fmt: skip
-
-
-def start_of_move(result: Result) -> tuple[float, float]:
+def start_of_move(result: StudyResult) -> tuple[float, float]:
     """From when to when (s) the first move gathers speed, and what rings after it."""
     loop = kind_of(result.machine).looped
     run = chosen_runs(result)[0][0][1]
@@ -517,7 +452,7 @@ def start_of_move(result: Result) -> tuple[float, float]:
     return start - 0.4, end + 1.5
 
 
-def chosen_runs(result: Result) -> tuple[list[tuple[str, Run]], str]:
+def chosen_runs(result: StudyResult) -> tuple[list[tuple[str, Run]], str]:
     """Some runs with their names, and what they have in common: without a sweep all that kept their signals."""
     kept = [row for row in result.rows if row.ok and row.run_id in result.runs]
     axes = swept_axes(result.rows)
@@ -536,7 +471,7 @@ def chosen_runs(result: Result) -> tuple[list[tuple[str, Run]], str]:
     return [(axis.say(axis.at(row)), result.runs[row.run_id]) for row in some], f"Runs with {said}."
 
 
-def save_study_page(result: Result, path: Path) -> None:
+def save_study_page(result: StudyResult, path: Path) -> None:
     """Write the report as one page that needs no network. The same result, the same bytes."""
     description = str(result.scenario.get("description") or "")
     section = Section(
@@ -548,7 +483,7 @@ def save_study_page(result: Result, path: Path) -> None:
     save_page([section], path, f"Study {result.name}", generator=MARK)
 
 
-def write_study_report(result: Finished, path: Path) -> None:
+def write_study_report(result: StudyResult, path: Path) -> None:
     """The page at a place of the user's; InputError where another file stands there, or it cannot be written."""
     if path.is_dir():
         raise InputError("is a folder, expected the name of an .html file", file=path)
@@ -556,14 +491,8 @@ def write_study_report(result: Finished, path: Path) -> None:
         with path.open(encoding="utf-8", errors="replace") as page:
             if f'content="{MARK}"' not in page.read(2000):
                 raise InputError("is there and is no report; nothing is overwritten, choose another file", file=path)
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        save_study_page(result, temporary)
-        temporary.replace(path)
-    except OSError as error:
-        raise InputError(f"the report cannot be written: {error.strerror or error}", file=path) from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path) as part:
+        save_study_page(result, part)
 
 
 def _columns(result: StudyResult) -> Mapping[str, Sequence[Any]]:

@@ -10,27 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.machines import Kind
+from workbench.machines import AnyKind, kind_of
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.conclude import Correlation
 from workbench.study.front import Front
 from workbench.study.labels import NO_CHANGE, SweptAxis, drawn_in, metric_label, run_in_words, set_in, shown
 from workbench.study.rows import Row, metrics_of
-from workbench.view.panels import Panels
-from workbench.view.style import (
-    BLACK,
-    BLUE,
-    GREY,
-    MARKERS,
-    PURPLE,
-    SPARE,
-    TEMPLATE,
-    VERMILLION,
-    faint,
-    label,
-    line,
-)
-from workbench.view.thin import MOST_POINTS
+from workbench.study.run import peak_limit
+from workbench.view import style
+from workbench.view.panels import MOST_POINTS, Panels
+from workbench.view.style import BLACK, GREY, MARKERS, SPARE, faint, label, line, look
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -38,18 +27,8 @@ if TYPE_CHECKING:
 MOST_COLUMNS = 3  # more leave no panel wide enough to read at 1280 px
 QUANTITIES = ("speed", "error", "torque", "tension")
 QUANTILES = (0.05, 0.5, 0.95)
-Signal = Callable[[Run], Array]
 # Title of a row, weight of its height, what is drawn in it, its unit, the set point drawn beside it.
-Drawn = tuple[str, float, Signal, str, str]
-_ROWS: dict[str, Drawn] = {
-    "speed": ("motor speed<br>(rad/s)", 1.0, lambda run: run["speed_motor_rad_s"], "rad/s", "speed_reference_rad_s"),
-    "error": (
-        "set point − speed<br>(rad/s)", 0.75, lambda run: run["speed_reference_rad_s"] - run["speed_motor_rad_s"],
-        "rad/s", "",
-    ),
-    "torque": ("torque per motor<br>(N m)", 1.25, lambda run: harder_worked_nm(run), "N m", ""),
-    "tension": ("wire tension<br>(kN)", 1.0, lambda run: run["tension_drum_n"] / 1000.0, "kN", ""),
-}  # fmt: skip
+Drawn = tuple[str, float, Callable[[Run], Array], str, str]
 _SETTING = "%{text}<br>%{x:.4~g}, %{y:.4~g}"
 Runs = Sequence[tuple[str, Run]]
 
@@ -62,65 +41,50 @@ def few(payloads: Sequence[float]) -> list[float]:
     return [loads[i] for i in np.linspace(0, len(loads) - 1, MOST_COLUMNS).round().astype(int)]
 
 
-def overview(
-    runs: Runs,
-    nominal_torque_nm: float,
-    torque_limit_nm: float,
-    title: str = "Closed loop",
-    window_s: tuple[float, float] | None = None,
-    quantities: Sequence[str] = QUANTITIES,
-    height: int = 780,
-) -> Figure:
-    """Speed and set point, tracking error, torque of the harder-worked motor, wire tension; a column a payload.
+def harder_worked_nm(run: Run) -> Array:
+    """The torque of whichever motor carries more at each time; half the sum where motors are not told apart."""
+    if "torque_motor1_nm" not in run or "torque_motor2_nm" not in run:
+        return run["torque_motor_nm"] / 2.0
+    one, two = run["torque_motor1_nm"], run["torque_motor2_nm"]
+    return np.where(np.abs(one) >= np.abs(two), one, two)
 
-    runs: (reference, run) with the closed loop's signals. nominal_torque_nm, torque_limit_nm: of one motor.
-    window_s: the stretch of time drawn; without it all. quantities: some of QUANTITIES.
+
+_HOIST: dict[str, Drawn] = {
+    "speed": ("motor speed<br>(rad/s)", 1.0, lambda run: run["speed_motor_rad_s"], "rad/s", "speed_reference_rad_s"),
+    "error": (
+        "set point − speed<br>(rad/s)", 0.75, lambda run: run["speed_reference_rad_s"] - run["speed_motor_rad_s"],
+        "rad/s", "",
+    ),
+    "torque": ("torque per motor<br>(N m)", 1.25, harder_worked_nm, "N m", ""),
+    "tension": ("wire tension<br>(kN)", 1.0, lambda run: run["tension_drum_n"] / 1000.0, "kN", ""),
+}  # fmt: skip
+
+
+def over_time(
+    runs: Runs, machine: AnyKind, title: str = "", window_s: tuple[float, float] | None = None,
+    quantities: Sequence[str] = QUANTITIES, height: int = 780,
+) -> Figure:  # fmt: skip
+    """Named runs of the closed loop over time, against the limits of a machine.
+
+    Hoist: speed and set point, tracking error, torque of the harder-worked motor, wire tension; a column a payload.
+    Axis: position and speed with their references, tracking error, force or torque. runs: (reference, run). window_s:
+    the stretch of time drawn; without it all. quantities: of a hoist, some of QUANTITIES.
     """
-    loads, every = few([run.payload_kg for _, run in runs]), len({run.payload_kg for _, run in runs})
-    if len(loads) < every:
-        title = f"{title} ({len(loads)} of {every} payloads)".strip()
-    panels = _over_time(title, [_ROWS[q] for q in quantities], runs, window_s, loads)
-    for _, run in runs if "tension" in quantities else ():
-        for start, end in slack_stretches(_within(run, window_s)) if run.payload_kg in loads else ():
-            row, column = quantities.index("tension"), loads.index(run.payload_kg)
-            panels.shade(row, column, start, end, PURPLE, edge=2.0, text="slack")
-    if "torque" in quantities:
-        for column in range(len(loads)):  # the lightest payload leaves the most room for the lines' names
-            _limits(panels, quantities.index("torque"), column, nominal_torque_nm, torque_limit_nm, "N m", column == 0)
-    return panels.figure(height)
-
-
-def axis_overview(
-    runs: Runs,
-    kind: Kind,
-    limit: float,
-    nominal: float | None,
-    title: str = "Closed loop",
-    window_s: tuple[float, float] | None = None,
-    height: int = 780,
-) -> Figure:
-    """Position and speed with their references, tracking error, and the drive's force or torque; a line a run.
-
-    limit, nominal: of the drive; inf and None where it states none.
-    """
+    kind = kind_of(machine)
     loop, unit, drive, rate = kind.looped, kind.moved.unit, kind.drive, kind.moved.speed_unit
-    x_ref, v_ref = loop.references
-    speed = "velocity" if unit == "m" else "speed"
-    rows: list[Drawn] = [
-        (f"position<br>({unit})", 1.0, lambda run: run[loop.position], unit, x_ref),
-        (f"tracking error<br>(m{unit})", 1.0, lambda run: 1000.0 * (run[x_ref] - run[loop.position]), f"m{unit}", ""),
-        (f"{speed}<br>({rate})", 1.0, lambda run: run[loop.speed], rate, v_ref),
-        (f"{drive.quantity}<br>({drive.unit})", 1.25, lambda run: run[kind.plant.input], drive.unit, ""),
-    ]
-    panels = _over_time(title, rows, runs, window_s)
-    _limits(panels, 3, 0, nominal, limit, drive.unit, True, both_ways=True)
-    return panels.figure(height)
-
-
-def _over_time(
-    title: str, rows: Sequence[Drawn], runs: Runs, window_s: tuple[float, float] | None, loads: Sequence[float] = ()
-) -> Panels:
-    """A line a run in each row; with loads a column for each."""
+    loads, nominal = [], kind.looped.nominal(machine)
+    rows = [_HOIST[quantity] for quantity in quantities]
+    if loop.position_loop:
+        x_ref, v_ref = loop.references
+        rows = [
+            (f"position<br>({unit})", 1.0, lambda run: run[loop.position], unit, x_ref),
+            (f"tracking error<br>(m{unit})", 1.0, lambda run: 1e3 * (run[x_ref] - run[loop.position]), f"m{unit}", ""),
+            (f"{'velocity' if unit == 'm' else 'speed'}<br>({rate})", 1.0, lambda run: run[loop.speed], rate, v_ref),
+            (f"{drive.quantity}<br>({drive.unit})", 1.25, lambda run: run[kind.plant.input], drive.unit, ""),
+        ]
+    else:
+        loads, every = few([run.payload_kg for _, run in runs]), len({run.payload_kg for _, run in runs})
+        title = f"{title} ({len(loads)} of {every} payloads)".strip() if len(loads) < every else title
     heads = [f"payload {p:g} kg" for p in loads] or [""]
     panels = Panels(title, [row[0] for row in rows], heads, row_weights=[row[1] for row in rows], one_cursor=True)
     numbers = {name: k for k, name in enumerate(dict.fromkeys(name for name, _ in runs))}
@@ -128,21 +92,27 @@ def _over_time(
         if loads and run.payload_kg not in loads:
             continue
         part, column = _within(run, window_s), loads.index(run.payload_kg) if loads else 0
-        for row, (_, _, signal, unit, asked) in enumerate(rows):
-            panels.line(row, column, part.time_s, signal(part), label(name), line(name, numbers[name]), unit)
+        for row, (_, _, signal, of, asked) in enumerate(rows):
+            panels.line(row, column, part.time_s, signal(part), label(name), line(name, numbers[name]), of)
             if asked:  # its legend entry comes last
-                look = line("set point", width=1.2)
-                panels.line(row, column, part.time_s, part[asked], "set points", look, unit, legendrank=2000)
-    return panels
+                set_point = line("set point", width=1.2)
+                panels.line(row, column, part.time_s, part[asked], "set points", set_point, of, legendrank=2000)
+        for start, end in slack_stretches(part) if loads and "tension" in quantities else ():
+            panels.shade(quantities.index("tension"), column, start, end, style.PURPLE, edge=2.0, text="slack")
+    if loop.position_loop or "torque" in quantities:
+        row = 3 if loop.position_loop else quantities.index("torque")
+        for column in range(len(heads)):  # the lightest payload leaves the most room for the lines' names
+            _limits(panels, row, column, nominal, peak_limit(machine), drive.unit, loop.position_loop)
+    return panels.figure(height)
 
 
 def _limits(
-    panels: Panels, row: int, column: int, nominal: float | None, limit: float, unit: str, named: bool,
-    both_ways: bool = False,
-) -> None:  # fmt: skip
+    panels: Panels, row: int, column: int, nominal: float | None, limit: float, unit: str, both_ways: bool = False
+) -> None:
+    """Nominal value and limit, where there is one, named in the first column."""
     for value, what, dash in ((nominal, "nominal", "dot"), (limit, "limit", "dash")):
         if value is not None and math.isfinite(value):
-            panels.level(row, column, value, f"{what} {value:.4g} {unit}" if named else "", dash)
+            panels.level(row, column, value, "" if column else f"{what} {value:.4g} {unit}", dash)
             if both_ways:
                 panels.level(row, column, -value, "", dash)
 
@@ -155,51 +125,33 @@ def _within(run: Run, window_s: tuple[float, float] | None) -> Run:
     return replace(run, time_s=run.time_s[inside], signals=signals)
 
 
-def harder_worked_nm(run: Run) -> Array:
-    """The torque of whichever motor carries more at each time; half the sum where motors are not told apart."""
-    if "torque_motor1_nm" not in run or "torque_motor2_nm" not in run:
-        return run["torque_motor_nm"] / 2.0
-    one, two = run["torque_motor1_nm"], run["torque_motor2_nm"]
-    return np.where(np.abs(one) >= np.abs(two), one, two)
-
-
 def slack_stretches(run: Run) -> list[tuple[float, float]]:
     """Start and end (s) of each stretch in which a wire carries nothing."""
     if "tension_min_n" not in run:
         return []
-    slack = np.concatenate(([False], run["tension_min_n"] <= 0.0, [False]))
-    starts, ends = np.flatnonzero(slack[1:] & ~slack[:-1]), np.flatnonzero(~slack[1:] & slack[:-1])
-    return [(float(run.time_s[a]), float(run.time_s[b - 1])) for a, b in zip(starts, ends, strict=True)]
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], run["tension_min_n"] <= 0.0, [False])).astype(int)))
+    return [(float(run.time_s[a]), float(run.time_s[b - 1])) for a, b in edges.reshape(-1, 2)]
 
 
 def peak_torque_over_payload(
-    payload_kg: Array,
-    peaks_nm: Mapping[str, Array],
-    nominal_torque_nm: float,
-    torque_limit_nm: float,
-    static_nm: Array | None = None,
-    height: int = 520,
-) -> Figure:
+    payload_kg: Array, peaks_nm: Mapping[str, Array], nominal_torque_nm: float, torque_limit_nm: float,
+    static_nm: Array | None = None, height: int = 520,
+) -> Figure:  # fmt: skip
     """The harder-worked motor's torque peak over payload, a line a reference.
 
-    payload_kg: (n,); peaks_nm: reference -> (n,), NaN where a run failed; static_nm: (n,) the torque
-    per motor that holds the load.
+    payload_kg: (n,) rising; peaks_nm: reference -> (n,), NaN where a run failed; static_nm: (n,) the torque per motor
+    that holds the load.
     """
     panels = Panels("Torque peak over payload", ["torque peak per motor (N m)"], x_title="payload (kg)")
-    order = np.argsort(payload_kg)
-    levels = [torque_limit_nm, nominal_torque_nm]
     for number, (kind, peak) in enumerate(peaks_nm.items()):
-        marker, y = _marker(number, 9), np.asarray(peak)[order]
-        look = line(kind, number, 2.2)
-        panels.line(0, 0, payload_kg[order], y, label(kind), look, "N m", mode="lines+markers", marker=marker)
-        levels += [float(value) for value in y]
+        more = {"mode": "lines+markers", "marker": _marker(number, 9)}
+        panels.line(0, 0, payload_kg, peak, label(kind), line(kind, number, 2.2), "N m", **more)
     if static_nm is not None:
         held = {"color": GREY, "dash": "2px,2px", "width": 1.5}
-        panels.line(0, 0, payload_kg[order], static_nm[order], "holding the load", held, "N m")
-    _limits(panels, 0, 0, nominal_torque_nm, torque_limit_nm, "N m", True)
-    figure = panels.figure(height, y_ranges={0: (0.0, 1.08 * max(x for x in levels if np.isfinite(x)))})
-    figure.update_layout(hovermode="x unified")
-    return figure
+        panels.line(0, 0, payload_kg, static_nm, "holding the load", held, "N m")
+    _limits(panels, 0, 0, nominal_torque_nm, torque_limit_nm, "N m")
+    highest = np.nanmax([torque_limit_nm, nominal_torque_nm, *np.concatenate(list(peaks_nm.values()))])
+    return panels.figure(height, y_ranges={0: (0.0, 1.08 * float(highest))}).update_layout(hovermode="x unified")
 
 
 def envelope_nm(speed_rad_s: Array, torque_nm: float, nominal_speed_rad_s: float, field_weakening: bool) -> Array:
@@ -209,37 +161,30 @@ def envelope_nm(speed_rad_s: Array, torque_nm: float, nominal_speed_rad_s: float
     return torque_nm * np.minimum(1.0, nominal_speed_rad_s / np.maximum(np.abs(speed_rad_s), 1e-9))
 
 
-def torque_speed_plane(
-    runs: Runs,
-    nominal_torque_nm: float,
-    torque_limit_nm: float,
-    nominal_speed_rad_s: float,
-    field_weakening: bool = True,
-    height: int = 560,
-) -> Figure:
+def plane(runs: Runs, machine: AnyKind, height: int = 560) -> Figure:
     """The harder-worked motor's path in the torque-speed plane; continuous and peak envelope; a column a payload."""
-    loads = few([run.payload_kg for _, run in runs])
+    loads, motor = few([run.payload_kg for _, run in runs]), machine.motor
     panels = Panels(
         "Torque and speed of one motor, in what the drive can give", ["torque per motor (N m)"],
         [f"payload {p:g} kg" for p in loads], x_title="motor speed (rad/s)",
     )  # fmt: skip
-    fastest = max([nominal_speed_rad_s * 1.15, *(float(np.abs(run["speed_motor_rad_s"]).max()) for _, run in runs)])
+    top = motor.nominal_speed_rad_s
+    fastest = max([top * 1.15, *(float(np.abs(run["speed_motor_rad_s"]).max()) for _, run in runs)])
     speed = np.linspace(-fastest, fastest, 241)
+    envelopes = ((motor.nominal_torque_nm, "continuous", "2px,2px"), (peak_limit(machine), "peak", "6px,3px"))
     for column in range(len(loads)):
-        for torque, name, dash in ((nominal_torque_nm, "continuous", "2px,2px"), (torque_limit_nm, "peak", "6px,3px")):
-            edge = envelope_nm(speed, torque, nominal_speed_rad_s, field_weakening)
+        for torque, name, dash in envelopes:
+            edge = envelope_nm(speed, torque, top, machine.drive.field_weakening)
             closed = np.concatenate([speed, speed[::-1], speed[:1]]), np.concatenate([edge, -edge[::-1], edge[:1]])
-            look = {"color": GREY, "dash": dash, "width": 1.6, "simplify": False}
-            panels.line(0, column, *closed, f"{name} {torque:.4g} N m", look, hoverinfo="skip", hovertemplate=None)
+            grey = look(GREY, dash, 1.6)
+            panels.line(0, column, *closed, f"{name} {torque:.4g} N m", grey, hoverinfo="skip", hovertemplate=None)
     numbers = {kind: k for k, kind in enumerate(dict.fromkeys(kind for kind, _ in runs))}
     for kind, run in sorted(runs, key=lambda one: numbers[one[0]]):
         if run.payload_kg in loads:
             x, y = _fewer(run["speed_motor_rad_s"], harder_worked_nm(run))
-            look, hover = line(kind, numbers[kind], 1.4), "%{x:.4~g} rad/s, %{y:.4~g} N m"
-            panels.line(0, loads.index(run.payload_kg), x, y, label(kind), look, hovertemplate=hover)
-    figure = panels.figure(height)
-    figure.update_layout(hovermode="closest")
-    return figure
+            own, hover = line(kind, numbers[kind], 1.4), "%{x:.4~g} rad/s, %{y:.4~g} N m"
+            panels.line(0, loads.index(run.payload_kg), x, y, label(kind), own, hovertemplate=hover)
+    return panels.figure(height).update_layout(hovermode="closest")
 
 
 def _fewer(x: Array, y: Array, most: int = 1400) -> tuple[Array, Array]:
@@ -254,8 +199,9 @@ def _fewer(x: Array, y: Array, most: int = 1400) -> tuple[Array, Array]:
 
 
 def metrics_over_axis(
-    rows: Sequence[Row], axis: SweptAxis, nominal_torque_nm: float | None, torque_limit_nm: float, height: int = 900
-) -> Figure:
+    rows: Sequence[Row], axis: SweptAxis, nominal_torque_nm: float | None, torque_limit_nm: float,
+    height: int | None = None,
+) -> Figure:  # fmt: skip
     """The metrics that change along an axis, a panel each; a column a payload, a line a reference.
 
     Where other fields are swept too, the line is the worst of their runs and a band shows all. torque limits: of
@@ -264,61 +210,50 @@ def metrics_over_axis(
     good = [row for row in rows if row.ok]
     judged, loads = metrics_of(good), few([row.payload_kg for row in good])
     metrics = changing(good, axis) or list(shown_in(View.SWEEP, judged)[:1])
-    panels = Panels(
-        f"Over {axis.words}",
-        [drawn_in(metric.name)[0].axis.replace(" (", "<br>(") for metric in metrics],
-        [f"payload {p:g} kg" if judged.payload else "" for p in loads],
-        x_title=axis.label,
-    )
-    x = np.array([point[0] for point in axis.points], dtype=float) if axis.numeric else np.arange(len(axis.points))
+    heads = [f"payload {p:g} kg" if judged.payload else "" for p in loads]
+    titles = [drawn_in(metric.name)[0].axis.replace(" (", "<br>(") for metric in metrics]
+    panels = Panels(f"Over {axis.words}", titles, heads, x_title=axis.label)
+    x = np.array([point[0] if axis.numeric else k for k, point in enumerate(axis.points)], dtype=float)
     for number, kind in enumerate(dict.fromkeys(row.reference for row in good)):
-        look = line(kind, number)
+        own = line(kind, number)
         for column, payload in enumerate(loads):
-            here = [row for row in good if row.reference == kind and row.payload_kg == payload]
-            by_point = axis.grouped(here)
+            by_point = axis.grouped([row for row in good if (row.reference, row.payload_kg) == (kind, payload)])
             for level, metric in enumerate(metrics):
                 groups = [[metric.scale * row[metric.name] for row in by_point.get(p, ())] for p in axis.points]
                 low, high = (np.array([f(g) if g else np.nan for g in groups]) for f in (min, max))
                 worst, other = (low, high) if metric.better == "higher" else (high, low)
                 if max(map(len, groups), default=0) > 1:
-                    band = np.concatenate([x, x[::-1]]), np.concatenate([worst, other[::-1]])
-                    known = np.isfinite(band[1])
+                    band = np.concatenate([worst, other[::-1]])
+                    known = np.isfinite(band)
                     panels.line(
-                        level, column, band[0][known], band[1][known], f"{label(kind)}: all", {"width": 0},
-                        fill="toself", fillcolor=look["color"], opacity=0.18, hoverinfo="skip", hovertemplate=None,
-                        showlegend=False,
+                        level, column, np.concatenate([x, x[::-1]])[known], band[known], f"{label(kind)}: all",
+                        {"width": 0}, fill="toself", fillcolor=own["color"], opacity=0.18, hoverinfo="skip",
+                        hovertemplate=None, showlegend=False,
                     )  # fmt: skip
-                panels.line(
-                    level, column, x.astype(float), worst, label(kind), look, metric.shown_unit,
-                    mode="lines+markers", marker=_marker(number, 7),
-                )  # fmt: skip
-    names = [metric.name for metric in metrics]
-    if judged.peak in names:  # its panel has the limits in it
-        for column in range(len(loads)):
-            _limits(panels, names.index(judged.peak), column, nominal_torque_nm, torque_limit_nm, judged.rate_unit,
-                    column == 0)  # fmt: skip
-    figure = panels.figure(max(260 + 150 * len(metrics), 420) if height == 900 else height)
+                more = {"mode": "lines+markers", "marker": _marker(number, 7)}
+                panels.line(level, column, x, worst, label(kind), own, metric.shown_unit, **more)
+    for level, metric in enumerate(metrics):
+        for column in range(len(loads)) if metric.name == judged.peak else ():  # its panel has the limits in it
+            _limits(panels, level, column, nominal_torque_nm, torque_limit_nm, judged.rate_unit)
+    figure = panels.figure(height or max(260 + 150 * len(metrics), 420))
     if not axis.numeric:
-        words = [shown(point[0]) for point in axis.points]
-        figure.update_xaxes(tickmode="array", tickvals=list(range(len(words))), ticktext=words)
+        figure.update_xaxes(tickmode="array", tickvals=list(x), ticktext=[shown(point[0]) for point in axis.points])
     elif _even_in_ratio(x):
         figure.update_xaxes(type="log", tickmode="array", tickvals=list(x), ticktext=[f"{v:.3g}" for v in x])
-    figure.update_yaxes(zeroline=False)
-    return figure
+    return figure.update_yaxes(zeroline=False)
 
 
 def changing(rows: Sequence[Row], axis: SweptAxis) -> list[Metric]:
     """The metrics whose worst value at a point of the axis is not the same along it."""
-    groups: dict[tuple[float, str], dict[Any, list[Row]]] = {}
+    cases: dict[tuple[float, str], list[Row]] = {}
     for row in rows:
-        groups.setdefault((row.payload_kg, row.reference), {}).setdefault(axis.at(row), []).append(row)
+        cases.setdefault((row.payload_kg, row.reference), []).append(row)
+    groups = [axis.grouped(case).values() for case in cases.values()]
 
     def changes(metric: Metric) -> bool:
         if any(row.metrics.get(metric.name) is None for row in rows):
             return False
-        courses = [
-            [metric.worst([row[metric.name] for row in own]) for own in case.values()] for case in groups.values()
-        ]
+        courses = [[metric.worst([row[metric.name] for row in own]) for own in case] for case in groups]
         return any(max(course) - min(course) > NO_CHANGE * max(map(abs, course)) for course in courses)
 
     return [metric for metric in shown_in(View.SWEEP, metrics_of(rows)) if changes(metric)]
@@ -337,59 +272,43 @@ def _marker(number: int, size: int) -> dict[str, Any]:
 
 
 def pareto(
-    rows: Sequence[Row],
-    fronts: Sequence[Front],
-    axes: Sequence[SweptAxis],
-    second: str,
-    first: str = "move_time_s",
-    height: int = 560,
-    chosen: Sequence[Row] = (),
-) -> Figure:
+    rows: Sequence[Row], fronts: Sequence[Front], axes: Sequence[SweptAxis], second: str, first: str = "move_time_s",
+    height: int = 560, chosen: Sequence[Row] = (),
+) -> Figure:  # fmt: skip
     """Two costs of all good runs, a panel a payload; the front as steps, the knee with its settings.
 
     chosen: runs that are pointed out, such as those of the settings at hand.
     """
-    costs, payloads = (first, second), [front.payload_kg for front in fronts]
     across, up = drawn_in(first)[0], drawn_in(second)[0]
-    titles = [f"payload {p:g} kg" for p in payloads] if len(payloads) > 1 else [""]
-    panels = Panels(
-        f"{across.words.capitalize()} against {up.words}", [up.axis], titles, x_title=across.axis,
-    )  # fmt: skip
+    titles = [f"payload {front.payload_kg:g} kg" for front in fronts] if len(fronts) > 1 else [""]
+    panels = Panels(f"{across.words.capitalize()} against {up.words}", [up.axis], titles, x_title=across.axis)
+
+    def points(column: int, some: Sequence[Row], name: str, own: dict[str, Any], mode: str, **marker: Any) -> None:
+        if some:
+            more: dict[str, Any] = {"text": [run_in_words(row, axes) for row in some], "hovertemplate": _SETTING}
+            panels.line(0, column, _costs(some, first), _costs(some, second), name, own, mode=mode, marker=marker,
+                        **more)  # fmt: skip
+
     good = [row for row in rows if row.ok]
     for number, kind in enumerate(dict.fromkeys(row.reference for row in rows)):
-        marker = {**_marker(number, 6), "color": line(kind, number)["color"], "opacity": 0.55}
-        for column, payload in enumerate(payloads):
-            here = [row for row in good if row.reference == kind and row.payload_kg == payload]
-            some = (
-                here[:: -(-len(here) // MOST_POINTS)] if here else []
-            )  # a cloud's shape; the front has all of its own
-            _points(panels, column, some, costs, label(kind), {}, axes, mode="markers", marker=marker)
+        for column, front in enumerate(fronts):
+            here = [row for row in good if row.reference == kind and row.payload_kg == front.payload_kg]
+            some = here[:: max(-(-len(here) // MOST_POINTS), 1)]  # a cloud's shape; the front has all of its own
+            dots = {**_marker(number, 6), "color": line(kind, number)["color"], "opacity": 0.55}
+            points(column, some, label(kind), {}, "markers", **dots)
     for column, front in enumerate(fronts):
-        steps = {"color": BLACK, "width": 1.6, "shape": "hv", "simplify": False}
-        ring = {"size": 9, "symbol": "circle-open", "color": BLACK}
-        _points(
-            panels, column, front.rows, costs, "front: beaten by no run", steps, axes, mode="lines+markers", marker=ring
-        )
+        steps, ring = look(BLACK, width=1.6) | {"shape": "hv"}, {"size": 9, "symbol": "circle-open", "color": BLACK}
+        points(column, front.rows, "front: beaten by no run", steps, "lines+markers", **ring)
         if front.knee is not None:
-            _knee(panels, column, front.knee, costs)
+            _knee(panels, column, front.knee, (first, second))
         for number, row in enumerate(row for row in chosen if row.ok and row.payload_kg == front.payload_kg):
-            star = {"symbol": "star", "size": 15, "color": line(row.reference, number)["color"]}
-            star["line"] = {"color": BLACK, "width": 1.2}
-            _points(panels, column, [row], costs, f"chosen: {label(row.reference)}", {}, axes, mode="markers",
-                    marker=star)  # fmt: skip
-    figure = panels.figure(height)
-    figure.update_layout(hovermode="closest")
-    return figure
+            star = _star(line(row.reference, number)["color"], 15, 1.2)
+            points(column, [row], f"chosen: {label(row.reference)}", {}, "markers", **star)
+    return panels.figure(height).update_layout(hovermode="closest")
 
 
-def _points(
-    panels: Panels, column: int, rows: Sequence[Row], costs: tuple[str, str], name: str, look: dict[str, Any],
-    axes: Sequence[SweptAxis], **more: Any,
-) -> None:  # fmt: skip
-    if rows:
-        x, y = (_costs(rows, of) for of in costs)
-        text = [run_in_words(row, axes) for row in rows]
-        panels.line(0, column, x, y, name, look, text=text, hovertemplate=_SETTING, **more)
+def _star(colour: str, size: int, width: float) -> dict[str, Any]:
+    return {"symbol": "star", "size": size, "color": colour, "line": {"color": BLACK, "width": width}}
 
 
 def _knee(panels: Panels, column: int, knee: Row, costs: tuple[str, str]) -> None:
@@ -397,62 +316,53 @@ def _knee(panels: Panels, column: int, knee: Row, costs: tuple[str, str]) -> Non
     ring = {"symbol": "circle-open", "size": 17, "color": SPARE[0][0], "line": {"width": 3}}
     panels.line(0, column, x, y, "knee", {}, mode="markers", marker=ring, hoverinfo="skip", hovertemplate=None)
     said = f"<b>knee</b>: {label(knee.reference)}<br>{set_in(knee).replace(', ', '<br>')}"
-    panels.note(0, column, float(x[0]), float(y[0]), said, SPARE[0][0])
+    panels.note(0, column, float(x[0]), float(y[0]), said, arrowcolor=SPARE[0][0])
 
 
 def _costs(rows: Sequence[Row], name: str) -> Array:
     return drawn_in(name)[1] * np.array([row[name] for row in rows])
 
 
-Taken = Mapping[float, Mapping[str, float]]
-
-
 def curves_over_time(
-    good: Sequence[Row], beside: Sequence[Row], names: Sequence[str], taken: Taken, height: int = 760
-) -> Figure:
+    good: Sequence[Row], beside: Sequence[Row], names: Sequence[str], taken: Mapping[float, Mapping[str, float]],
+    height: int = 760,
+) -> Figure:  # fmt: skip
     """Metrics over move time, a row a metric and a column a payload: each family's best limits at each time.
 
     taken: payload -> the metrics of what is recommended there, a star.
     """
-    payloads = sorted({row.payload_kg for row in beside})
-    labels = [drawn_in(name)[0] for name in names]
-    panels = Panels(
-        "What more time buys",
-        [f"{one.words}<br>({one.unit})" for one in labels],
-        [f"payload {payload:g} kg" for payload in payloads] if len(payloads) > 1 else [""],
-        x_title=drawn_in("move_time_s")[0].axis,
-    )
-    every = [*good, *beside]
+    payloads, every = sorted({row.payload_kg for row in beside}), [*good, *beside]
+    titles = [f"{one.words}<br>({one.unit})" for one, *_ in map(drawn_in, names)]
+    heads = [f"payload {payload:g} kg" for payload in payloads] if len(payloads) > 1 else [""]
+    panels = Panels("What more time buys", titles, heads, x_title=drawn_in("move_time_s")[0].axis)
     for number, kind in enumerate(dict.fromkeys(row.reference for row in every)):
-        look, symbol = line(kind, number), MARKERS[number % len(MARKERS)]
+        own, symbol = line(kind, number), MARKERS[number % len(MARKERS)]
         for column, payload in enumerate(payloads):
             here = [row for row in every if row.ok and row.reference == kind and row.payload_kg == payload]
             for at, name in enumerate(names if here else ()):
                 best = best_at_each_time(here, name)
                 symbols = [symbol if row in good else f"{symbol}-open" for row in best]
                 panels.line(
-                    at, column, _costs(best, "move_time_s"), _costs(best, name), label(kind), look,
-                    mode="lines+markers", marker={"symbol": symbols, "size": 8, "color": look["color"]},
+                    at, column, _costs(best, "move_time_s"), _costs(best, name), label(kind), own,
+                    mode="lines+markers", marker={"symbol": symbols, "size": 8, "color": own["color"]},
                     text=[f"{run_in_words(row, [])}<br>{set_in(row)}" for row in best], hovertemplate=_SETTING,
                 )  # fmt: skip
-    star = {"symbol": "star", "size": 13, "color": SPARE[0][0], "line": {"color": BLACK, "width": 1.0}}
     for column, payload in enumerate(payloads):
         for at, name in enumerate(names) if payload in taken else ():
             x, y = (drawn_in(of)[1] * np.array([taken[payload][of]]) for of in ("move_time_s", name))
-            hover = "taken<br>%{x:.4~g}, %{y:.4~g}"
-            panels.line(at, column, x, y, "taken", {}, mode="markers", marker=star, hovertemplate=hover)
-    figure = panels.figure(height)
-    figure.update_layout(hovermode="closest")
-    return figure
+            more: dict[str, Any] = {
+                "marker": _star(SPARE[0][0], 13, 1.0),
+                "hovertemplate": "taken<br>%{x:.4~g}, %{y:.4~g}",
+            }
+            panels.line(at, column, x, y, "taken", {}, mode="markers", **more)
+    return panels.figure(height).update_layout(hovermode="closest")
 
 
 def best_at_each_time(rows: Sequence[Row], name: str) -> list[Row]:
     """By rising time the run with the least of a metric at each."""
     best: dict[float, Row] = {}
-    for row in rows:
-        time = round(row["move_time_s"], 2)
-        if time not in best or row[name] < best[time][name]:
-            best[time] = row
+    for row in sorted(rows, key=lambda row: row[name]):
+        best.setdefault(round(row["move_time_s"], 2), row)
     return [best[time] for time in sorted(best)]
 
 
@@ -460,32 +370,24 @@ def spread(rows: Sequence[Row], metrics: Sequence[str], height: int = 520) -> Fi
     """Histogram and empirical distribution of each metric, a column a metric; 5 %, 50 % and 95 % are marked."""
     good = [row for row in rows if row.ok]
     cases = list(dict.fromkeys((row.payload_kg, row.reference) for row in good))
-    panels = Panels(
-        "Spread of the results",
-        ["share of runs<br>(%)", "share of runs<br>at or below (%)"],
-        [drawn_in(name)[0].axis for name in metrics],
-        x_title="",
-        row_weights=(1.0, 1.2),
-    )
     many = len({payload for payload, _ in cases}) > 1
+    titles = ["share of runs<br>(%)", "share of runs<br>at or below (%)"]
+    panels = Panels("Spread of the results", titles, [drawn_in(name)[0].axis for name in metrics], "", (1.0, 1.2))
     for column, name in enumerate(metrics):
         everything = _costs(good, name)
         edges = np.histogram_bin_edges(everything, bins=min(40, max(8, round(2 * len(everything) ** (1 / 3)))))
         for number, (payload, kind) in enumerate(cases):
-            case = [row for row in good if (row.payload_kg, row.reference) == (payload, kind)]
-            values = np.sort(_costs(case, name))
-            title = f"{label(kind)}, {payload:g} kg" if many else label(kind)
-            look = line(kind, number)
-            counts, _ = np.histogram(values, edges)
+            values = np.sort(_costs([row for row in good if (row.payload_kg, row.reference) == (payload, kind)], name))
+            title, own = f"{label(kind)}, {payload:g} kg" if many else label(kind), line(kind, number)
+            counts = 100.0 * np.histogram(values, edges)[0] / len(values)
             # Outlined steps: two cases that overlap stay apart, in black and white too.
-            x, y = np.repeat(edges, 2), np.concatenate([[0.0], np.repeat(100.0 * counts / len(values), 2), [0.0]])
-            panels.line(0, column, x, y, title, look, "%", fill="tozeroy", fillcolor=faint(look["color"]))
-            share = 100.0 * (np.arange(len(values)) + 1.0) / len(values)
-            panels.line(1, column, values, share, title, look | {"shape": "hv"}, "%")
-            at = np.quantile(values, QUANTILES)
+            x, y = np.repeat(edges, 2), np.concatenate([[0.0], np.repeat(counts, 2), [0.0]])
+            panels.line(0, column, x, y, title, own, "%", fill="tozeroy", fillcolor=faint(own["color"]))
+            share, at = 100.0 * (np.arange(len(values)) + 1.0) / len(values), np.quantile(values, QUANTILES)
+            panels.line(1, column, values, share, title, own | {"shape": "hv"}, "%")
             panels.line(
                 1, column, at, 100.0 * np.array(QUANTILES), title, {}, mode="markers+text",
-                marker={"size": 9, "symbol": "line-ns-open", "color": look["color"], "line": {"width": 3}},
+                marker={"size": 9, "symbol": "line-ns-open", "color": own["color"], "line": {"width": 3}},
                 text=[f"{value:.4g}" for value in at], textposition="middle right", textfont={"size": 11},
                 cliponaxis=False, showlegend=False, hovertemplate="%{y:.0f} %: %{x:.4~g}",
             )  # fmt: skip
@@ -493,37 +395,30 @@ def spread(rows: Sequence[Row], metrics: Sequence[str], height: int = 520) -> Fi
     for number in range(2 * len(metrics)):  # each metric has an axis of its own; the panels of one share it
         column = number % len(metrics)
         figure.layout[f"xaxis{number + 1 if number else ''}"].matches = f"x{column + 1}" if column else "x"
-    figure.update_layout(hovermode="closest")
-    return figure
+    return figure.update_layout(hovermode="closest")
 
 
 def tornado(groups: Sequence[tuple[str, Sequence[Correlation]]], metric: str, height: int | None = None) -> Figure:
     """Rank correlation of each drawn field with a metric, a column a group, the strongest on top."""
     from plotly.subplots import make_subplots
 
-    strongest: dict[str, float] = {}
-    for correlation in (one for _, ranked in groups for one in ranked):
-        words = correlation.label.words
-        strongest[words] = max(strongest.get(words, 0.0), abs(correlation.value))
-    order = sorted(strongest, key=lambda words: strongest[words])
-    titles = [f"<b>{name}</b>" for name, _ in groups]
+    values = [{one.label.words: one.value for one in ranked} for _, ranked in groups]
+    fields = dict.fromkeys(field for value in values for field in value)
+    order = sorted(fields, key=lambda field: max(abs(value.get(field, 0.0)) for value in values))
     figure: Figure = make_subplots(
-        1, len(groups), shared_yaxes=True, subplot_titles=titles, horizontal_spacing=0.04,
-        x_title="rank correlation (–)",
+        1, len(groups), shared_yaxes=True, subplot_titles=[f"<b>{name}</b>" for name, _ in groups],
+        horizontal_spacing=0.04, x_title="rank correlation (–)",
     )  # fmt: skip
-    for column, (name, ranked) in enumerate(groups, 1):
-        value = {correlation.label.words: correlation.value for correlation in ranked}
-        bars = [value.get(words, 0.0) for words in order]
+    for column, ((name, _), value) in enumerate(zip(groups, values, strict=True), 1):
+        bars = [value.get(field, 0.0) for field in order]
         figure.add_bar(
             x=bars, y=order, name=name, orientation="h", text=[f"{bar:+.2f}" for bar in bars], textposition="outside",
             cliponaxis=False, hovertemplate="%{y}: %{x:+.2f}<extra></extra>",
-            marker_color=[BLUE if bar >= 0.0 else VERMILLION for bar in bars], row=1, col=column,
+            marker_color=[style.BLUE if bar >= 0.0 else style.VERMILLION for bar in bars], row=1, col=column,
         )  # fmt: skip
-    figure.update_xaxes(range=[-1.15, 1.15])
-    figure.update_yaxes(zeroline=False)
-    title = {"text": f"What the {metric_label(metric).words} depends on"}
-    figure.update_layout(
-        template=TEMPLATE, height=height or 190 + 30 * len(order), title=title, showlegend=False, bargap=0.35,
+    figure.update_xaxes(range=[-1.15, 1.15]).update_yaxes(zeroline=False)
+    return figure.update_layout(
+        template=style.TEMPLATE, height=height or 190 + 30 * len(order), showlegend=False, bargap=0.35,
         hovermode="closest",
+        title={"text": f"What the {metric_label(metric).words} depends on"},
     )  # fmt: skip
-    return figure

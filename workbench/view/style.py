@@ -29,10 +29,15 @@ LINES: dict[str, tuple[str, str]] = {
     "motor 1": (SKY, "solid"),
     "motor 2": (PURPLE, "4px,2px"),
 }
+
+
+def look(colour: str, dash: str = "solid", width: float = 1.8) -> dict[str, Any]:
+    """A line of Plotly's, with every point that it is given."""
+    return {"color": colour, "dash": dash, "width": width, "simplify": False}
+
+
 # A comparison before and after; the noise floor is a grey dashed line.
-MEASURED: dict[str, Any] = {"color": BLACK, "dash": "solid", "width": 2.6, "simplify": False}
-LINE_BEFORE: dict[str, Any] = {"color": BEFORE, "dash": "solid", "width": 1.2, "simplify": False}
-LINE_AFTER: dict[str, Any] = {"color": AFTER, "dash": "solid", "width": 1.2, "simplify": False}
+MEASURED, LINE_BEFORE, LINE_AFTER = look(BLACK, width=2.6), look(BEFORE, width=1.2), look(AFTER, width=1.2)
 NOISE_DASH = "5px,4px"
 NOISE: dict[str, Any] = {"color": GREY, "width": 1.4, "dash": NOISE_DASH}
 # For what has no colour of its own, in this order.
@@ -50,11 +55,8 @@ MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
 def line(name: str, number: int = 0, width: float = 1.8) -> dict[str, Any]:
     """The line of a name, such as a kind of reference; `number` chooses a spare one for a name without its own."""
     kind = by_name().get(name)
-    if kind is not None and kind.colour:
-        colour, dash = kind.colour, kind.dash
-    else:
-        colour, dash = LINES.get(name, SPARE[number % len(SPARE)])
-    return {"color": colour, "dash": dash, "width": width, "simplify": False}
+    own = (kind.colour, kind.dash) if kind is not None and kind.colour else None
+    return look(*(own or LINES.get(name, SPARE[number % len(SPARE)])), width)
 
 
 def label(name: str) -> str:
@@ -70,50 +72,34 @@ def faint(colour: str, opacity: float = 0.15) -> str:
 
 
 AXIS: dict[str, Any] = {
-    "showline": True,
-    "linecolor": GREY,
-    "linewidth": 1,
-    "ticks": "outside",
-    "tickcolor": GREY,
-    "ticklen": 4,
-    "gridcolor": FAINT,
-    "zeroline": True,
-    "zerolinecolor": "#BDBDBD",
-    "zerolinewidth": 1,
-    "title": {"font": {"size": 13}, "standoff": 6},
-    "tickfont": {"size": 12},
-    "automargin": True,
+    "showline": True, "linecolor": GREY, "linewidth": 1, "ticks": "outside", "tickcolor": GREY, "ticklen": 4,
+    "gridcolor": FAINT, "zeroline": True, "zerolinecolor": "#BDBDBD", "zerolinewidth": 1, "tickfont": {"size": 12},
+    "title": {"font": {"size": 13}, "standoff": 6}, "automargin": True,
     "minexponent": 6,  # 10000 kg, not 10k
-}
-
+}  # fmt: skip
 TEMPLATE: dict[str, Any] = {
     "layout": {
         "font": {"family": "DejaVu Sans, Segoe UI, Arial, sans-serif", "size": 13, "color": "#222222"},
-        "paper_bgcolor": "white",
-        "plot_bgcolor": "white",
-        "title": {"x": 0.0, "xref": "container", "xanchor": "left", "pad": {"l": 16}, "font": {"size": 17}},
+        "paper_bgcolor": "white", "plot_bgcolor": "white", "hovermode": "x",
         "margin": {"l": 84, "r": 28, "t": 84, "b": 52},
-        "hovermode": "x",
+        "title": {"x": 0.0, "xref": "container", "xanchor": "left", "pad": {"l": 16}, "font": {"size": 17}},
         "separators": ".\u2009",  # 10 000, with a thin space
         "hoverlabel": {"font": {"size": 12}, "namelength": -1},
-        "legend": {
-            "orientation": "h",
-            "x": 0.0,
-            "xanchor": "left",
-            "y": 1.0,
-            "yanchor": "bottom",
-            "yref": "container",
-            "font": {"size": 13},
-        },
-        "xaxis": AXIS,
-        "yaxis": AXIS,
+        "legend": {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "yref": "container",
+                   "font": {"size": 13}},
+        "xaxis": AXIS, "yaxis": AXIS,
     }
-}
+}  # fmt: skip
 
 
 def heading(text: str, height: int) -> dict[str, Any]:
     """A figure's title, in the same place whatever its height."""
     return {"text": text, "y": 1.0 - 22.0 / height, "yanchor": "middle"}
+
+
+def legend(height: int, down: float = 68.0) -> dict[str, Any]:
+    """A legend's place, so many px below a figure's upper edge."""
+    return {"y": 1.0 - down / height, "traceorder": "normal"}
 
 
 def figure(title: str, height: int, data: list[dict[str, Any]], **layout: Any) -> Figure:
@@ -126,19 +112,11 @@ def figure(title: str, height: int, data: list[dict[str, Any]], **layout: Any) -
 
 # The same figure on a dark ground: grounds, inks and greys change, the colours of the palette stay.
 GROUND, INK, LESS, GRID, ZERO = "#0E1117", "#E8E8E8", "#A8A8A8", "#2B303B", "#4A5060"
-_LIGHT_TO_DARK = {
-    BLACK: INK,
-    "black": INK,
-    "#222222": INK,
-    "white": GROUND,
-    "#ffffff": GROUND,
-    GREY: LESS,
-    FAINT: GRID,
-    "#BDBDBD": ZERO,
-    "#F8E6C0": "#4A3A1C",  # half-way in the scale of angles
-}
+_DARK = {
+    BLACK: INK, "black": INK, "#222222": INK, "white": GROUND, "#ffffff": GROUND, GREY.lower(): LESS,
+    FAINT.lower(): GRID, "#bdbdbd": ZERO, "#f8e6c0": "#4A3A1C",  # half-way in the scale of angles
+}  # fmt: skip
 _GLASS, _DARK_GLASS = "rgba(255,255,255,", "rgba(14,17,23,"  # behind words that stand on lines
-_DARK = {light.lower(): dark for light, dark in _LIGHT_TO_DARK.items()}
 
 
 def on_dark(colour: str) -> str:
@@ -151,10 +129,8 @@ def _turned(value: Any) -> Any:
         return _DARK.get(value.lower(), value.replace(_GLASS, _DARK_GLASS))
     if isinstance(value, dict):
         return {key: _turned(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        if len(value) == 2 and isinstance(value[1], str):  # a stop of a colour scale
-            return [_turned(part) for part in value]
-        return [_turned(part) for part in value] if value and not isinstance(value[0], int | float) else value
+    if isinstance(value, list | tuple) and any(isinstance(part, str | dict | list | tuple) for part in value):
+        return [_turned(part) for part in value]  # words, shapes, or the stops of a colour scale
     return value
 
 

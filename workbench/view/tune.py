@@ -16,6 +16,7 @@ from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
+from workbench.core.whole_folder import whole_file
 from workbench.core.yaml_strict import dumps
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.study.loop_design import DesignCase, Tuning
@@ -28,26 +29,26 @@ COLUMNS = (
     words("what"), Column("kp"), Column("ki"), Column("weight"), Column("tracking", "%"), Column("peak", "%"),
     Column("effort", "%"), Column("Ms"), Column("band", "Hz"), Column("cost"),
 )  # fmt: skip
-HOIST_CAPTION = (
-    "kp in N m s/rad, ki in N m/rad, of all motors. Candidates that no other beats in tracking error, torque peak and "
-    "Ms at once, spread over all that were found. Worst of all payloads and references: tracking: rms speed error in % "
-    "of nominal speed; peak, effort: largest and rms torque of the harder-worked motor in % of nominal. band: of the "
-    "slowest payload. cost: weighted, shaped = 1."
+CAPTION = (
+    "kp in {units[0]}, ki in {units[1]}{more}. Candidates that no other beats in tracking error, peak and Ms at once, "
+    "spread over all that were found. Worst of all runs: tracking: {tracking}; peak, effort: {effort}. band: of the "
+    "{slowest}. cost: weighted, shaped = 1."
 )
 SHOWN = 9
 
 
-def _caption(tuned: Tuned) -> str:
-    settings = tuned.winner.settings
+def _caption(settings: Settings) -> str:
     if not isinstance(settings, Cascade):
-        return HOIST_CAPTION
-    return (
-        f"kp in {settings.UNITS[0]}, ki in {settings.UNITS[1]}; kv stays {settings.kv_per_s:g} 1/s. Candidates that no "
-        "other beats in tracking error, peak and Ms at once, spread over all that were found. Worst of all references: "
-        "tracking: rms position error in % of a second's way at top speed; peak, effort: largest and rms force or "
-        "torque in % of the drive's nominal one, else of its limit, else of friction and load. band: of the slowest "
-        "place. cost: weighted, shaped = 1."
-    )
+        return CAPTION.format(
+            units=("N m s/rad", "N m/rad"), more=", of all motors", tracking="rms speed error in % of nominal speed",
+            effort="largest and rms torque of the harder-worked motor in % of nominal", slowest="slowest payload",
+        )  # fmt: skip
+    return CAPTION.format(
+        units=settings.UNITS, more=f"; kv stays {settings.kv_per_s:g} 1/s", slowest="slowest place",
+        tracking="rms position error in % of a second's way at top speed",
+        effort="largest and rms force or torque in % of the drive's nominal one, else of its limit, else of friction "
+        "and load",
+    )  # fmt: skip
 
 
 def rows(tuned: Tuned) -> list[Candidate]:
@@ -64,46 +65,41 @@ def rows(tuned: Tuned) -> list[Candidate]:
 
 def table(tuned: Tuned) -> Table:
     """One row for each candidate; see `rows`."""
-    return Table(COLUMNS, [_line(tuned, c) for c in rows(tuned)], _caption(tuned))
-
-
-def _line(tuned: Tuned, c: Candidate) -> list[str]:
-    mark = "winner" if c is tuned.winner else "shaped" if c is tuned.shaped else ""
-    s = c.settings
-    return [
-        mark, figures(s.kp, 4), figures(s.ki, 4), f"{s.set_point_weight:.2f}",
-        figures(c.score.tracking_percent), f"{c.score.peak_percent:.1f}", f"{c.score.effort_percent:.1f}",
-        f"{c.ms:.3f}", figures(c.bandwidth_hz), f"{c.cost:.3f}",
-    ]  # fmt: skip
+    lines = []
+    for c in rows(tuned):
+        mark, s, score = "winner" if c is tuned.winner else "shaped" if c is tuned.shaped else "", c.settings, c.score
+        shares = [figures(score.tracking_percent), f"{score.peak_percent:.1f}", f"{score.effort_percent:.1f}"]
+        gains = [figures(s.kp, 4), figures(s.ki, 4), f"{s.set_point_weight:.2f}"]
+        lines.append([mark, *gains, *shares, f"{c.ms:.3f}", figures(c.bandwidth_hz), f"{c.cost:.3f}"])
+    return Table(COLUMNS, lines, _caption(tuned.winner.settings))
 
 
 def sentences(case: DesignCase, tuned: Tuned, weights: Weights) -> list[str]:
     """The goal, the result, the reasons for the choice, and its cost."""
-    win, start, goal = tuned.winner, tuned.shaped, tuned.goal
-    asked = (
-        f"Asked for: the best rejection of load steps with Ms at most {goal.ms_limit:g}"
-        if goal.bandwidth_hz is None
-        else f"Asked for: a bandwidth of {goal.bandwidth_hz:g} Hz with Ms and Mt at most {goal.ms_limit:g}"
-    )
-    kind = kind_of(case.machine)
+    win, start, goal, kind = tuned.winner, tuned.shaped, tuned.goal, kind_of(case.machine)
+    asked = f"a bandwidth of {goal.bandwidth_hz or 0.0:g} Hz with Ms and Mt at most {goal.ms_limit:g}"
+    if goal.bandwidth_hz is None:
+        asked = f"the best rejection of load steps with Ms at most {goal.ms_limit:g}"
     n = len(tuned.members)
     points = "points of payload and height" if kind.payload else "place" if n == 1 else "places"
     drive = " ".join([drive_sentence(case.machine, win.settings.sample_time_s), *effect_sentences(case.machine)])
+    error, peak = (
+        f"{100.0 * (getattr(win.score, of) / getattr(start.score, of) - 1.0):+.1f} %"
+        for of in ("tracking_percent", "peak_percent")
+    )
     lines = [
-        f"{asked}, at {n} {points}. {drive} "
+        f"Asked for: {asked}, at {n} {points}. {drive} "
         f"The widest bandwidth that this allows is {rounded_down(tuned.attainable_hz)} Hz.",
         _objective(tuned, weights),
         active_limits(tuned),
         *_compared(tuned),
-        f"Chosen of {len(tuned.tried)} candidates: against the shaped gains tracking error "
-        f"{_change(start.score.tracking_percent, win.score.tracking_percent)}, {kind.drive.quantity} peak "
-        f"{_change(start.score.peak_percent, win.score.peak_percent)}.",
+        f"Chosen of {len(tuned.tried)} candidates: against the shaped gains tracking error {error}, "
+        f"{kind.drive.quantity} peak {peak}.",
         f"The winner's loops. {least_sentence(tuned.members)} {load_sentence(tuned.members, case.machine)}",
     ]
     if said := event_words(case):
         lines.append(f"The candidates were simulated with the scenario's events: {said}.")
-    loop = kind.looped
-    if win.score.peak_percent >= 99.9 * loop.peak_limit(case.machine) / loop.input_scale(case.machine):
+    if win.score.peak_percent >= 99.9 * kind.looped.peak_limit(case.machine) / kind.looped.input_scale(case.machine):
         who = "motors reach their torque" if kind.payload else f"drive reaches its {kind.drive.quantity}"
         lines.append(f"The {who} limit in these moves.")
     return lines
@@ -181,10 +177,6 @@ def warning(machine: Hoist | Axis) -> str | None:
     )
 
 
-def _change(before: float, after: float) -> str:
-    return f"{100.0 * (after / before - 1.0):+.1f} %"
-
-
 def controller_text(settings: Settings, comments: Sequence[str] = ()) -> str:
     """The `controller` block as YAML that a scenario takes as it is."""
     head = "".join(f"# {line}\n" for line in comments)
@@ -211,14 +203,8 @@ def write_controller(tuned: Tuned, path: Path, machine: Hoist | Axis) -> None:
     ]
     if (text := warning(machine)) is not None:
         comments.append(text)
-    part = path.with_name(f".{path.name}.part")
-    try:
+    with whole_file(path) as part:
         part.write_text(controller_text(tuned.winner.settings, comments), encoding="utf-8")
-        part.rename(path)
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def columns(tuning: Tuning) -> Mapping[str, Sequence[Any]]:

@@ -20,7 +20,8 @@ from workbench.metrics import View, shown_in
 from workbench.study.labels import run_in_words, swept_axes
 from workbench.study.load import Study, load_study, read_standalone
 from workbench.study.rows import INDEX, metrics_of, read_table, rows_of
-from workbench.study.store import Finished, Progress, place_for, read_finished, run_batch
+from workbench.study.run import StudyResult
+from workbench.study.store import Progress, place_for, read_finished, run_batch
 from workbench.view.style import label
 
 KIND, OPEN = "batch", "batches open"
@@ -201,7 +202,7 @@ def _results(job: Job) -> None:
         st.code((folder / SCENARIO).read_text(encoding="utf-8"), language="yaml")
 
 
-def _numbers(result: Finished) -> None:
+def _numbers(result: StudyResult) -> None:
     """The worst over all runs of the numbers that decide, each with the run that it is of."""
     good = [row for row in result.rows if row.ok]
     axes, cards, where = swept_axes(good), list[Number](), list[str]()

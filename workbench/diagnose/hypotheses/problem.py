@@ -28,6 +28,9 @@ from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, beside, impacts_of
 
+# Periods of the band from one sample that a search simulates to the next, by `Kind.floor`: what that changes is below
+# what the sensors of a hoist leave, and below what friction at reversals leaves of an axis.
+THIN = {"sensors": 0.07, "own": 0.05}
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the model error, which hangs together
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
@@ -50,6 +53,7 @@ class Problem:
 
     Where impacts of a play come again, the motion is bridged across them and the samples beside them are left out.
 
+    A search simulates `thin`, at some of the samples; what it finds is refitted `exact`, at all of them.
     rows: of each run, the samples looked at; run_lengths: how many. share: how many
     independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit;
     row_noise: (inputs,) that of each sample.
@@ -64,19 +68,22 @@ class Problem:
         self.active = searchable(machine, runs)
         impacts = impacts_of(machine, runs)
         self.bench = InverseSimulation(
-            machine, runs, band_hz, active=self.active, parts=parts(machine, runs), impacts=impacts
-        )
+            machine, runs, band_hz, active=self.active, parts=parts(machine, runs), impacts=impacts,
+            thin=0.0 if any(map(len, impacts)) else THIN[kind.floor],
+        )  # fmt: skip
         self._idle = idle_sensors(machine, runs)
-        self._smooth: dict[int, LowpassAt] = {}
+        self._smooth: dict[int, tuple[np.ndarray, LowpassAt]] = {}
         self.band_hz = self.bench.band_hz
         self.rows: list[np.ndarray] = []
         spacing = []
-        for run, at_speed, impacts_s in zip(self.bench.runs, self.bench.moving, self.bench.impacts, strict=True):
-            moving = at_speed & ~beside(run.time_s, impacts_s, GUARD_S)
-            stride = max(1, int(1.0 / (SAMPLES_PER_PERIOD * self.band_hz * run.sample_time_s)))
+        bench = self.bench
+        for run, at_speed, impacts_s, every in zip(bench.runs, bench.moving, bench.impacts, bench.every, strict=True):
+            moving = (at_speed & ~beside(run.time_s, impacts_s, GUARD_S))[::every]
+            step = every * run.sample_time_s
+            stride = max(1, int(1.0 / (SAMPLES_PER_PERIOD * self.band_hz * step)))
             stride = max(stride, int(np.count_nonzero(moving)) // MOST_ROWS)
-            self.rows.append(np.flatnonzero(moving)[::stride])
-            spacing.append(stride * run.sample_time_s)
+            self.rows.append(every * np.flatnonzero(moving)[::stride])
+            spacing.append(stride * step)
         self.run_lengths = tuple(len(rows) for rows in self.rows)
         self.line = kind.dead_line if kind.dead_line and all(kind.dead_line.signal in run for run in runs) else None
         self.has_tension = self.line is not None
@@ -86,6 +93,7 @@ class Problem:
         self.late = ranges_of(self.effect("speed_delay"), machine, self.runs)[0].symbol
         self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
         self.row_noise = np.full(self.inputs, self.noise)
+        self.thin = max(self.bench.every) > 1 or any(map(len, impacts))
         self.evaluations = 0
         self.kept: dict[Any, Any] = {}  # held-out fits, by fit and folds: several steps ask for the same
         self.deaf = False
@@ -138,6 +146,16 @@ class Problem:
         beside.row_noise = self.row_noise[np.concatenate(kept)]
         beside.errors = beside._errors().sized(self.errors.sizes)
         return beside
+
+    def exact(self) -> Problem:
+        """The same campaign, simulated at every sample of the logs."""
+        beside = copy(self)
+        beside.thin, beside._smooth, beside.kept = False, {}, {}
+        return beside
+
+    def _time_s(self, j: int) -> Array:
+        """The simulated times of run j."""
+        return self.bench.times[j] if self.thin else self.runs[j].time_s
 
     @property
     def struck(self) -> bool:
@@ -199,13 +217,13 @@ class Problem:
         tables = self._tables(settings)
         gain, offset, tension_gain = np.array([self._sensed(s) for s in settings]).T
         torque, tension = [], []
-        for j, required in enumerate(self.bench.required(tables)):
+        for j, required in enumerate(self.bench.required(tables, self.thin)):
             rows, smooth = self.rows[j], self._smooth_at(j)
             logged = smooth(self._logged(j, required[:, 0], tables[j])) * gain + offset
             torque.append(self.bench.measured[j][rows, None] - logged)
             if self.has_tension:
                 sets = [self._parameters(tables[j], i) for i in range(len(settings))]
-                pulls = [self._tension(self.runs[j], required[:, 1:, i], p) for i, p in enumerate(sets)]
+                pulls = [self._tension(self._time_s(j), required[:, 1:, i], p) for i, p in enumerate(sets)]
                 logged = smooth(np.stack(pulls, axis=-1)) * tension_gain
                 tension.append((self.tension[j][rows, None] - logged) * (self.noise / self.tension_noise))
         return np.concatenate([*torque, *tension]).T
@@ -216,7 +234,7 @@ class Problem:
         at_work = np.flatnonzero(np.any(table[rows] != np.array(list(self._idle.values()))[:, None], axis=0))
         if not len(at_work):
             return required
-        logged, time = required.copy(), self.bench.runs[j].time_s
+        logged, time = required.copy(), self._time_s(j)
         for i in at_work:
             logged[:, i] = logged_input(self.active, time, required[:, i], vars(self._parameters(table, int(i))))
         return logged
@@ -224,9 +242,10 @@ class Problem:
     def _smooth_at(self, j: int) -> LowpassAt:
         """The low-pass of run j at its rows."""
         known = self._smooth.get(j)
-        if known is None or known.rows is not self.rows[j]:
-            known = self._smooth[j] = LowpassAt(self.bench.runs[j].time_s, self.band_hz, self.rows[j])
-        return known
+        if known is None or known[0] is not self.rows[j]:
+            at = self.rows[j] // self.bench.every[j] if self.thin else self.rows[j]
+            known = self._smooth[j] = self.rows[j], LowpassAt(self._time_s(j), self.band_hz, at)
+        return known[1]
 
     def _parameters(self, table: Array, i: int) -> SimpleNamespace:
         """One set of a run's table, by symbol."""
@@ -244,11 +263,11 @@ class Problem:
             tables[:, row_of[self.late], i] += setting.get(LOG_TIMING, 0.0)
         return list(tables)
 
-    def _tension(self, run: Run, states: Array, p: SimpleNamespace) -> Array:
+    def _tension(self, time_s: Array, states: Array, p: SimpleNamespace) -> Array:
         """The dead line's tension (n,) that goes with the driven states."""
         line = kind_of(self.machine).dead_line
         assert line is not None
-        return np.asarray(line.force(run.time_s, states, p, self.bench.model.effects))
+        return np.asarray(line.force(time_s, states, p, self.bench.model.effects))
 
     def _sensed(self, setting: Setting) -> list[float]:
         """The numbers of SENSOR_KEYS."""

@@ -74,10 +74,13 @@ STRAINED = 2.0  # standard deviations of a nuisance amount
 BEGUN = 0.2  # standard deviations of a nuisance amount that keeps a state, where the base fit begins
 STUCK = 0.5  # of the logarithm of how friction turns over: further apart lie different minima
 IN_REACH = 0.3  # of the best gain: what is followed to its end
+OUT_OF_REACH = 0.25  # of the gain of the best single effect: what promises less is not refitted
+IN_PART = 10.0  # so many times the strain of its nuisance may an effect gain that takes its place
 PARTNERS = 3  # of each leading hypothesis, that are refitted with it
 LEADERS = 3
 LARGE = 0.5  # of what a leader leaves: a further effect that promises so much tells what the model error is
-SEARCHED_AGAIN = 2  # times, with other sizes of the model error
+MOST_SIZES = 3  # of the model error that are tried after the default ones
+LEADERS_AGAIN = 2  # hypotheses that tell the next sizes
 TOO_LATE = 5.0  # sampling steps of the log's motion behind its input
 TOO_SMALL = 1.5  # sizes of the model error: what needs more is searched again with them
 ASIDE = (1.0, 0.3, 0.0)  # of the way that a fit's own parameters step aside
@@ -136,23 +139,31 @@ def searched(
 
     Where the base parameters alone put the log's motion more than TOO_LATE sampling steps behind its input, the samples
     are left out whose motion had ended by then. The search begins with the default sizes. If the best hypothesis leaves
-    a larger residual, the base parameters have absorbed part of the gap: it goes on from there with the sizes that the
-    best hypothesis needs. quick: single effects only, and no second search.
+    a larger residual, the base parameters have absorbed part of the gap: the sizes that the best hypothesis needs are
+    found with refits of the leading ones, and all are searched once more with them. quick: single effects only, and no
+    second search.
     """
     search = Search(problem, effects, tell, rivals, base)
     late_s = search.late_s()
     if late_s > 0.0:
         search = Search(problem.moving_after(late_s), effects, tell, rivals, base)
     search.hear_impacts()
-    most_effects = 1 if quick else most_effects
-    few = FEW  # single effects are enough to tell the sizes, in most campaigns
-    for _ in range(1 + SEARCHED_AGAIN):
-        result = search.causes(most_effects, few, LARGE)
-        sizes = None if quick else search.sizes_needed(result)
-        if sizes is None:
-            break
-        search, few = search.with_sizes(sizes), REFITTED
-    return result if quick else search.causes(most_effects, REFITTED, 0.0)
+    result = search.causes(1 if quick else most_effects, FEW, LARGE)  # enough to tell the sizes, in most campaigns
+    if quick:
+        return search.exact(result)
+    fits: Sequence[Fitted] = [result.base, *result.fits.values()]
+    left, whole = MOST_SIZES, False
+    while True:
+        resized = False
+        while left and (sizes := search.sizes_needed(fits)) is not None:
+            search, left, resized = search.with_sizes(sizes), left - 1, True
+            fits = search.leaders_again(fits)
+        if whole and not resized:
+            return search.exact(result)
+        result, whole = search.causes(most_effects, REFITTED, 0.0), True
+        if not search.found:  # the default sizes have served
+            return search.exact(result)
+        fits = [result.base, *result.fits.values()]
 
 
 @dataclass(frozen=True)
@@ -195,6 +206,8 @@ class Search:
         self.scanned: Sequence[Signature] = ()
         self._base: Fitted | None = None
         self._begun: tuple[Fitted, Sequence[Signature]] | None = None  # within the tolerances, and the signatures there
+        self._still: Fitted | None = None  # of a play, that no step serves
+        self._offered: set[tuple[Fitted, Fitted]] = set()  # fits, and whose friction each was tried with
         self.begin: Array | None = None  # z of the base fit, where another search has found it
         self.found: Mapping[Names, Fitted] = {}  # fits of that search
 
@@ -202,7 +215,7 @@ class Search:
         """The fit of the base parameters alone, without an effect."""
         if self._base is None:
             self._tell(Progress(Stage.SEARCH, Task.BASE))
-            fits = [fit_hypothesis(self.problem, (), self.held, z, LAST_ROUND) for z in self._starts()]
+            fits = [fit_hypothesis(self.problem, (), self.held, z, LAST_ROUND, self.count) for z in self._starts()]
             self._base = min(fits, key=lambda fit: fit.objective)
         return self._base
 
@@ -256,11 +269,42 @@ class Search:
                 break
         return result
 
-    def sizes_needed(self, result: SearchResult) -> Sizes | None:
+    def exact(self, result: SearchResult) -> SearchResult:
+        """The result with what counts refitted at every sample of the logs."""
+        if not self.problem.thin:
+            return result
+        problem = self.problem.exact()
+
+        def again(fit: Fitted) -> Fitted:
+            return fit_hypothesis(problem, fit.effects, fit.free, fit.z, LAST_ROUND, self.count, fit.jacobian)
+
+        evidence = {w.names: w.evidence for w in self.weighed(result)}
+        counts = {names for names, worth in evidence.items() if worth > max(evidence.values()) - SLACK}
+        for size in range(most_of(counts), 1, -1):  # the evidence of several builds on that of their best part
+            for names in [names for names in counts if len(names) == size]:
+                counts |= {max(combinations(names, size - 1), key=lambda part: evidence.get(part, -math.inf))}
+        near = result.within_tolerances
+        base = again(result.base)
+        return replace(
+            result,
+            problem=problem,
+            base=base,
+            within_tolerances=base if near is result.base else again(near),
+            fits={names: again(fit) if names in counts else fit for names, fit in result.fits.items()},
+        )
+
+    def leaders_again(self, found: Sequence[Fitted]) -> list[Fitted]:
+        """The likeliest of the fits of a search with other sizes, refitted with these."""
+        scores = {score_of(self.problem, fit).value: fit for fit in found}
+        first = [scores[value] for value in sorted(scores)[:LEADERS_AGAIN] if value < min(scores) + SLACK]
+        fits = [self._again(fit) for fit in first]
+        self.found = {**self.found, **{tuple(sorted(fit.effects)): fit for fit in fits}}
+        return fits
+
+    def sizes_needed(self, fits: Sequence[Fitted]) -> Sizes | None:
         """The sizes of the model error at which the best hypothesis is likeliest; None where they are about those of
         this search."""
-        scores = (score_of(self.problem, fit) for fit in (result.base, *result.fits.values()))
-        size, standstill = min(scores, key=lambda score: score.value).sizes
+        size, standstill = min((score_of(self.problem, fit) for fit in fits), key=lambda score: score.value).sizes
         if standstill > 1.0 and max(size, standstill) > TOO_SMALL:
             standstill *= STEP  # a fit has bent itself to what is near standstill, and asks for less than there is
         sizes = (max(size, 1.0), standstill)
@@ -272,7 +316,8 @@ class Search:
         """The same search with other sizes of the model error, begun at what this one has found."""
         again = copy(self)
         again.problem = self.problem.with_model_error(sizes)
-        again.found, again.begin = self.fits, self.base_fit().z
+        again.found = {**self.found, **self.fits}
+        again.begin = self._base.z if self._base is not None else self.begin
         again.fits, again.linear, again.failures, again._base, again._begun = {}, {}, {}, None, None
         return again
 
@@ -307,7 +352,7 @@ class Search:
         held = [within(k, limit) for k, limit in zip(self.held, far, strict=True)]
         reach = np.repeat(far, [k.size for k in self.held])
         z = np.clip(base.z, -reach, reach)
-        return fit_hypothesis(self.problem, (), held, z, LAST_ROUND)
+        return fit_hypothesis(self.problem, (), held, z, LAST_ROUND, self.count)
 
     def _signatures(self, effects: Sequence[Effect], at: Fitted) -> list[Signature]:
         """The signatures of all effects that can be simulated. A failed simulation becomes a row of the report.
@@ -341,7 +386,7 @@ class Search:
         promised = self._promised(near, signatures)
         self.linear |= {(name,): promise.gain for name, promise in promised.items()}
         order = sorted(promised, key=lambda name: -promised[name].evidence)
-        strained = self._strained(base) | ({PLAY} if self.problem.struck else set())
+        strained = set(self._strained(base)) | ({PLAY} if self.problem.struck else set())
         order = [
             name
             for k, name in enumerate(order)
@@ -349,6 +394,8 @@ class Search:
         ]
         order = [name for name in order if (name,) not in self.fits]
         for k, name in enumerate(order):
+            if k >= ALWAYS and self._hopeless(near, promised[name].gain, name):
+                continue
             self._tell(Progress(Stage.SEARCH, Task.SINGLE, k + 1, len(order), (name,)))
             self._try((name,), lambda promise=promised[name]: self._fit_with(near, promise))  # type: ignore[misc]
             if (found := self.found.get((name,))) is not None:
@@ -356,7 +403,7 @@ class Search:
                 if (name,) not in self.fits or float(white @ white) + found.prior < self.fits[name,].objective:
                     self._try((name,), lambda found=found: self._again(found))  # type: ignore[misc]
         if np.any(near.z != base.z):
-            self._from_base(base, order[:FEW])
+            self._from_base(base, [n for n in order[:FEW] if not self._hopeless(near, promised[n].gain, n)])
         self._in_place(base)
         self._step_play()
         self._finish(base, [(name,) for name in order])
@@ -368,19 +415,33 @@ class Search:
             fit = self.fits.get((PLAY,))
             if fit is not None and not self.problem.struck and fit.objective > min(singles):
                 return  # one among others: its steps are not worth their time
-            z = stepped(self.problem, fit, self.count) if fit is not None else None
-            if fit is None or z is None or not np.any(z != fit.z):
+            if fit is None or fit is self._still:
+                return
+            z = stepped(self.problem, fit, self.count)
+            if not np.any(z != fit.z):
+                self._still = fit
                 return
             self._try((PLAY,), lambda fit=fit, z=z: self._again(replace(fit, z=z)))  # type: ignore[misc]
 
-    def _strained(self, base: Fitted) -> set[str]:
-        """The effects whose nuisance amount the base fit puts far off its tolerance: one of them may be the cause."""
-        return {
-            key.partition(".")[0]
-            for key, parameter in self.nuisances.items()
-            if not parameter.logarithmic
-            and np.any(np.abs(base.z[self._place_of(parameter)]) > STRAINED * np.array(parameter.prior_std))
-        }
+    def _strained(self, base: Fitted) -> dict[str, float]:
+        """The effects whose nuisance amount the base fit puts far off its tolerance, and by how much chi^2: one of them
+        may be the cause."""
+        strained: dict[str, float] = {}
+        for key, parameter in self.nuisances.items():
+            off = np.abs(base.z[self._place_of(parameter)]) / np.array(parameter.prior_std)
+            if not parameter.logarithmic and np.any(off > STRAINED):
+                name = key.partition(".")[0]
+                strained[name] = strained.get(name, 0.0) + float(np.sum(off**2))
+        return strained
+
+    def _hopeless(self, near: Fitted, promise: float, name: str) -> bool:
+        """Whether the best single effect so far explains so much that one with this linear promise cannot compete.
+
+        One that the base fit has in part, as its nuisance, may gain much more than what it promises beside that.
+        """
+        best = max((near.objective - fit.objective for names, fit in self.fits.items() if len(names) == 1), default=0.0)
+        most = promise + IN_PART * self._strained(self.base_fit()).get(name, 0.0) + SLACK
+        return most < OUT_OF_REACH * best
 
     def _place_of(self, wanted: FreeParameter) -> slice:
         """The slice of z that belongs to a base or nuisance parameter, the same in every fit."""
@@ -400,7 +461,8 @@ class Search:
     def _in_place(self, at: Fitted) -> None:
         """An effect in place of its nuisance, where a fit has taken that far beyond its tolerance; a delay in place of
         the log's timing. That fit has the effect's values already, and nothing is left for a linear estimate."""
-        strained = self._strained(at) & set(self.effects) - set(at.effects)
+        strained = set(self._strained(at)) & set(self.effects) - set(at.effects)
+        strained = {name for name in strained if at.effects or not self._hopeless(at, 0.0, name)}
         if LOG_TIMING in self.base and float(at.z[self._place_of(self.base[LOG_TIMING])][0]) > TOLERANCES:
             strained |= {e.id for e in self.effects.values() for r in self._ranges(e) if r.symbol == self.problem.late}
         for name in strained - set(at.effects):
@@ -431,6 +493,9 @@ class Search:
         best = max((base.objective - fit.objective for fit in done.values()), default=0.0)
         for names, fit in done.items():
             near = base.objective - fit.objective >= reach * best
+            parts = [self.fits[part] for part in combinations(names, len(names) - 1) if part in self.fits]
+            if any(part.objective < fit.objective for part in parts):
+                continue  # it does not lead to where one effect less already is
             if not fit.settled and (near or self.linear.get(names, 0.0) > best):
                 self._try(names, lambda f=fit: self._again(f))  # type: ignore[misc]
 
@@ -448,6 +513,9 @@ class Search:
             apart = np.abs(fit.z[: self.count] - donor.z[: self.count])[turns]
             if base.objective - fit.objective < PAIR_IN_REACH * best or not np.any(apart > STUCK):
                 continue
+            if (fit, donor) in self._offered:
+                continue
+            self._offered.add((fit, donor))
             z = fit.z.copy()
             z[: self.count][turns] = donor.z[: self.count][turns]
             self._try(names, lambda f=fit, z=z: self._again(replace(f, z=z)))  # type: ignore[misc]
@@ -630,6 +698,11 @@ class Search:
             return max(gain, 0.0), -fit.objective
 
         return worth(one) > worth(other)
+
+
+def most_of(hypotheses: Iterable[Names]) -> int:
+    """The most effects that one of the hypotheses has."""
+    return max(map(len, hypotheses), default=0)
 
 
 def _effects_of(parameter: FreeParameter) -> set[str]:
