@@ -72,7 +72,7 @@ def first_page(visit: Visit) -> float:
     """Study on a server that nobody has visited yet; from the address to all figures drawn, in s: on a computer that
     others use too it says little, so only the browser's own waiting time ends a page that hangs."""
     visit.page.goto(visit.address, wait_until="commit")
-    taken = visit.first_drawn_s(figures=2)
+    taken = visit.first_drawn_s(figures=1)
     visit.drawn()
     visit.shot("1 study")
     return taken
@@ -172,7 +172,7 @@ def gap(visit: Visit, tmp_path: Path) -> None:
     assert list(corrected.effects) == ["friction_load_dependent"]
     visit.turn_to("Study")
     visit.choose("Machine", "corrected by demo_campaign")
-    visit.drawn(figures=2)
+    visit.drawn(figures=1)
     visit.shot("8 study corrected")
 
 
@@ -239,7 +239,7 @@ def at_rest(page: Page) -> dict[str, object]:
 
 TYPED = ":is([data-testid=stTextInput] input, [data-testid=stNumberInput] input, [data-testid=stTextArea] textarea)"
 # Page -> figures that it shows; the pages where something can be typed.
-EVERY = {"Loop": 4, "Signals": 1, "Plant": 0, "Import": 0, "Study": 2, "Sizing": 0}
+EVERY = {"Loop": 4, "Signals": 1, "Plant": 0, "Import": 0, "Study": 1, "Sizing": 0}
 
 
 @pytest.mark.parametrize(
@@ -293,7 +293,7 @@ def test_the_keyboard_alone_sets_up_keeps_and_compares_a_study(chromium: Browser
     ):
         page = visit.page
         visit.go()
-        visit.drawn(figures=2)
+        visit.drawn(figures=1)
 
         def tab_to(what: str) -> None:
             """Tab, until what has the focus is called so."""
@@ -312,7 +312,7 @@ def test_the_keyboard_alone_sets_up_keeps_and_compares_a_study(chromium: Browser
             tab_to("Keep for Compare")
             page.keyboard.press("Enter")
             page.get_by_role("button", name="Kept").wait_for()
-            visit.drawn(figures=2)
+            visit.drawn(figures=1)
 
         kept()
         before = page.evaluate("window.bench.said()")
@@ -320,13 +320,13 @@ def test_the_keyboard_alone_sets_up_keeps_and_compares_a_study(chromium: Browser
         for _ in range(5):
             page.keyboard.press("ArrowRight")
         page.wait_for_function("before => window.bench.said() !== before", arg=before, polling=500)
-        visit.drawn(figures=2)
+        visit.drawn(figures=1)
         tab_to("Payloads (kg)")
         page.keyboard.type("3000")
         page.keyboard.press("Enter")
         page.keyboard.press("Escape")
         page.get_by_test_id("stMultiSelect").first.get_by_text("3000").wait_for()
-        visit.drawn(figures=2)
+        visit.drawn(figures=1)
         kept()
         tab_to("Compare")
         page.keyboard.press("Enter")
@@ -362,7 +362,7 @@ def test_a_narrow_page_cuts_nothing_and_leads_to_every_other(
         browser.visit(chromium, address, tmp_path / "shots", scheme) as visit,
     ):
         visit.page.set_viewport_size({"width": width, "height": 800})
-        for title, figures in {"": 2, "Loop": 4, "Validate": 3, "Signals": 1, "Machine": 0}.items():
+        for title, figures in {"": 1, "Loop": 4, "Validate": 3, "Signals": 1, "Machine": 0}.items():
             visit.go(title)
             visit.drawn(figures)
             assert visit.page.evaluate(CUT) == [], title
@@ -386,13 +386,13 @@ def test_two_visitors_at_once_have_downloads_jobs_and_uploads_of_their_own(chrom
         visits = {"first": one, "second": two}
         for name, visit in visits.items():
             visit.go()
-            visit.drawn(figures=2)
+            visit.drawn(figures=1)
             for fold in ("Scenario file", "Signals and report"):
                 visit.page.get_by_text(fold, exact=True).click()
             visit.page.get_by_label("Name of the study").fill(name)
             visit.page.keyboard.press("Enter")
             visit.page.get_by_text(f"{name} ·").wait_for()
-            visit.drawn(figures=2)
+            visit.drawn(figures=1)
         for what, ending in (("Save scenario", "yaml"), ("Report", "html")):
             with one.page.expect_download() as a, two.page.expect_download() as b:  # asked for before either comes
                 for visit in visits.values():

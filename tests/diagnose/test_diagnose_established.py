@@ -12,6 +12,7 @@ import pytest
 
 from tests.diagnose.test_diagnose_where import EMPS_RUNS
 from tests.support.searched_campaign import simulated_search
+from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.gap import delivered_of
@@ -19,10 +20,14 @@ from workbench.diagnose.hypotheses.fit import fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel
-from workbench.diagnose.hypotheses.search import SearchResult
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.search import Search, SearchResult
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.verdict.answer import Hypothesis, shared
 from workbench.diagnose.verdict.constancy import constancies
+from workbench.diagnose.verdict.judge import judged_to_help
+from workbench.effects import find
+from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import load_machine, save_machine, with_values
 from workbench.simulate.replay import replay_runs
@@ -152,3 +157,17 @@ def test_a_wrong_inertia_of_a_real_pendulum_is_named_beside_a_remainder(
     bent = {key: value * values.get(key, 1.0) for key, value in identified.items()}
     answer = diagnose(replace(campaign, machine=with_values(campaign.machine, bent)), quick=True)
     assert answer.verdict.effects == named
+
+
+@pytest.mark.parametrize(("offset_nm", "named"), [(0.0, ()), (16.0, ("torque_offset",)), (20.0, ("torque_offset",))])
+def test_a_cause_that_base_values_can_stand_in_for_is_named_by_their_tolerances(
+    tmp_path: Path, offset_nm: float, named: tuple[str, ...]
+):
+    """Carriage, friction and sensor together take up an offset of seven tolerances, each by one to four of its own:
+    held-out runs are predicted as well without it, but one machine in thousands would have these values."""
+    levels = {"guide.coulomb_hoisting_n": 6300.0, "guide.coulomb_lowering_n": 4300.0}
+    campaign = read_campaign(simulated_campaign(tmp_path / "offset", true_machine(levels)))
+    off = of(campaign.machine, {"torque_offset": {"offset_nm": offset_nm}})
+    problem = Problem(campaign.machine, [logged(run, off) for run in campaign.runs])
+    effects = [find(name, "hoist") for name in ("torque_offset", "carriage_mass_error")]
+    assert judged_to_help(Search(problem, effects).singles()).names == named

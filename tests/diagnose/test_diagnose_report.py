@@ -319,7 +319,7 @@ def test_hypotheses_without_a_chance_share_one_bar():
     rows = [Hypothesis("named", ("heave",), 0.99), Hypothesis("unknown", (), 0.0099), Hypothesis("no_gap", (), 0.0)]
     rows += [Hypothesis("named", (name,), 2e-5) for name in ("torque_scale", "wire_mass", "torque_offset")]
     shown = diagnosis.ranking_table(rows, 8)
-    assert [name for _, name, _ in shown] == ["heave", "unknown cause", "torque_scale", "3 others together"]
+    assert [name for _, name, _ in shown] == ["heave", "unknown cause", "torque_scale", "3 more"]
     assert shown[-1][2] == pytest.approx(4e-5)
 
 

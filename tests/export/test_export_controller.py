@@ -20,10 +20,11 @@ from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
 from workbench.export.controller_program import CHECKS, checked, program_of, record_of
 from workbench.export.controller_text import ST, c_of, controller_files, expression
-from workbench.export.drives import DRIVES, RampLimits, drive_settings, settings_text
+from workbench.export.drives import DRIVES, drive_settings, settings_text
 from workbench.export.fmu import host_compiler
 from workbench.export.model import model_of
 from workbench.machines import default_hoist, with_values
+from workbench.references import Limits
 from workbench.simulate.loop import torque_limits
 
 HOIST = default_hoist()
@@ -328,7 +329,7 @@ def test_abb_takes_parts_of_nominal_torque_per_part_of_nominal_speed():
 
 def test_a_ramp_with_rounding_takes_as_long_as_the_jerk_limited_reference():
     """MM440's t = (P1130 + P1131)/2 + step/P1082 P1120 against v/a + a/j, for a step that reaches full acceleration."""
-    ramp = RampLimits(0.7, 0.6, 0.8)
+    ramp = Limits(0.7, 0.6, 0.8)
     made = {n: row["value"] for n, row in drive_settings("siemens-s120", PLAIN, HOIST, ramp=ramp)["parameters"].items()}
     step_rpm = ramp.speed_m_s / HOIST.lift_m_per_rad * 60.0 / (2.0 * math.pi)
     takes = 0.5 * (made["p1130"] + made["p1131"]) + step_rpm / made["p1082"] * made["p1120"]
@@ -376,7 +377,7 @@ def test_a_term_that_is_not_exported_is_refused_in_one_line_and_not_left_out(nam
 
 @pytest.mark.parametrize("drive", DRIVES)
 def test_what_a_drive_does_otherwise_is_said(drive: str):
-    text = settings_text(drive_settings(drive, SETTINGS["everything"], HOIST, ramp=RampLimits(0.7, 0.6, 0.8)))
+    text = settings_text(drive_settings(drive, SETTINGS["everything"], HOIST, ramp=Limits(0.7, 0.6, 0.8)))
     said = loads(text, "drive_parameters.yaml").data
     assert isinstance(said, dict)
     words = " ".join(said["differs"])

@@ -25,7 +25,7 @@ def page(title: str, **state: Any) -> AppTest:
     app = AppTest.from_string(
         f"from workbench.dashboard.shell import run_page\nrun_page({title!r})\n", default_timeout=SLOWEST_S
     )
-    folds = ("against", "decision", "drive", "lights", "scenario", "signals")
+    folds = ("against", "decision", "drive", "feed", "further", "lights", "scenario", "signals")
     for key, value in ({f"fold {name}": True for name in folds} | state).items():
         app.session_state[key.replace("_", " ")] = value
     return app

@@ -10,18 +10,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
+from workbench.core.whole_folder import whole_file
 from workbench.machines import default_hoist
 from workbench.references import planned_kinds
 from workbench.simulate.replay import replay_runs
 from workbench.study.run import peak_limit
 from workbench.view.identify import correlation_matrix
 from workbench.view.page import Section, save_page
+from workbench.view.panels import PASSES, STRAIGHT, straightened, thin
 from workbench.view.replay import inputs, speeds, torque_residual
 from workbench.view.study_figures import harder_worked_nm, over_time, peak_torque_over_payload, slack_stretches
 from workbench.view.style import LINES
-from workbench.view.thin import PASSES, STRAIGHT, straightened, thin
 
 TIME = np.linspace(0.0, 40.0, 4001)
 HOIST = default_hoist()
@@ -219,3 +221,24 @@ def test_page_needs_no_network_and_has_the_same_bytes_each_time(tmp_path: Path) 
     for text in ("yes &lt;no&gt;", "<li>a &gt; b</li>", "&lt;one&gt;", "All &amp; each.", "&lt;note&gt;"):
         assert text in page
     assert page.count('class="plotly-graph-div"') == 2
+
+
+def test_a_section_leaves_out_what_is_empty() -> None:
+    empty = Table([words("word")], [])
+    section = Section("head", ["", "said"], [""], [empty], [(None, "no figure")])
+    assert (section.sentences, section.points, section.tables, section.figures) == (["said"], [], [], [])
+    assert section and not Section("head", [""], tables=[empty])
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, OSError("no space left")])
+def test_a_file_is_whole_or_the_one_before_it(stop: Any, tmp_path: Path) -> None:
+    (tmp_path / "page").write_text("before")
+
+    def interrupted() -> None:
+        with whole_file(tmp_path / "page") as part:
+            part.write_text("half")
+            raise stop
+
+    with pytest.raises((KeyboardInterrupt, InputError)):
+        interrupted()
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("page", "before")]

@@ -114,6 +114,13 @@ class LogTraits(Record):
     of_runs: Mapping[str, Mapping[str, Mapping[str, Finite]]] = Field(default_factory=dict)
 
 
+def long_form(data: object, block: str, key: str) -> object:
+    """`name: word` in a block is short for `name: {key: word}`."""
+    if not isinstance(data, dict) or not isinstance(short := data.get(block), dict):
+        return data
+    return {**data, block: {name: {key: value} if isinstance(value, str) else value for name, value in short.items()}}
+
+
 def renamed(data: object, other: str, canonical: str) -> object:
     """A mapping with key `other` under its canonical name. Both at once is a ValueError."""
     if not isinstance(data, dict) or other not in data:

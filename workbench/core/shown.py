@@ -33,7 +33,7 @@ VIEWS = {
     "Diagnosis": "workbench.view.diagnosis:VIEW",
     "Identification": "workbench.view.identify:VIEW",
     "LoopAnalysis": "workbench.view.loop:VIEW",
-    "LoopResult": "workbench.view.simulate:VIEW",
+    "LoopResult": "workbench.view.logs:LOOP",
     "ReplayResult": "workbench.view.replay:VIEW",
     "Run": "workbench.view.logs:RUN",
     "StudyResult": "workbench.view.study:VIEW",

@@ -340,6 +340,10 @@ def controls(machine: Hoist | Axis, bad: list[InputError]) -> Desk:
         with st.expander(title, expanded=True, icon=":material/tune:"):
             own, loop = _controller(desk, machine)
             values |= own
+        if (part := fold("Set-point weight, feed-forward", "feed", "fast_forward")).open:
+            fed = [name for name in fields_of(machine, scenario) if name == "weight" or name.startswith("ff ")]
+            with part:
+                values |= _draw(scenario, machine, fed)
         if (part := fold("Decision: limits and weights", "decision", "gavel")).open:
             with part:
                 values["decide"] = _decide(scenario, machine)
@@ -388,9 +392,9 @@ def _motion(scenario: Scenario, machine: Hoist | Axis) -> dict[str, Any]:
 
 def _controller(desk: Desk, machine: Hoist | Axis) -> tuple[dict[str, float], tuple[float, float] | None]:
     """The fields' values; and bandwidth and damping where a hoist's controller is set by them."""
-    scenario, fed = desk.scenario, [name for name in fields_of(machine, desk.scenario) if name.startswith("ff ")]
+    scenario = desk.scenario
     if not kind_of(machine).payload:
-        return _draw(scenario, machine, ["kv", "kp", "ki", "weight", *fed]), None
+        return _draw(scenario, machine, ["kv", "kp", "ki"]), None
     settings, inertia = scenario.controller, shaft_inertia_kg_m2(cast(Hoist, machine))
     by = st.segmented_control(
         "Set by", (BANDWIDTH, GAINS), key=held("study.by", BANDWIDTH if desk.loop else GAINS),
@@ -401,13 +405,13 @@ def _controller(desk: Desk, machine: Hoist | Axis) -> tuple[dict[str, float], tu
         values = _draw(scenario, machine, ["kp", "ki"])
         hz, damping = bandwidth_and_damping(inertia, values["kp"], values["ki"])
         st.caption(f"Bandwidth {text(hz, 2)} Hz, damping {text(damping, 2)}: empty gripper, rigid drive.")
-        return values | _draw(scenario, machine, ["weight", *fed]), None
+        return dict(values), None
     hz, damping = desk.loop or (round(hz, 2), round(damping, 2) if math.isfinite(damping) else 1.0)
     fields = fields_of(machine, scenario)
     loop = number(fields["bandwidth"], hz, "study.bandwidth"), number(fields["damping"], damping, "study.damping")
     kp, ki = rigid_gains(inertia, *loop)
     st.caption(f"kp {text(kp)} N m s/rad, ki {text(ki)} N m/rad: empty gripper, rigid drive.")
-    return {"kp": kp, "ki": ki, **_draw(scenario, machine, ["weight", *fed])}, loop
+    return {"kp": kp, "ki": ki}, loop
 
 
 def _payloads(now: Sequence[float], bad: list[InputError]) -> tuple[float, ...]:

@@ -21,6 +21,8 @@ _STYLE = """<style>
 [class*="st-key-cards"] > * {flex: 1 1 10.5rem; min-width: 10.5rem;}
 @media (max-width: 500px) {[class*="st-key-cards"] > * {min-width: 100%;}}
 [class*="st-key-beside"] > * {flex: 1 1 26rem; min-width: min(26rem, 100%);}
+[data-testid="stMarkdownContainer"] table {display: block; width: fit-content; max-width: 100%; overflow-x: auto;}
+@media (max-width: 500px) {[data-testid="stMarkdownContainer"] :is(th, td) {padding: 0.2rem; font-size: 0.8rem;}}
 .st-key-told-and-drawn > :first-child {flex: 3 1 22rem;}
 .st-key-told-and-drawn > :nth-child(2) {flex: 1 1 15rem; max-width: 24rem;}
 </style>"""

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from workbench.diagnose.unknown import Explained, Unknown
     from workbench.study.load import Study
 
+STAYS = 0.95  # of the held-out residual: what leaves more of it relieves the tolerances only
 MOSTLY = {
     "speed": "with speed",
     "low_speed": "near standstill",
@@ -94,7 +95,7 @@ def sentence_of(
 
     tabled: whether the corrected machine contains the measured force of an unknown cause. unlisted: effects of the
     library that the corrected machine contains in its place, and that no answer may name unasked. gap: without a cause,
-    the base parameter that the refit moves improbably far is stated.
+    and with one that base parameters can stand in for, the one that the refit moves improbably far is stated.
     """
     unit = shrink.unit
     sure = judged.ranking[0].probability
@@ -124,10 +125,11 @@ def sentence_of(
         )
     same = judged.of_answer
     text = f"The gap comes from {either(judged.names, same)} ({chance(sure)}): "
-    text += (
-        f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}, noise {shrink.noise:.2g}"
-    )
-    text += f". It explains {_percent(1.0 - rest.share)} of the gap's energy beyond noise"
+    if gap is not None and shrink.after > STAYS * shrink.before and (stretch := stretch_of(gap)):
+        text += f"without it these runs put {stretch}; the residual on runs held out, {shrink.after:.2g} {unit}, stays"
+    else:
+        text += f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}"
+        text += f", noise {shrink.noise:.2g}. It explains {_percent(1.0 - rest.share)} of the gap's energy beyond noise"
     if rest.rms > 0.0:
         text += (
             f"; {rest.rms:.2g} {unit} remain, {rest.percent_of_input:.2g} % of the input, "

@@ -25,8 +25,9 @@ from workbench.export.controller_program import (
     Program,
     checked,
 )
-from workbench.export.drives import RampLimits, drive_settings, settings_text
+from workbench.export.drives import drive_settings, settings_text
 from workbench.machines import Hoist
+from workbench.references import Limits
 
 COMPARED = 20  # samples between two torques that the self-test in structured text compares
 INPUTS = ("speed_reference_rad_s", "speed_motor_rad_s", "motor_failed")
@@ -149,7 +150,7 @@ def controller_files(
     machine: Hoist,
     payload_kg: float = 0.0,
     drive: str = "generic",
-    ramp: RampLimits | None = None,
+    ramp: Limits | None = None,
 ) -> dict[str, str]:
     """File name -> text. InputError for a term of the controller that is not exported."""
     if form == "yaml":

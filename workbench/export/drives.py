@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,32 +14,22 @@ from workbench.control import PiSettings, feed_forward
 from workbench.core.yaml_strict import Document, dumps, load, validate
 from workbench.export.controller_program import check_exported
 from workbench.machines import HOIST, Hoist
+from workbench.references import Limits
 from workbench.study.scenario import LimitsBlock
 
 DRIVES = ("siemens-s120", "abb-acs880", "generic")
 _JINJA = Environment(undefined=StrictUndefined)
 
 
-@dataclass(frozen=True)
-class RampLimits:
-    """Of the carriage: m/s, m/s^2, m/s^3; jerk None: a trapezoid."""
-
-    speed_m_s: float
-    acceleration_m_s2: float
-    jerk_m_s3: float | None = None
-
-
-def ramp_of(path: Path) -> RampLimits | None:
+def ramp_of(path: Path) -> Limits | None:
     """The limits of a scenario's motion, both ways alike; None for a file without them."""
     document = load(path)
     block = document.data.get("limits") if isinstance(document.data, dict) else None
     if not isinstance(block, dict):
         return None
     inside = {place[1:]: line for place, line in document.lines.items() if place[:1] == ("limits",)}
-    limits = validate(LimitsBlock, Document(document.file, block, inside))
-    if limits.speed_m_s is None or limits.acceleration_m_s2 is None:
-        return None
-    return RampLimits(limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3)
+    given = validate(LimitsBlock, Document(document.file, block, inside)).given()
+    return Limits(**given) if {"speed_m_s", "acceleration_m_s2"} <= given.keys() else None
 
 
 @cache
@@ -51,7 +40,7 @@ def _table() -> dict[str, Any]:
 
 
 def drive_settings(
-    drive: str, settings: PiSettings, machine: Hoist, payload_kg: float = 0.0, ramp: RampLimits | None = None
+    drive: str, settings: PiSettings, machine: Hoist, payload_kg: float = 0.0, ramp: Limits | None = None
 ) -> dict[str, Any]:
     """The parameters of one drive, each motor on its own: gains and inertia are divided by the number of motors; and
     what that drive's controller does not do as the exported one. KeyError for a drive that is not among DRIVES."""
@@ -68,7 +57,7 @@ def drive_settings(
     }  # fmt: skip
     if ramp is not None:
         names["ramp_time_s"] = top * machine.lift_m_per_rad / ramp.acceleration_m_s2
-        names["rounding_time_s"] = 0.0 if ramp.jerk_m_s3 is None else ramp.acceleration_m_s2 / ramp.jerk_m_s3
+        names["rounding_time_s"] = ramp.acceleration_m_s2 / ramp.jerk_m_s3
 
     def value(text: Any) -> Any:
         return _JINJA.compile_expression(str(text), undefined_to_none=False)(names)

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from workbench.core.errors import InputError, nearest
-from workbench.core.record import Finite, Payload, Position, Record
+from workbench.core.record import Finite, Payload, Position, Record, long_form
 from workbench.core.yaml_strict import Document, dotted, load, validate
 from workbench.machines import Axis, Hoist, kind_of
 
@@ -52,11 +52,7 @@ class RunsFile(Record):
     @model_validator(mode="before")
     @classmethod
     def _short_columns(cls, data: object) -> object:
-        """`signal: column` is short for `signal: {column: column}`."""
-        if isinstance(data, dict) and isinstance(columns := data.get("columns"), dict):
-            long = {key: {"column": value} if isinstance(value, str) else value for key, value in columns.items()}
-            return {**data, "columns": long}
-        return data
+        return long_form(data, "columns", "column")
 
 
 def read_runs(file: Path, machine: Hoist | Axis, signals: tuple[str, ...]) -> tuple[RunsFile, Document]:

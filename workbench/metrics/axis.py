@@ -68,13 +68,6 @@ def metric_set(kind: Kind) -> MetricSet:
             1.0 / dt,
         ]
 
-    def _share(of: str) -> Any:
-        def finish(accumulators: Sequence[float], p: Any, duration: float) -> float | None:
-            bound = getattr(p, of)
-            return 100.0 * accumulators[0] / bound if bound < NEITHER else None
-
-        return finish
-
     peak = largest(lambda s, p: absolute(s[force]))
     square = integral(lambda s, p: s[force] * s[force])
     since_last, (ends, overshoot) = Accumulators((0.0,) * 6, _since_last), beyond(x, x_ref)

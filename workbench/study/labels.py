@@ -123,7 +123,7 @@ def _together(names: Sequence[str]) -> str:
     split = [name.split() for name in names]
     shared = next((k for k in (2, 1) if len({tuple(s[:k]) for s in split}) == 1 and min(map(len, split)) > k), 0)
     own = [names[0], *(" ".join(s[shared:]) for s in split[1:])]
-    return own[0] if len(own) == 1 else f"{', '.join(own[:-1])} and {own[-1]}"
+    return listed(own)
 
 
 def reads(reference: str, column: str) -> bool:

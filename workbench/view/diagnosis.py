@@ -275,7 +275,7 @@ def ranking_table(rows: Sequence[Hypothesis], most: int) -> list[tuple[str, str,
     order = sorted(rows, key=lambda row: -row.probability)
     most = min(most, max(sum(row.probability >= WORTH_A_BAR for row in order), 3))
     names = [(str(row.verdict), hypothesis_name(row.verdict, row.effects, row.twins), row.probability) for row in order]
-    others = ("", f"{len(names) - most} others together", sum(p for *_, p in names[most:]))
+    others = ("", f"{len(names) - most} more", sum(p for *_, p in names[most:]))
     return [*names[:most], *([others] if names[most:] else [])]
 
 

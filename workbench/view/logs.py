@@ -1,8 +1,8 @@
-"""Campaigns, runs and imported logs as tables and figures."""
+"""Campaigns, runs, simulated motions and imported logs as tables and figures."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +11,17 @@ import numpy as np
 from workbench.core.errors import InputError, nearest
 from workbench.core.run import Array, Run
 from workbench.core.shown import View
-from workbench.core.table import Column, Table, words
+from workbench.core.table import Column, Table, table_of, words
 from workbench.core.whole_folder import whole_file
 from workbench.logs import Campaign
 from workbench.logs.importing import Proposed
+from workbench.simulate.loop import LoopResult
 from workbench.study.labels import metric_label
 from workbench.view.numbers import figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
 from workbench.view.replay import input_profiles
+from workbench.view.study_figures import over_time
 from workbench.view.style import BLUE, line
 
 
@@ -52,21 +54,36 @@ def _columns(run: Run) -> Mapping[str, Sequence[Any]]:
 
 RUN = View({"signals": _signals}, {"signals": run_figure}, _columns, index="time_s")
 
-_RUN_COLUMNS = (
-    words("run"), Column("payload", "kg"), Column("length", "s"), Column("samples"), Column("step", "ms"),
-    words("signals"),
-)  # fmt: skip
+
+def _loop_metrics(result: LoopResult) -> Table:
+    labels = {name: metric_label(name) for name in result.metrics}
+    rows = [[labels[name].words, figures(value, 4), labels[name].unit] for name, value in result.metrics.items()]
+    note = f"{result.case.name}: {result.outcome.value}."
+    return Table([words("metric"), Column("value"), words("unit")], rows, note)
+
+
+def _loop_overview(result: LoopResult) -> Any:
+    return over_time([(result.case.name, result.run)], result.case.machine, result.case.name)
+
+
+LOOP = View(
+    {"metrics": _loop_metrics},
+    {"overview": _loop_overview, "signals": lambda r: run_figure(r.run)},
+    lambda r: _columns(r.run),
+    index="time_s",
+)
 
 
 def _runs(campaign: Campaign) -> Table:
-    rows = [
-        [
-            run.name, f"{run.payload_kg:g}", f"{run.duration_s:.1f}", str(len(run.time_s)),
-            figures(1000.0 * run.sample_time_s), ", ".join(run.signals),
-        ]
-        for run in campaign.runs
-    ]  # fmt: skip
-    return Table(_RUN_COLUMNS, rows, "; ".join(campaign.all_notes))
+    cells: dict[Column, Callable[[Run], str]] = {
+        words("run"): lambda run: run.name,
+        Column("payload", "kg"): lambda run: f"{run.payload_kg:g}",
+        Column("length", "s"): lambda run: f"{run.duration_s:.1f}",
+        Column("samples"): lambda run: str(len(run.time_s)),
+        Column("step", "ms"): lambda run: figures(1000.0 * run.sample_time_s),
+        words("signals"): lambda run: ", ".join(run.signals),
+    }
+    return table_of(campaign.runs, cells, "; ".join(campaign.all_notes))
 
 
 def _run_columns(campaign: Campaign) -> Mapping[str, Sequence[Any]]:

@@ -18,9 +18,8 @@ from workbench.study.labels import NO_CHANGE, SweptAxis, drawn_in, metric_label,
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import peak_limit
 from workbench.view import style
-from workbench.view.panels import Panels
+from workbench.view.panels import MOST_POINTS, Panels
 from workbench.view.style import BLACK, GREY, MARKERS, SPARE, faint, label, line, look
-from workbench.view.thin import MOST_POINTS
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

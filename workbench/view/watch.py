@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.core.names import unit_of, words_of
 from workbench.core.run import Array
-from workbench.core.table import Column, Table, words
+from workbench.core.table import Column, Table, table_of, words
 from workbench.core.whole_folder import whole_file
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
@@ -80,17 +80,20 @@ def alarm_table(watch: Watch) -> Table:
 
 def fleet_table(rows: Sequence[Row]) -> Table:
     """The machines by state, the worst first."""
-    columns = [
-        words("machine"), words("state"), Column("cycles"), Column("alarms"), words("since"), words("likeliest change"),
-        Column("cycles to\nthe limit"), words("trouble"),
-    ]  # fmt: skip
-    made = []
-    for row in by_state(rows):
-        change = "" if row.amount is None else f"{row.cause} {row.amount:+.3g} {row.unit}"
-        left = "–" if row.cycles_left is None else f"{row.cycles_left:.0f}"
-        made.append([row.machine, row.state, str(row.cycles), str(row.alarms), row.since, change, left, row.trouble])
+    cells: dict[Column, Callable[[Row], str]] = {
+        words("machine"): lambda row: row.machine,
+        words("state"): lambda row: row.state,
+        Column("cycles"): lambda row: str(row.cycles),
+        Column("alarms"): lambda row: str(row.alarms),
+        words("since"): lambda row: row.since,
+        words("likeliest change"): lambda row: (
+            "" if row.amount is None else f"{row.cause} {row.amount:+.3g} {row.unit}"
+        ),
+        Column("cycles to\nthe limit"): lambda row: "–" if row.cycles_left is None else f"{row.cycles_left:.0f}",
+        words("trouble"): lambda row: row.trouble,
+    }
     counts = (f"{sum(row.state == state for row in rows)} {state}" for state in STATES)
-    return Table(columns, made, f"{len(rows)} machines: {', '.join(counts)}.")
+    return table_of(by_state(rows), cells, f"{len(rows)} machines: {', '.join(counts)}.")
 
 
 def parameters(judge: Judge, healthy: int) -> Figure:

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from workbench.core.errors import InputError, nearest
-from workbench.core.record import Finite, Payload, Position, Record
+from workbench.core.record import Finite, Payload, Position, Record, long_form
 from workbench.core.yaml_strict import load, validate
 from workbench.machines import TIME, Axis, Hoist, Kind, kind_of
 from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid, start_value, with_payload
@@ -46,11 +46,7 @@ class NodesFile(Record):
     @model_validator(mode="before")
     @classmethod
     def _short_nodes(cls, data: object) -> object:
-        """`signal: node` is short for `signal: {node: node}`."""
-        if isinstance(data, dict) and isinstance(nodes := data.get("nodes"), dict):
-            long = {key: {"node": value} if isinstance(value, str) else value for key, value in nodes.items()}
-            return {**data, "nodes": long}
-        return data
+        return long_form(data, "nodes", "node")
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,18 @@ function wrapped(text, width, letter) {
   return lines.join("<br>");
 }
 
+// Without the room that a title would have: the legend moves up, the panels keep their size.
+const TITLE = 36; // px
+function untitled(layout) {
+  const top = layout.margin?.t ?? 0, height = layout.height ?? HEIGHT;
+  if (layout.title?.text || top < 100) return layout;
+  const y = 1 - ((1 - (layout.legend?.y ?? 1)) * height - TITLE) / (height - TITLE);
+  return {...layout, height: height - TITLE, margin: {...layout.margin, t: top - TITLE}, legend: {...layout.legend, y}};
+}
+
 // The layout for a width: a narrow one has the panels in one column, and room for the legend's lines at the bottom.
-function fitting({data, layout}, width) {
+function fitting(figure, width) {
+  const {data} = figure, layout = untitled(figure.layout);
   if (width > NARROW) return layout;
   const narrow = structuredClone(layout), {rows = 1, columns = 1} = layout.meta ?? {};
   const height = (layout.height ?? HEIGHT) * (columns > 1 ? 0.95 * columns : 1);
@@ -65,7 +75,7 @@ function fitting({data, layout}, width) {
   }
   for (const note of narrow.annotations ?? []) {
     if (note.showarrow || !note.text) continue;
-    Object.assign(note, {text: wrapped(note.text, width - 60, 6.4), font: {...note.font, size: 11}});
+    Object.assign(note, {text: wrapped(note.text, width - 50, 6.2), font: {...note.font, size: 11}});
   }
   const title = wrapped(layout.title?.text, width - 30, 9), more = 20 * (title.split("<br>").length - 1);
   if (more) {
@@ -77,7 +87,8 @@ function fitting({data, layout}, width) {
   const across = Math.max(1, Math.floor(width / (60 + 7.5 * Math.max(...names.map(name => name.length)))));
   const lines = 22 * Math.ceil(names.length / across) + 12;
   narrow.legend = {...narrow.legend, x: 0, xref: "container", xanchor: "left", y: 0, yref: "container", yanchor: "bottom"};
-  narrow.margin = {...narrow.margin, l: Math.min(narrow.margin?.l ?? 80, 64), r: 12, b: (narrow.margin?.b ?? 52) + lines};
+  const top = layout.title?.text ? narrow.margin?.t : 30; // no legend stands there
+  narrow.margin = {...narrow.margin, t: top, l: Math.min(narrow.margin?.l ?? 80, 64), r: 12, b: (narrow.margin?.b ?? 52) + lines};
   return {...narrow, height: height + lines + more};
 }
 

@@ -290,6 +290,7 @@ def view_of(d: Diagnosis) -> View:
 
     sections, machine = words.sections_of(d), d.campaign.machine
     for figure, _ in sections["verdict"].figures:  # for a place of half the page's width
+        assert figure is not None
         figure.update_traces(y=[name.replace(" + ", " +<br>") for name in figure.data[0].y])
         _lower(figure, "Probability")
     return View(

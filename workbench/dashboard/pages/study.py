@@ -323,7 +323,9 @@ def _further(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, run
     """A tab for each further figure; only the one that is open is simulated and drawn."""
     hoist = bool(kind_of(machine).payload)
     titles = [*([PLANE, PEAKS] if hoist and runs else []), LIMITS]
-    for title, tab in zip(titles, st.tabs(titles, key=FIGURE, on_change="rerun"), strict=True):
+    if not (part := fold(", ".join(titles), "further", "insights")).open:
+        return
+    for title, tab in zip(titles, part.tabs(titles, key=FIGURE, on_change="rerun"), strict=True):
         if not tab.open:
             continue
         with tab:

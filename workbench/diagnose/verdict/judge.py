@@ -27,7 +27,7 @@ from workbench.diagnose.hypotheses.evidence import (
 )
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of
-from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, significance
+from workbench.diagnose.hypotheses.held_out import significance
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
@@ -128,8 +128,8 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
 
 
 def judged_to_help(search: SearchResult) -> Judged:
-    """The verdict. A cause is not named if its correction makes held-out runs worse, nor beside others if what it gains
-    there is not significant; nor does such a one speak for an unknown cause."""
+    """The verdict. A cause is not named if held-out runs and tolerances speak against it, nor beside others if what it
+    gains there is not significant; nor does such a one speak for an unknown cause."""
     barred: list[Names] = []
     while True:
         judged = judge(search, barred)
@@ -141,15 +141,15 @@ def judged_to_help(search: SearchResult) -> Judged:
 
 
 def deserved(search: SearchResult, names: Names) -> bool:
-    """Whether held-out runs are predicted no worse with a hypothesis than without its effects, and significantly better
-    than without any one of several, at SIGNIFICANT for all that they were chosen from."""
-    problem, folds, fit = search.problem, folds_by_run(search.problem), search.fits[names]
-    after, before = (held_out(problem, one, folds).rms(problem.inputs) for one in (fit, search.within_tolerances))
-    if after > before or len(names) == 1:
-        return after <= before
+    """Whether a hypothesis predicts held-out runs and the tolerances better than its effects' absence does, and
+    significantly better than without any one of several, at SIGNIFICANT for all that they were chosen from. A cause
+    that base parameters can stand in for leaves the residual as it is, and relieves the tolerances."""
+    problem, fit = search.problem, search.fits[names]
+    if significance(problem, search.within_tolerances, fit) <= 0.0:
+        return False
     chosen_from = len({name for known in search.fits for name in known})
     least = float(-ndtri(SIGNIFICANT / chosen_from))
-    return all(significance(problem, without(search, fit, name), fit) > least for name in names)
+    return len(names) == 1 or all(significance(problem, without(search, fit, name), fit) > least for name in names)
 
 
 def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
