@@ -44,7 +44,7 @@ def base_fit(problem: Problem) -> Fitted:
 
 def explained(folder: Path) -> Case:
     campaign = read_campaign(folder)
-    problem = Problem(campaign.machine, campaign.runs)
+    problem = Problem(campaign.machine, campaign.runs).exact()
     base = base_fit(problem)
     return problem, base, explain(problem, base)
 
@@ -116,7 +116,7 @@ def test_the_corrected_machine_is_a_file_that_replay_takes(rail: Case, tmp_path:
     keys = base_parameters(problem.machine, problem.runs)
     plain = replay_runs(refitted_machine(problem, keys, base), problem.runs, problem.band_hz)
     beside = in_no_file(problem, explanation.fitted.setting)
-    (left,) = Problem(machine, problem.runs, problem.band_hz).residuals([beside])
+    (left,) = Problem(machine, problem.runs, problem.band_hz).exact().residuals([beside])
     assert float(np.sqrt(np.mean(left**2))) == pytest.approx(explanation.after, rel=1e-6)
     assert replayed.speed_rmse_percent < 0.5 * plain.speed_rmse_percent
 
@@ -132,7 +132,7 @@ def test_each_fold_has_a_machine_that_has_not_seen_it(rail: Case):
     problem, _, explanation = rail
     assert len(explanation.machines) == len(problem.runs)
     beside = in_no_file(problem, explanation.held_out.settings[2])
-    (left,) = Problem(explanation.machines[2], problem.runs, problem.band_hz).residuals([beside])
+    (left,) = Problem(explanation.machines[2], problem.runs, problem.band_hz).exact().residuals([beside])
     rows = np.flatnonzero(problem.run_of_row[: problem.inputs] == 2)
     assert explanation.held_out.residual[rows] == pytest.approx(left[rows], abs=1e-9)
     assert np.any(explanation.held_out.residual[rows] != explanation.fitted.residual[rows])

@@ -278,7 +278,9 @@ def test_the_refitted_machine_leaves_the_residual_of_its_fit(bump: tuple[Campaig
     campaign, search = bump
     problem = search.problem
     machine = refitted_machine(problem, base_parameters(problem.machine, problem.runs), search.within_tolerances)
-    left = Problem(machine, campaign.runs, problem.band_hz).residuals([{}])[0]
+    again = Problem(machine, campaign.runs, problem.band_hz).exact()
+    again.rows, again.inputs = problem.rows, problem.inputs  # it says otherwise by a sample when the carriage moves
+    left = again.residuals([{}])[0]
     assert left == pytest.approx(search.within_tolerances.residual, abs=0.02 * problem.noise)
     assert not machine.effects
 

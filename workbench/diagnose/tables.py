@@ -427,7 +427,8 @@ class Tables:
         """(samples,) measured minus predicted, of a machine as a file says it, beside what no file holds."""
         problem = self.problem
         machine = with_table(refitted_machine(problem, self.keys, setting), curve)
-        with_it = Problem(machine, problem.runs, problem.band_hz)
+        thin = Problem(machine, problem.runs, problem.band_hz)
+        with_it = thin if problem.thin else thin.exact()
         with_it.rows, with_it.noise = problem.rows, problem.noise  # the tension's rows are scaled by the noise
         return with_it.residuals([in_no_file(problem, setting)])[0]
 

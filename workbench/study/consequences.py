@@ -24,7 +24,7 @@ from workbench.core.json_records import plain
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
 from workbench.effects import effects_for, sizes_of
-from workbench.machines import LOOPED, AnyKind, Axis, Hoist, Kind, kind_of, looped
+from workbench.machines import LOOPED, AnyKind, Axis, Hoist, Kind, kind_of, looped, studied
 from workbench.metrics import Metric, find, set_of
 from workbench.references import Limits
 from workbench.study.grid import RunSpec
@@ -274,8 +274,9 @@ def consequences_of(
     loops = [_weakest_loop(machine, study) for machine in (was, now)]
     usable = loops[0].stable and math.isfinite(loops[0].bandwidth_hz)
     wanted = goal or Goal(float(f"{loops[0].bandwidth_hz:.2g}") if usable else None, MS_LIMIT)
+    rated = studied(now)
     made = Consequences(
-        effects, study, now.motor.nominal_torque_nm if isinstance(now, Hoist) else None, changes, loops[0], loops[1],
+        effects, study, rated.motor.nominal_torque_nm if rated else None, changes, loops[0], loops[1],
         (wanted.bandwidth_hz, wanted.ms_limit), *_gains(study, was, now, wanted), _choices(changes, study.kind),
     )  # fmt: skip
     return replace(made, sentences=tuple(_sentences(made, now))), ""
