@@ -33,6 +33,13 @@ def test_a_machine_within_its_tolerances_has_no_gap(shared_data: Path, number: s
     assert (diagnosis.verdict.word, diagnosis.verdict.effects) == ("no_gap", ())
 
 
+def test_an_offset_that_stretches_base_values_is_named_though_more_is_left_near_standstill(shared_data: Path):
+    """Unweighted, the machine without it leaves less: its friction has been bent to what is near standstill."""
+    diagnosis, told = answer(shared_data, "41")
+    assert "torque_offset" in {*diagnosis.verdict.effects, *diagnosis.verdict.alike}
+    assert diagnosis.verdict.word == "named" and told["t_off"] < -40.0
+
+
 def test_a_tight_stretch_is_named_with_its_place_and_size(shared_data: Path):
     diagnosis, told = answer(shared_data, "05")
     assert diagnosis.verdict.effects == ("friction_position_dependent",)

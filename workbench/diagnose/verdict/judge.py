@@ -200,7 +200,7 @@ def established(
 
 def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     """What speaks against a fit, whatever its law."""
-    last, more = w.names[-1], w.fit.rms(problem.inputs) / max(near.rms(problem.inputs), 1e-300) - 1.0
+    last, more = w.names[-1], w.fit.chi2 / max(near.chi2, 1e-300) - 1.0  # as weighed: near standstill no law is exact
     if more > 0.0 and not (problem.struck and PLAY in w.names):  # what a play leaves are the rebounds
         return Constancy(last, "residual", more)
     if (undone := cancellation(problem, w.fit, len(near.z))) > settings.UNDONE:
