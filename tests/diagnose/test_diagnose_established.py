@@ -21,7 +21,7 @@ from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.search import Search, SearchResult
+from workbench.diagnose.hypotheses.search import Search, SearchResult, searched
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.verdict.answer import Hypothesis, shared
 from workbench.diagnose.verdict.constancy import constancies
@@ -29,7 +29,7 @@ from workbench.diagnose.verdict.judge import judged_to_help
 from workbench.effects import find
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import load_machine, save_machine, with_values
+from workbench.machines import default_hoist, load_machine, save_machine, with_values
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.5}}
@@ -67,6 +67,26 @@ def test_the_delivered_file_gives_the_fits_residual_run_by_run(bump: tuple[Campa
         fitted = float(np.sqrt(np.mean(fit.residual[: problem.inputs][mine] ** 2)))
         assert row.after == pytest.approx(fitted, rel=0.03)  # the fit looks at fewer samples
     assert sum(row.share for row in told.runs) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "amounts"),
+    [
+        ("friction_coulomb_asymmetric", {"level_hoisting_n": 8000.0, "level_lowering_n": 0.0}),
+        ("friction_coulomb", {"level_n": 5000.0}),
+    ],
+)
+def test_the_freer_of_two_laws_is_named_where_it_is_true_whatever_else_is_missing(
+    name: str, amounts: dict[str, float], tmp_path: Path
+):
+    """A large cause beside it lets neither law be further off than it would be alone."""
+    large = {"friction_position_dependent": {"peak_n": 9000.0, "centre_m": 9.6, "width_m": 0.5}}
+    machine = default_hoist().model_copy(update={"effects": large | {name: amounts}})
+    campaign = read_campaign(simulated_campaign(tmp_path / "two", machine))
+    problem, laws = Problem(campaign.machine, campaign.runs), ("friction_coulomb", "friction_coulomb_asymmetric")
+    effects = [find(one, "hoist") for one in (*large, *laws)]
+    found = judged_to_help(searched(problem, effects, 2, base=base_parameters(campaign.machine, campaign.runs)))
+    assert (found.word, set(found.names)) == ("named", {*large, name})
 
 
 class WithoutRows:
