@@ -6,7 +6,7 @@ import json
 import os
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,7 @@ from typing import Any
 from workbench.blind.make import validation
 from workbench.core.errors import InputError
 from workbench.core.input_file import read_input
-from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
-from workbench.diagnose.hypotheses.evidence import same_but_freer
+from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.logs import read_campaign
 from workbench.machines import plant_of
@@ -38,7 +37,6 @@ class Answer:
 
     folder: str
     word: str
-    withheld: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     alike: tuple[str, ...] = ()
     ranking: list[tuple[str, list[str], float]] = field(default_factory=list)
@@ -68,33 +66,27 @@ class Answer:
     warnings: tuple[str, ...] = ()
 
 
-def answer(folder: Path, withheld: Sequence[str] = (), most_effects: int = MOST_EFFECTS) -> Answer:
-    """Diagnose one campaign; `withheld` effects are taken out of the library first, and laws that hold them."""
+def answer(folder: Path, most_effects: int = MOST_EFFECTS) -> Answer:
+    """Diagnose one campaign."""
     cpu, wall = time.process_time(), time.monotonic()
 
     def spent() -> dict[str, Any]:
         return {"cpu_s": time.process_time() - cpu, "wall_s": time.monotonic() - wall}
 
     try:
-        campaign = read_campaign(folder)
-        kind = plant_of(campaign.machine).kind
-        names = [effect.id for effect in chosen_effects(campaign, None)]
-        gone = {name for name in names if any(name == one or same_but_freer(name, one, kind) for one in withheld)}
-        listed = [name for name in names if name not in gone]
-        diagnosis = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects, study=False)
-        return _kept(diagnosis, folder, tuple(withheld), spent())
+        diagnosis = diagnose(read_campaign(folder), most_effects=most_effects, study=False)
+        return _kept(diagnosis, folder, spent())
     except InputError as error:
         word, why = "refused", str(error)
     except Exception:  # a defect is an answer that counts as wrong, and no reason to lose the others
         word, why = "failed", traceback.format_exc(limit=-3)
-    return Answer(folder.name, word, tuple(withheld), ranking=[(word, [], 1.0)], warnings=(why,), **spent())
+    return Answer(folder.name, word, ranking=[(word, [], 1.0)], warnings=(why,), **spent())
 
 
-def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[str, Any]) -> Answer:
+def _kept(d: Diagnosis, folder: Path, spent: Mapping[str, Any]) -> Answer:
     base = d.search.base
     return Answer(
         folder=folder.name,
-        withheld=withheld,
         word=d.verdict.word,
         names=d.verdict.effects,
         alike=d.verdict.alike,
