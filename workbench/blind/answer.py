@@ -29,10 +29,9 @@ class Answer:
     in the ranking, no names for what speaks for an unknown cause. twins: groups of hypotheses that differ in name only:
     the ranking has the first of each. evidence: what speaks for an unknown cause besides. estimates:
     effect -> name -> (value, standard error). held_out: names and held-out rms, N m (N), of the best fits, and of none.
-    places: subsystem and probability. explained: share of the gap's energy.
-    left: rms, percent_of_input, relevant. events: run, from_s, to_s of each that the answer says. none: chi2 and prior
-    without any effect, samples. visible: effect -> its parameter and the smallest amount that these runs would show.
-    sparse: what sparse regression of the residual names, None where pysindy is not installed.
+    places: subsystem and probability. explained: share of the gap's energy. events: run, from_s, to_s of each that the
+    answer says. none: chi2 and prior without any effect, samples. sparse: what sparse regression of the residual
+    names, None where pysindy is not installed.
     """
 
     folder: str
@@ -58,9 +57,7 @@ class Answer:
     places: list[tuple[str, float]] = field(default_factory=list)
     events: list[tuple[str, float, float]] = field(default_factory=list)
     explained: float | None = None
-    left: Mapping[str, Any] | None = None
     none: Mapping[str, float] = field(default_factory=dict)
-    visible: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     next_run: Mapping[str, Any] | None = None
     sparse: tuple[str, ...] | None = None
     warnings: tuple[str, ...] = ()
@@ -113,9 +110,7 @@ def _kept(d: Diagnosis, folder: Path, spent: Mapping[str, Any]) -> Answer:
         places=[(place.subsystem, place.probability) for place in (d.where.places if d.where else ())],
         events=[(event.run, event.from_s, event.to_s) for event in (d.where.events if d.where else ())],
         explained=d.verdict.explained,
-        left=asdict(d.verdict.left),
         none={"chi2": base.chi2, "prior": base.prior, "samples": d.search.problem.samples},
-        visible={name: (parameter, amount) for name, (parameter, amount) in d.isolability.visible.items()},
         next_run=d.next_run.record if d.next_run else None,
         sparse=_sparse(d),
         warnings=tuple(map(str, d.warnings)),
