@@ -22,7 +22,6 @@ from workbench.view.loop import (
     gang_of_four,
     member_name,
     nyquist,
-    poles_in_s,
     sentences,
     steps,
     table,
@@ -90,16 +89,6 @@ def test_a_step_ends_at_what_the_loop_holds(members: list[Member]):
     own = members[0].loop.closed.run(inputs)
     np.testing.assert_allclose(signals["speed_motor_rad_s"], own[:, 0], atol=1e-9)
     assert len(lines(steps(members), member_name(members[0]))) == 4
-
-
-def test_the_table_has_a_line_a_loop_and_the_words_name_the_weakest(members: list[Member]):
-    assert len(table(members).rows) == len(members)
-    worst = weakest(members)
-    said = " ".join(sentences(case(), members))
-    assert f"{worst.point.payload_kg:g} kg at {worst.point.height_m:g} m" in said
-    assert "5 ms speed delay" in said
-    slowest, damping = poles_in_s(members[0])
-    assert slowest < 0.0 < damping <= 1.0
 
 
 def test_an_unstable_loop_gets_no_margins_in_table_or_figure():

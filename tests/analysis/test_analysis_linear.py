@@ -66,15 +66,6 @@ def test_the_linear_plant_is_the_finite_difference_of_the_plant(payload: float, 
     np.testing.assert_allclose(gain, plant.B[:, 0], rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_the_operating_point_accelerates_nothing(motion: Any):
-    plant = linearise(ideal_hoist(), OperatingPoint(9000.0, 3.0, motion))
-    q, y, u = plant.start
-    np.testing.assert_allclose(
-        HOIST.plant.accelerations(0.0, q, y, u, HOIST.plant.values(ideal_hoist(), 9000.0)), 0.0, atol=1e-9
-    )
-
-
 @pytest.mark.parametrize(("payload", "hz", "zeta"), [(0.0, 3.10, 0.97), (4500.0, 2.55, 0.80), (9000.0, 2.24, 0.70)])
 def test_the_carriage_on_the_wire_with_a_free_motor_is_that_of_the_model_page(payload: float, hz: float, zeta: float):
     hz_and_zeta = oscillation(linearise(ideal_hoist(), OperatingPoint(payload, 10.0)))
@@ -206,35 +197,6 @@ def test_the_linear_controller_answers_a_pulse_as_the_step_does(settings: Any, m
     pulse[0, 0 if of_reference else 1] = 1.0
     expected = impulse_by_the_step(settings, machine, 200, of_reference)
     np.testing.assert_allclose(linear.run(pulse)[:, 0], expected, rtol=1e-11, atol=1e-11 * np.abs(expected).max())
-
-
-def test_a_plain_controller_is_kp_and_an_euler_integral():
-    linear = linear_controller(SETTINGS["weighted"], ideal_hoist())
-    f = np.geomspace(0.01, 500.0, 20)
-    z = np.exp(2j * np.pi * f * 0.001)
-    integral = 122.0 * 0.001 / (z - 1.0)
-    response = linear.response(f)
-    np.testing.assert_allclose(response[:, 0, 0], 31.0 * 0.4 + integral, rtol=1e-9)
-    np.testing.assert_allclose(response[:, 0, 1], -(31.0 + integral), rtol=1e-9)
-    assert len(linear.A) == 1  # what is switched off leaves no memory
-
-
-def test_a_filter_and_a_fractional_delay_are_as_written():
-    linear = linear_controller(SETTINGS["plain"], DRIVES["late"])
-    f = np.geomspace(0.01, 500.0, 20)
-    z = np.exp(2j * np.pi * f * 0.001)
-    alpha = 1.0 - np.exp(-0.001 / 0.003)
-    late = alpha / (1.0 - (1.0 - alpha) / z) * (0.5 * z**-3 + 0.5 * z**-4)
-    np.testing.assert_allclose(linear.response(f)[:, 0, 1], -(31.0 + 0.122 / (z - 1.0)) * late, rtol=1e-9)
-
-
-def test_a_sampled_system_answers_a_sine_by_its_response():
-    system = Sampled(np.array([[0.5, 0.1], [0.0, -0.3]]), np.eye(2), np.ones((1, 2)), np.zeros((1, 2)), 0.01)
-    k = np.arange(400)
-    wave = np.exp(2j * np.pi * 7.0 * 0.01 * k)
-    out = system.run(np.column_stack([wave.real, np.zeros(400)]))[:, 0]
-    expected = (system.response(np.array([7.0]))[0, 0, 0] * wave).real
-    np.testing.assert_allclose(out[100:], expected[100:], atol=1e-12)
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.0004, 0.001, 0.0375, 0.2])

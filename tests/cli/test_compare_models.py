@@ -103,15 +103,3 @@ def test_without_the_extra_a_study_says_so_before_it_runs(tmp_path: Path, monkey
     with pytest.raises(InputError, match=r"pip install '\.\[multibody\]'"):
         study_of(tmp_path, "plant: multibody\n")
     engine.cache_clear()
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["nowhere"], "no such campaign"),
-        (["nowhere", "--step", "0.1"], "expected 0.0001 to 0.01 s"),
-    ],
-)
-def test_bad_input_is_one_line_and_status_2(workbench: Commands, tmp_path: Path, words: list[str], said: str):
-    ended = workbench("compare-models", tmp_path / words[0], *words[1:])
-    assert ended.status == 2 and said in ended.err and "Traceback" not in ended.err

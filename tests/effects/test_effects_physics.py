@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -393,41 +392,3 @@ def test_a_late_run_of_a_campaign_meets_the_warm_machine():
     assert torque[0] - torque[2] == pytest.approx(0.8 * math.exp(-0.03) * friction, rel=0.02)
     assert torque[1] - torque[2] == pytest.approx(0.8 * math.exp(-3.03) * friction, rel=0.02)
     assert warm.run.start_time_s == 300.0
-
-
-OWN = '''
-from workbench.effects import Parameter, effect
-
-@effect(
-    place={"hoist": "guide_force_n"}, subsystem="guide", regime="all",
-    parameters=[Parameter("F", "force_n", "always down", "force", 0.0, 1.0, 0.01, 0.02, vanishes_at=0.0)],
-    equation="F = -F", reference="made up", shows="a constant",
-)
-def downward_pull(s, e, p):
-    """A constant pull."""
-    return -e.F
-'''
-
-
-def test_a_user_s_effect_from_a_file_runs_in_the_closed_loop_with_no_other_edit(tmp_path):
-    from workbench.effects import forget_users, load_effects
-
-    (tmp_path / "mine.py").write_text(OWN)
-    try:
-        load_effects(tmp_path / "mine.py")
-        machine = default_hoist().model_copy(update={"effects": {"downward_pull": {"force_n": 800.0}}})
-        settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
-        still = np.zeros(200)
-        (mine,) = simulate_loop([LoopCase("mine", machine, 0.0, 9.0, settings, still)])
-        (plain,) = simulate_loop([LoopCase("plain", default_hoist(), 0.0, 9.0, settings, still)])
-    finally:
-        forget_users()
-    assert mine.hold_torque_nm - plain.hold_torque_nm == pytest.approx(400.0 * LEVER, rel=1e-4)
-    assert np.ptp(mine.run["position_carriage_m"]) < 1e-6
-
-
-def test_the_logs_of_single_motors_add_up_to_the_logged_sum(campaigns):
-    machine, run = campaigns["torque_offset"]
-    both: Any = run["torque_motor1_nm"] + run["torque_motor2_nm"]
-    assert both == pytest.approx(run["torque_motor_nm"])
-    assert machine.effects

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +11,6 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT
 from tests.support.commands import Commands
 from tests.support.effect_machines import MACHINES
 from tests.support.ideal import ideal_hoist
@@ -125,14 +123,6 @@ def test_a_mistake_is_named_with_file_and_line(change: tuple[str, str], said: st
     assert caught.value.line is not None and caught.value.line > machine_text(HOIST).count("\n")
 
 
-def test_the_example_of_the_docs_is_one():
-    page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-    example = re.search(r"\n    measured_correction:\n(?:      .*\n)+", page)
-    assert example is not None
-    machine = machine_from(loads(machine_text(HOIST) + example[0].replace("\n    ", "\n").lstrip(), "machine.yaml"))
-    assert machine.measured_correction is not None and len(machine.measured_correction.at) == 4
-
-
 def test_a_load_s_torque_passes_the_motor_and_no_guide():
     with pytest.raises(InputError, match="over torque_load_nm goes with acts_on motor"):
         with_correction(HOIST, "torque_load_nm", "guide", [0.0, 1.0, 2.0], [1.0] * 3, [1.0] * 3)
@@ -221,17 +211,6 @@ def test_in_the_closed_loop_a_table_of_b_v_is_viscous_friction():
     torque = [result.run["torque_motor_nm"] for result in (plain, effect, table)]
     assert np.max(np.abs(torque[1] - torque[0])) > 10.0
     assert np.max(np.abs(torque[2] - torque[1])) < 0.01
-
-
-def test_a_table_over_the_motor_angle_is_its_ripple_within_the_table_s_steps():
-    ripple = {"torque_ripple": {"amplitude_nm": 20.0, "order_per_turn": 1.0, "phase_rad": 0.4}}
-    at = np.linspace(0.0, TURN, 33, endpoint=False)
-    against = -20.0 * np.sin(at + 0.4)
-    table = with_correction(HOIST, "angle_motor_rad", "motor", at, against, -against)
-    plain, effect, corrected = moved([HOIST, HOIST.model_copy(update={"effects": ripple}), table])
-    torque = [result.run["torque_motor_nm"] for result in (plain, effect, corrected)]
-    assert np.max(np.abs(torque[1] - torque[0])) > 5.0
-    assert np.max(np.abs(torque[2] - torque[1])) < 0.3
 
 
 @pytest.fixture(scope="module")

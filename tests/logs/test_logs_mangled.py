@@ -22,27 +22,7 @@ from workbench.machines.files import machine_text
 COLUMNS = hoist_columns(120, 0.02)
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv, start_time_s: 0.0}\n"
 WORDS = ["", "nan", "inf", "-inf", "1e999", "x", '"', ",", "\n", "0x10", "1,5", "\ufeff", "-", "1e308", "\r", " "]
-YAML_WORDS = [
-    "-",
-    "{",
-    "}",
-    ":",
-    "!",
-    "&a",
-    "*a",
-    "~",
-    "yes",
-    "1e400",
-    ".nan",
-    "'",
-    '"',
-    "\t",
-    "[[",
-    "|",
-    "../",
-    "#",
-    "\0",
-]
+YAML_WORDS = [*"-{}:!~'\"\t|#\0", "&a", "*a", "yes", "1e400", ".nan", "[[", "../"]
 
 
 @pytest.fixture(scope="module")

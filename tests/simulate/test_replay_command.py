@@ -15,11 +15,9 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.log_campaign import AXIS, csv_text
 from tests.support.simulated_campaign import PAYLOADS, TORQUE_NOISE_NM, simulated_campaign, true_machine
-from workbench.core.errors import InputError
 from workbench.core.whole_folder import whole_folder
 from workbench.logs import read_campaign
 from workbench.machines import default_hoist, save_machine, with_values
-from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import replay_runs
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -167,21 +165,6 @@ def test_nothing_is_overwritten(workbench: Commands, campaign: Path, tmp_path: P
     assert (tmp_path / "mine" / "notes.txt").read_text() == "keep"
 
 
-def test_an_empty_folder_is_filled(workbench: Commands, campaign: Path, tmp_path: Path):
-    (tmp_path / "out").mkdir()
-    assert workbench("replay", campaign, "--out", tmp_path / "out").status == 0
-    assert (tmp_path / "out" / "replay.json").is_file()
-
-
-def test_the_current_folder_is_refused_as_out(
-    workbench: Commands, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.chdir(tmp_path)
-    done = workbench("replay", campaign, "--out", ".")
-    assert done.status == 2
-    assert "is the current folder; name one to be made" in done.err
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="allowed: no /dev/full on this system")
 def test_a_full_disk_leaves_no_folder(
     workbench: Commands, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -204,15 +187,6 @@ def test_a_whole_folder_stands_under_its_name_only_when_the_block_ends(tmp_path:
         assert hidden.parent == tmp_path / "deep"
     assert (tmp_path / "deep" / "out" / "a").read_text() == "1"
     assert [p.name for p in (tmp_path / "deep").iterdir()] == ["out"]
-
-
-def test_a_band_is_checked_against_the_shortest_and_the_slowest_run(campaign: Path):
-    runs = read_campaign(campaign).runs
-    check_band(0.3, runs)
-    check_band(49.0, runs)
-    for band in (0.2, 50.0, float("inf"), -3.0):
-        with pytest.raises(InputError, match=r"^band_hz: "):
-            check_band(band, runs)
 
 
 def test_an_identified_machine_is_compared_in_its_own_band(campaign: Path):

@@ -258,14 +258,3 @@ def test_several_files_go_into_folders_of_their_names(tmp_path: Path) -> None:
     assert isinstance(twice.exception, InputError)
     assert "is study 'one', like" in str(twice.exception)
     assert not (tmp_path / "again").exists()
-
-
-def test_of_many_runs_quantiles_and_extremes_are_shown_and_where_the_rest_lies(small: Study, tmp_path: Path) -> None:
-    path = tmp_path / "three.yaml"
-    path.write_text(SMALL, encoding="utf-8")
-    done = CliRunner().invoke(command, [str(path), "--out", str(tmp_path / "out")], catch_exceptions=False)
-    assert "Each of the 300 runs has its line in the index." in done.output
-    assert "median" in done.output and "highest torque peak" in done.output
-    assert max(map(len, done.output.splitlines())) <= 100
-    assert str(tmp_path / "out" / "index.parquet") in done.output
-    assert not (tmp_path / "out" / "study.html").exists()

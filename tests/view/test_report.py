@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -127,24 +126,6 @@ def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, run) 
     assert max(map(len, done.out.splitlines())) <= 100
 
 
-def test_each_run_has_a_line_in_each_table_of_runs(results) -> None:
-    result = read_finished(results(""))
-    page_tables = run_tables(result.rows)
-    assert [len(table.rows) for table in page_tables] == [4, 4, 4]
-    peak = {(line[0], line[1]): line[2] for line in page_tables[0].rows}
-    for row in result.rows:
-        assert peak[f"{row.payload_kg:g}", row.reference] == f"{row['peak_torque_motor_nm']:.0f}"
-
-
-def test_figures_over_payload_over_time_and_over_speed_for_a_study_of_payloads(results) -> None:
-    assert titles(read_finished(results(""))) == [
-        "Torque peak over payload",
-        "Start of the first move",
-        "Closed loop over time",
-        "Torque and speed of one motor, in what the drive can give",
-    ]
-
-
 def test_a_sweep_of_limits_has_its_fronts_with_the_knee_named_and_no_curves_without_signals(results) -> None:
     result = read_finished(results(SWEEP))
     assert titles(result) == [
@@ -159,17 +140,6 @@ def test_a_sweep_of_limits_has_its_fronts_with_the_knee_named_and_no_curves_with
     assert any("the knee of move time against torque peak per motor is" in text for text in conclusions(result))
 
 
-def test_a_sweep_of_gains_shows_what_changes_and_leaves_out_what_does_not(results) -> None:
-    result = read_finished(results(GAINS))
-    shown = titles(result)
-    assert shown[0] == "Over kp"
-    assert "Over anti windup" not in shown  # nothing winds up here
-    assert "Closed loop over time" in shown
-    curves = figures_of(result)[shown.index("Closed loop over time")][0]
-    assert {trace.name for trace in curves.data} == {"kp 15 N m s/rad", "kp 31 N m s/rad", "set points"}
-    assert any(text.startswith("Anti windup makes no difference") for text in conclusions(result))
-
-
 def test_a_sample_has_its_spread_and_what_it_hangs_on(results) -> None:
     result = read_finished(results(SAMPLE))
     assert titles(result) == ["Spread of the results", "What the torque peak per motor depends on"]
@@ -178,16 +148,6 @@ def test_a_sample_has_its_spread_and_what_it_hangs_on(results) -> None:
     assert len(run_tables(result.rows)[0].rows) == 4 * 5  # 128 runs: quantiles of each payload and reference
     lines = what(result)
     assert " to " in lines["drawn: carriage mass"] and lines["drawn: carriage mass"].endswith(" kg")
-
-
-def test_what_was_run_is_said_without_a_date(results) -> None:
-    result = read_finished(results(GAINS))
-    lines = what(result)
-    assert lines["moves"] == "by 1.5 m; dwell 0.5 s; to 4 m"
-    assert lines["limits"] == "speed 0.7 m/s, acceleration 0.6 m/s², jerk 0.8 m/s³"
-    assert lines["swept: kp"] == "15 N m s/rad, 31 N m s/rad"
-    assert "workbench " in lines["program"]
-    assert not re.search(r"\b20\d\d-\d\d-\d\d\b", " ".join(lines.values()))
 
 
 def test_the_same_result_gives_the_same_bytes(results, tmp_path: Path) -> None:
