@@ -20,8 +20,7 @@ from workbench.cli import cli
 from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.effects import effects_for, sizes_of
-from workbench.machines import Effects, Hoist, Memory, save_machine, with_correction
-from workbench.view.loop import effect_sentences
+from workbench.machines import Effects, Hoist, Memory, save_machine
 
 POINT = OperatingPoint(4500.0, 10.0)
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
@@ -97,16 +96,6 @@ def test_a_ripple_is_no_spring_on_the_shaft():
     # Its slope over the angle, 900 N m/rad, is seven times the wire's; under way it averages out.
     rippled = with_effects(torque_ripple={"amplitude_nm": 30.0, "order_per_turn": 30.0})
     np.testing.assert_allclose(linearise(rippled, POINT).A, linearise(ideal_hoist(), POINT).A, rtol=1e-9, atol=1e-9)
-
-
-def test_a_measured_table_over_speed_is_the_viscous_friction_that_it_holds():
-    at = (0.0, 0.2, 0.5, 0.8)
-    levels = [5000.0 * v for v in at]
-    table = with_correction(ideal_hoist(), "speed_carriage_m_s", "guide", at, levels, levels)
-    viscous = with_effects(friction_viscous={"viscous_n_s_per_m": 5000.0})
-    measured, known = (linearise(machine, POINT) for machine in (table, viscous))
-    np.testing.assert_allclose(measured.A, known.A, rtol=1e-9, atol=1e-9)
-    assert effect_sentences(table) == ["In the machine: measured_correction."]
 
 
 def lagging(tau: float) -> Effects:

@@ -79,15 +79,6 @@ def test_with_a_held_motor_it_is_that_of_the_model_page_too(payload: float, hz: 
     assert hz_and_zeta == pytest.approx((hz, zeta), abs=0.006)
 
 
-@pytest.mark.parametrize(
-    ("payload", "motion", "fastest"),
-    [(0.0, "hoisting", -5660), (9000.0, "lowering", -5660), (9000.0, "at_rest", -11200)],
-)
-def test_the_fastest_eigenvalue_is_that_of_the_model_page(payload: float, motion: Any, fastest: float):
-    plant = linearise(ideal_hoist(), OperatingPoint(payload, 10.0, motion))
-    assert np.linalg.eigvals(plant.A).real.min() == pytest.approx(fastest, rel=3e-3)
-
-
 def test_the_height_makes_one_slow_unstable_mode_and_nothing_else_where_a_loop_works():
     point = OperatingPoint(0.0, 10.0)
     free = linearise(ideal_hoist(), point, height_free=True)

@@ -122,18 +122,6 @@ def test_a_machine_that_runs_away_has_a_lower_gain_margin_and_falls_over_there()
 
 
 @each_loop
-def test_the_closed_loop_is_the_feedback_of_its_parts(loop: LinearLoop):
-    f = np.geomspace(0.05, 0.99 * loop.nyquist_hz, 40)
-    r = loop.responses(f)
-    closed = loop.closed.response(f)
-    np.testing.assert_allclose(closed[:, 0, 0], r.R, rtol=1e-7)
-    np.testing.assert_allclose(closed[:, 0, 1], r.PS, rtol=1e-7)
-    np.testing.assert_allclose(closed[:, 0, 2], -r.T, rtol=1e-7)
-    np.testing.assert_allclose(closed[:, 3, 2], -r.CS, rtol=1e-7)
-    np.testing.assert_allclose(r.S + r.T, 1.0, rtol=1e-9)
-
-
-@each_loop
 def test_python_controls_systems_are_the_same_loop(loop: LinearLoop):
     L, S, closed = loop.systems()
     f = np.geomspace(0.05, 0.99 * loop.nyquist_hz, 40)

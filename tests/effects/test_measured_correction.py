@@ -237,25 +237,20 @@ def test_balance_and_replay_see_the_table_as_they_see_the_effect(campaign: Path)
 
 
 @pytest.fixture
-def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
-@pytest.fixture
 def corrected_file(tmp_path: Path) -> Path:
     save_machine(viscous_table(HOIST), tmp_path / "corrected.yaml")
     return tmp_path / "corrected.yaml"
 
 
 def test_replay_and_identify_take_a_corrected_machine(
-    workbench: Commands, tmp_path: Path, campaign: Path, corrected_file: Path
+    commands: Commands, tmp_path: Path, campaign: Path, corrected_file: Path
 ):
-    assert workbench("replay", campaign, "--out", tmp_path / "nominal").status == 0
-    ended = workbench("replay", campaign, "--machine", corrected_file, "--out", tmp_path / "corrected")
+    assert commands("replay", campaign, "--out", tmp_path / "nominal").status == 0
+    ended = commands("replay", campaign, "--machine", corrected_file, "--out", tmp_path / "corrected")
     assert ended.status == 0, ended.err
     said = [json.loads((tmp_path / name / "replay.json").read_text())["overall"] for name in ("nominal", "corrected")]
     assert said[1]["torque_residual_rms_nm"] < 0.4 * said[0]["torque_residual_rms_nm"]
-    identified = workbench("identify", campaign, "--machine", corrected_file, "--out", tmp_path / "found")
+    identified = commands("identify", campaign, "--machine", corrected_file, "--out", tmp_path / "found")
     assert identified.status == 0, identified.err
     kept = load_machine(tmp_path / "found" / "machine.yaml").measured_correction
     assert kept == viscous_table(HOIST).measured_correction

@@ -43,11 +43,6 @@ def identified(campaign: Campaign) -> Identification:
     return identify(campaign, date="2026-01-02T03:04:05+00:00")
 
 
-@pytest.fixture
-def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 @pytest.fixture(scope="module")
 def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """--out of one identification in a process of its own."""
@@ -137,9 +132,9 @@ def test_written_machine_is_the_identified_one_with_its_record(written: Path, id
 
 
 def test_replay_of_the_written_machine_gives_the_written_replay(
-    workbench: Commands, folder: Path, written: Path, tmp_path: Path
+    commands: Commands, folder: Path, written: Path, tmp_path: Path
 ):
-    assert workbench("replay", folder, "--machine", written / "machine.yaml", "--out", tmp_path / "out").status == 0
+    assert commands("replay", folder, "--machine", written / "machine.yaml", "--out", tmp_path / "out").status == 0
     again, then = read_json(tmp_path / "out" / "replay.json"), read_json(written / "replay.json")
     assert again["overall"] == pytest.approx(then["overall"], rel=2e-5)
     for one, other in zip(again["runs"], then["runs"], strict=True):
@@ -149,24 +144,24 @@ def test_replay_of_the_written_machine_gives_the_written_replay(
 
 
 def test_an_identified_machine_is_a_place_to_start_from(
-    workbench: Commands, folder: Path, written: Path, tmp_path: Path
+    commands: Commands, folder: Path, written: Path, tmp_path: Path
 ):
     words = ("--machine", written / "machine.yaml", "--free", ",".join(LEVELS), "--out", tmp_path / "out")
-    assert workbench("identify", folder, *words).status == 0
+    assert commands("identify", folder, *words).status == 0
     first, second = (read_json(path / "identify.json") for path in (written, tmp_path / "out"))
     assert list(second["parameters"]) == list(LEVELS)
     assert second["parameters"][LEVELS[0]]["nominal"] == pytest.approx(first["parameters"][LEVELS[0]]["value"])
     assert second["before"] == pytest.approx(first["after"], rel=2e-5)
 
 
-def test_an_identified_machine_can_be_studied(workbench: Commands, written: Path, tmp_path: Path):
+def test_an_identified_machine_can_be_studied(commands: Commands, written: Path, tmp_path: Path):
     scenario = (
         f"format: 1\nname: found\nmachine: {written / 'machine.yaml'}\npayloads_kg: [0]\nstart_position_m: 4.0\n"
         "moves: [{by_m: 0.5}]\nlimits: {speed_m_s: 0.5, acceleration_m_s2: 0.5, jerk_m_s3: 1.0}\n"
         "references: [ruckig]\ncontroller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}\n"
     )
     (tmp_path / "found.yaml").write_text(scenario)
-    done = workbench("study", tmp_path / "found.yaml", "--out", tmp_path / "study")
+    done = commands("study", tmp_path / "found.yaml", "--out", tmp_path / "study")
     assert done.status == 0, done.err
 
 
@@ -235,17 +230,17 @@ def test_a_value_far_off_or_a_residual_above_the_noise_leads_to_diagnose(
     assert sentences(above)[-1].startswith("The residual while moving is 2.0 times the noise: the model may lack")
 
 
-def test_list_names_every_key_that_free_takes(workbench: Commands, folder: Path, tmp_path: Path):
-    done = workbench("identify", folder, "--list")
+def test_list_names_every_key_that_free_takes(commands: Commands, folder: Path, tmp_path: Path):
+    done = commands("identify", folder, "--list")
     keys = [line.split()[0] for line in done.out.splitlines()[1:]]
     assert {*LEVELS, "wire.damping_time_s", "sensors.torque_gain"} <= set(keys)
     for key in ("wire.damping_time_s", "sheave.inertia_kg_m2"):
-        assert workbench("identify", folder, "--free", f"{key}, {LEVELS[0]}").status == 0
+        assert commands("identify", folder, "--free", f"{key}, {LEVELS[0]}").status == 0
 
 
 @pytest.mark.parametrize("free", ["", f"{LEVELS[0]},{LEVELS[0]}", f"{LEVELS[0]},"])
-def test_an_empty_or_doubled_key_is_refused(workbench: Commands, folder: Path, tmp_path: Path, free: str):
-    done = workbench("identify", folder, "--free", free, "--out", tmp_path / "out")
+def test_an_empty_or_doubled_key_is_refused(commands: Commands, folder: Path, tmp_path: Path, free: str):
+    done = commands("identify", folder, "--free", free, "--out", tmp_path / "out")
     assert done.status == 2
     assert "--free" in done.err
     assert list(tmp_path.iterdir()) == []

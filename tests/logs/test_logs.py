@@ -50,16 +50,6 @@ def test_every_recorded_campaign_reads_whole_and_without_repair(campaigns):
             assert np.array_equal(run["torque_motor_nm"], both)
 
 
-def test_recorded_values_are_those_of_the_file(campaigns):
-    run = read_campaign(campaigns / "01").run("empty_fast")
-    assert (run.payload_kg, run.start_position_m, run.start_time_s) == (0.0, 9.143, 0.0)
-    assert (run["torque_motor1_nm"][0], run["torque_motor2_nm"][0], run["speed_motor_rad_s"][1]) == (
-        192.5,
-        188.4,
-        -0.02,
-    )
-
-
 def test_real_axis_in_matlab_files_reads_with_scaled_force(shared_data, tmp_path):
     emps = os.path.relpath(shared_data / "emps", tmp_path)
     (tmp_path / "machine.yaml").write_text(AXIS)

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 import scipy.io
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.log_campaign import AXIS, RUNS, axis_columns, csv_text, hoist_columns, write_campaign
@@ -122,7 +122,6 @@ def test_any_time(folder, times, sort):
     sound_or_refused(folder, "lift.csv")
 
 
-@settings(max_examples=150)
 @given(data=st.data())
 @pytest.mark.parametrize("suffix", ["parquet", "mat"])
 def test_binary_log_with_changed_bytes(folder, suffix, data):

@@ -23,7 +23,7 @@ NEVER = 1e30
 P = SimpleNamespace(
     n_m=2.0, T_nominal=480.0, T_hold=600.0, share=0.5, share_failed=1.0, t_fail=NEVER, before=1.0,
     x_low=0.0, x_high=25.0, w_nominal=157.1, W_break=0.0, D_w=0.6, ratio=31.0,
-    **loop.overload_numbers(Drive(overload=1.6, overload_time_s=10.0, overload_period_s=300.0)),
+    **loop.overload_numbers(Drive(overload=1.6, overload_time_s=2.0, overload_period_s=60.0)),
 )  # fmt: skip
 CALM: dict[str, float] = {
     "torque_motor_nm": 600.0,
@@ -81,7 +81,7 @@ STOP = np.where(np.arange(300) * DT < 2.0, 10.0, 0.0)
 # 1 s behind by 2 rad/s, then caught up by half before the stop and wholly after it.
 BEHIND = STOP - np.where(np.arange(300) * DT < 1.0, 2.0, -1.0)
 SAW = np.cumsum(np.where(np.arange(200) % 5 == 4, -150.0, 100.0))  # up to and down again, in saw teeth
-OVER, REST = np.full(1000, 1.6 * 960.0), np.full(29_000, 960.0)  # 160 % of nominal for 10 s, then nominal for 290 s
+OVER, REST = np.full(200, 1.6 * 960.0), np.full(5800, 960.0)  # 160 % of nominal for 2 s, then nominal for 58 s
 
 # (metric, its closed form, signals, parameters that are other)
 CASES: list[tuple[str, float, dict[str, Any], dict[str, float]]] = [
@@ -117,8 +117,8 @@ CASES: list[tuple[str, float, dict[str, Any], dict[str, float]]] = [
     *(("peak_speed_percent", 100.0 * 160.0 / P.w_nominal, {"speed_motor_rad_s": with_peak(peak, calm=20.0)}, {})
       for peak in (160.0, -160.0)),
     *(("overload_use_percent", use, {"torque_motor_nm": torque}, {})
-      for use, torque in ((100.0, OVER), (50.0, OVER[:500]), (100.0, np.concatenate([OVER, REST, OVER])),
-                          (150.0, np.concatenate([OVER, OVER[:500]])), (0.0, REST))),
+      for use, torque in ((100.0, OVER), (50.0, OVER[:100]), (100.0, np.concatenate([OVER, REST, OVER])),
+                          (150.0, np.concatenate([OVER, OVER[:100]])), (0.0, REST))),
     *(("peak_carriage_acceleration_m_s2", 1.5, {"acceleration_carriage_m_s2": with_peak(peak, calm=0.2)}, {})
       for peak in (1.5, -1.5)),
     *(("rail_margin_m", margin, {"position_carriage_m": with_peak(height, calm=10.0)}, {})

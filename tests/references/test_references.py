@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from workbench.core.errors import InputError
@@ -76,7 +76,6 @@ positive = st.floats(0.05, 5.0)
 distances = st.one_of(st.floats(0.01, 40.0), st.floats(-40.0, -0.01))
 
 
-@settings(max_examples=150, deadline=None)
 @given(distances, positive, positive, positive)
 def test_equal_time_takes_as_long_as_the_trapezoid(distance: float, v: float, a: float, j: float) -> None:
     limits = Limits(v, a, j)
@@ -85,7 +84,6 @@ def test_equal_time_takes_as_long_as_the_trapezoid(distance: float, v: float, a:
     assert duration("ruckig", distance, limits) >= wanted - 1e-9
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.sampled_from(WITHOUT_A_MACHINE), distances, positive, positive, positive)
 def test_no_limit_is_exceeded_and_the_distance_is_gone(
     kind: str, distance: float, v: float, a: float, j: float
@@ -192,7 +190,6 @@ def test_a_step_that_says_nothing_or_two_things_is_refused(fields: dict[str, flo
         Step(**fields)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(0.0, 25.0), min_size=1, max_size=6), st.sampled_from(WITHOUT_A_MACHINE))
 def test_any_list_of_heights_on_the_rail_is_reached_in_order(heights: list[float], kind: str) -> None:
     here = 12.0

@@ -28,7 +28,7 @@ from workbench.study.consequences import (
     without,
 )
 from workbench.study.load import load_study
-from workbench.study.run import run_specs, run_study
+from workbench.study.run import run_study
 from workbench.view.diagnosis_figures import consequences as before_and_after
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -292,14 +292,6 @@ def test_the_effects_own_consequence_leaves_out_what_the_refit_moved():
     heads = [column.head.replace("\n", " ") for column in table.columns]
     assert heads[2:6] == ["peak given", "peak refitted", "peak corrected", "peak effects"]
     assert all(row["refitted"]["peak_torque_motor_nm"] for row in as_json(changes)["rows"])
-
-
-def test_an_effect_deleted_from_the_corrected_machine_by_hand_gives_the_stated_difference():
-    corrected = with_effects(friction_viscous={"viscous_n_s_per_m": 4000.0}, gearbox_inertia={"inertia_kg_m2": 0.3})
-    changes = consequences_for(corrected)
-    by_hand = [run for run, _ in run_specs(changes.study.specs(with_effects()))]
-    for row, run in zip(changes.rows, by_hand, strict=True):
-        assert row.before["peak_torque_motor_nm"] == run["peak_torque_motor_nm"]
 
 
 def test_a_users_scenario_lends_its_moves_controller_payloads_and_references():

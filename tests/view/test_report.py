@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.commands import Commands
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.load import changed, load_study
@@ -98,11 +97,6 @@ def copy(results, tmp_path: Path) -> Path:
     return Path(shutil.copytree(results(""), tmp_path / "copy"))
 
 
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 def titles(result: StudyResult) -> list[str]:
     return [figure.layout.title.text for figure, _ in figures_of(result)]
 
@@ -111,8 +105,8 @@ def what(result: StudyResult) -> dict[str, str]:
     return {line[0]: line[1] for line in what_was_run(result).rows}
 
 
-def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, run) -> None:
-    done = run("report", copy)
+def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, commands) -> None:
+    done = commands("report", copy)
     assert done.status == 0
     page = Page((copy / "report.html").read_text(encoding="utf-8"))
     assert page.foreign == []
@@ -198,9 +192,9 @@ def test_a_result_of_an_older_version_without_the_newer_metrics_still_has_a_repo
         (lambda f: shutil.rmtree(f), "no such folder, expected a folder that `workbench study` made"),
     ],
 )
-def test_a_result_that_is_not_whole_is_refused_in_one_line(copy: Path, run, spoil, said: str) -> None:
+def test_a_result_that_is_not_whole_is_refused_in_one_line(copy: Path, commands, spoil, said: str) -> None:
     spoil(copy)
-    done = run("report", copy)
+    done = commands("report", copy)
     assert done.status == 2
     assert said in done.err and str(copy) in done.err
     assert len(done.err.strip().splitlines()) == 1
@@ -221,20 +215,20 @@ def test_an_unfinished_folder_is_refused_even_with_all_in_it(copy: Path) -> None
         read_finished(part)
 
 
-def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path, run) -> None:
+def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path, commands) -> None:
     out = tmp_path / "mine.html"
-    assert run("report", copy, "--out", out).status == 0
-    assert run("report", copy, "--out", out).status == 0
+    assert commands("report", copy, "--out", out).status == 0
+    assert commands("report", copy, "--out", out).status == 0
     out.write_text("<html>notes</html>")
-    done = run("report", copy, "--out", out)
+    done = commands("report", copy, "--out", out)
     assert done.status == 2 and "is there and is no report; nothing is overwritten" in done.err
     assert out.read_text() == "<html>notes</html>"
-    done = run("report", copy, "--out", tmp_path)
+    done = commands("report", copy, "--out", tmp_path)
     assert done.status == 2 and "is a folder" in done.err
 
 
-def test_a_place_that_cannot_be_written_is_one_sentence(copy: Path, tmp_path: Path, run) -> None:
-    done = run("report", copy, "--out", tmp_path / "nowhere" / "x.html")
+def test_a_place_that_cannot_be_written_is_one_sentence(copy: Path, tmp_path: Path, commands) -> None:
+    done = commands("report", copy, "--out", tmp_path / "nowhere" / "x.html")
     assert done.status == 2 and "cannot be written: No such file or directory" in done.err
 
 
