@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests.support.commands import Commands
-from tests.support.simulated_campaign import TRUTH, simulated_campaign, true_machine
+from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench import __version__
 from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification, identify
@@ -63,56 +63,10 @@ def read_json(path: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
 
 
-def test_friction_levels_are_found_within_three_standard_errors(identified: Identification):
-    values, errors = identified.fit.values(), dict(zip(identified.fit.values(), identified.fit.std_error, strict=True))
-    for key in LEVELS:
-        assert abs(values[key] - TRUTH[key]) < 3.0 * errors[key], key
-        assert errors[key] < 300.0
-
-
-def test_what_the_nominal_machine_knew_stays_within_three_standard_errors(identified: Identification):
-    for free, value, error in zip(identified.fit.free, identified.fit.value, identified.fit.std_error, strict=True):
-        # The slope's error is one of its logarithm: a factor, not a distance.
-        if free.key not in LEVELS and not free.logarithmic:
-            assert abs(value - free.nominal) < 3.0 * error, free.key
-
-
-def test_the_papers_iteration_finds_the_levels_where_all_else_is_nominal(identified: Identification):
-    assert identified.levels.settled
-    assert identified.levels.forward[0] == 6000.0
-    assert identified.levels.forward[-1] == pytest.approx(TRUTH[LEVELS[0]], rel=0.02)
-    assert identified.levels.backward[-1] == pytest.approx(TRUTH[LEVELS[1]], rel=0.02)
-
-
 def test_the_identified_machine_leaves_only_noise(identified: Identification):
     assert identified.before.residual_rms_moving > 5.0 * identified.before.noise_rms
     assert identified.after.residual_rms_moving < 1.2 * identified.after.noise_rms
     assert identified.after.speed_rmse_percent < 0.3 < identified.before.speed_rmse_percent
-
-
-def test_two_levels_alone_are_found_far_more_surely(campaign: Campaign, identified: Identification):
-    alone = identify(campaign, free=LEVELS)
-    errors = dict(zip(identified.fit.values(), identified.fit.std_error, strict=True))
-    for key, value, error in zip(LEVELS, alone.fit.value, alone.fit.std_error, strict=True):
-        assert value == pytest.approx(TRUTH[key], rel=0.01)
-        assert error < 0.5 * errors[key]
-
-
-def test_standard_errors_are_those_of_repeated_campaigns(tmp_path: Path):
-    """Eight campaigns that differ in their noise only: the values scatter as the errors say, or less.
-
-    The levels alone are freed: nothing holds them but the runs and their tolerances.
-    """
-    fits = []
-    for seed in range(8):
-        read = read_campaign(simulated_campaign(tmp_path / str(seed), seed=seed))
-        fits.append(identify(read, free=LEVELS).fit)
-    values = np.array([fit.value for fit in fits])
-    errors = np.array([fit.std_error for fit in fits]).mean(axis=0)
-    scatter = values.std(axis=0, ddof=1)
-    # Eight draws give the scatter to 27 %.
-    assert np.all(scatter < 2.0 * errors)
-    assert np.all(scatter > 0.2 * errors)
 
 
 def test_written_machine_is_the_identified_one_with_its_record(written: Path, identified: Identification):
