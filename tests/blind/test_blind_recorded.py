@@ -11,6 +11,7 @@ import pytest
 
 from tests.support.commands import Commands
 from tests.support.emps_campaign import RUNS
+from workbench.blind import make as making
 from workbench.blind.recorded import SINGLES, UNLISTED, bent, cases
 from workbench.blind.recording import Recording, cut, recording, rms
 from workbench.blind.seal import key_of, read_manifest, unseal
@@ -117,8 +118,9 @@ def test_parts_of_a_run_are_the_run(emps: Path):
 
 
 def test_the_command_makes_campaigns_that_tell_nothing_of_the_truth(
-    emps: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    emps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
+    monkeypatch.setattr(making, "recording", known_of)  # what the other tests have identified
     out = tmp_path / "sealed"
     words = ("--source", "recorded", "--runs", emps, "--cases", "3", "--seed", "11", "--processes", "1")
     done = Commands(capsys)("blind", "make", "--out", out, *words)

@@ -127,13 +127,6 @@ def test_the_calibration_error_is_the_distance_of_what_is_said_from_what_is_righ
     assert measures.calibration_error([]) is None
 
 
-# Other methods
-
-
-def weighed(*rows: tuple[Sequence[str], float, int]) -> list[dict[str, Any]]:
-    return [{"names": list(names), "chi2": chi2, "parameters": k, "merit": 0.0} for names, chi2, k in rows]
-
-
 @pytest.mark.parametrize(
     ("count", "of", "low", "high"),
     [(10, 10, 0.7225, 1.0), (0, 10, 0.0, 0.2775), (81, 263, 0.2553, 0.3662), (0, 0, 0.0, 1.0)],
