@@ -132,17 +132,3 @@ def test_the_command_makes_campaigns_that_tell_nothing_of_the_truth(
         assert label["family"] == "emps"
         assert not any(word in (out / "manifest.json").read_text() for word in label["effects"])
     assert json.loads((out / "manifest.json").read_text())["asked"]["runs"] == "emps"
-
-
-def test_what_does_not_go_with_recordings_is_said(emps: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    workbench, out = Commands(capsys), tmp_path / "out"
-    for words, said in (
-        ((), "needs a campaign of measured runs"),
-        (("--runs", emps, "--source", "simulator"), "does not go with other sources"),
-        (("--runs", emps, "--case", "pairs"), "one piece is bent"),
-        (("--runs", emps, "--family", "axis_std"), "does not go with recorded"),
-    ):
-        done = workbench("blind", "make", "--source", "recorded", "--out", out, *words)
-        assert done.status == 2
-        assert said in done.err
-        assert not out.exists()

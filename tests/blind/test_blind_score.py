@@ -91,25 +91,6 @@ def test_shares_are_of_the_campaigns_they_speak_of():
     assert share("pair_both", ANSWERS[:1]) == (0, 0)
 
 
-def test_the_sheet_has_a_column_for_each_kind_and_source_and_one_for_all_of_a_kind():
-    axis = made([], "unknown", family="axis_std")
-    other = made([VISCOUS], "named", [VISCOUS])
-    other["label"] = {**other["label"], "source": "multibody"}
-    simulated = [{**row, "label": {**row["label"], "source": "simulator"}} for row in [*ANSWERS, axis]]
-    sheet = tables.sheet_table([*simulated, other])
-    assert sheet.heads == (
-        "measured", "axis, asked %", "axis, simulator", "hoist, asked %", "hoist, multibody", "hoist, simulator",
-        "hoist, all",
-    )  # fmt: skip
-    line = dict(zip(sheet.heads, sheet.rows[0], strict=True))
-    assert line["hoist, asked %"] == "≥ 95"
-    assert line["hoist, multibody"].startswith("1/1")
-    assert line["hoist, all"].startswith("3/6")
-    recorded = {**made([], "no_gap"), "source": "campaigns"}
-    recorded["label"] = {"effects": [], "where": []}
-    assert (measures.family_of(recorded), measures.source_of(recorded)) == ("campaigns", "recorded")
-
-
 def test_cases_stand_with_others_of_their_size_over_the_noise():
     """The noise is 0.5 in all answers made here."""
     sized = {name: len(rows) for name, rows in measures.by_size(ANSWERS).items()}
@@ -152,14 +133,6 @@ def weighed(*rows: tuple[Sequence[str], float, int]) -> list[dict[str, Any]]:
     return [{"names": list(names), "chi2": chi2, "parameters": k, "merit": 0.0} for names, chi2, k in rows]
 
 
-def test_methods_stand_beside_each_other_on_the_same_cases():
-    shown = tables.methods(ANSWERS).by_column
-    single = shown["measured"].index("single effect named")
-    assert shown["cases"][single] == "5"
-    assert shown["workbench diagnose %"][single] == "40 (12–77)"
-    assert len(shown) == 6  # no sparse regression here
-
-
 @pytest.mark.parametrize(
     ("count", "of", "low", "high"),
     [(10, 10, 0.7225, 1.0), (0, 10, 0.0, 0.2775), (81, 263, 0.2553, 0.3662), (0, 0, 0.0, 1.0)],
@@ -199,38 +172,6 @@ def test_an_event_is_found_in_its_run_at_its_time_and_by_its_name(regime: str, w
     row = made([UNLISTED], "unknown", events=[event], windows=[window], regime=regime)
     assert measures.event_found(row) == found
     assert share("event", [row, ANSWERS[0]]) == (int(found), 1)
-
-
-@pytest.mark.parametrize(
-    ("row", "why"),
-    [
-        (made([OFFSET], "no_gap", size=0.3), "smaller than the noise"),
-        (made([], "named", [VISCOUS], size=0.0), "10.0 times the noise"),
-        (made([VISCOUS], "named", [VISCOUS, OFFSET]), f"with {OFFSET} beside it"),
-        (made([VISCOUS, OFFSET], "named", [VISCOUS]), "the other one is missed"),
-        (made([VISCOUS], "named", [OFFSET], merits=[((VISCOUS,), 3.0)]), "worth less than the answer"),
-        (made([VISCOUS], "named", [OFFSET]), "not among the fits"),
-        (
-            made([VISCOUS], "unknown", merits=[((VISCOUS,), 9.0)], evidence={**EVIDENCE, "prior": 2.0}),
-            "merit 9, the best 9; for an unknown one speaks most: stretched tolerances",
-        ),
-        (
-            {**made([VISCOUS], "named", [OFFSET]), "ranking": [["named", [OFFSET], 0.7], ["named", [VISCOUS], 0.2]]},
-            "comes second, with 0.20",
-        ),
-        (made(["unlisted: a fan"], "no_gap", size=0.3), "smaller than the noise"),
-        (
-            {
-                **made([VISCOUS], "unknown"),
-                "ranking": [["unknown", [], 0.7], ["named", [OFFSET], 0.2]],
-                "twins": [[[OFFSET], [VISCOUS]]],
-            },
-            "comes second, with 0.20",
-        ),
-    ],
-)
-def test_each_miss_says_how_it_came(row: Mapping[str, Any], why: str):
-    assert why in tables.why(row)
 
 
 def test_errors_are_relative_to_what_the_effect_changes():

@@ -294,20 +294,6 @@ def test_a_drawn_axis_follows_its_reference_within_its_travel(seed, family):
         assert axis.low - 0.05 * axis.travel < low < high < axis.low + 1.15 * axis.travel
 
 
-def test_play_is_between_two_inertias_and_its_flanks_meet_hard():
-    content = draw(3, "axis_two_inertias", "singles", ["backlash"])
-    machine = built(content, (3,))
-    share = content.causes[0].values["share"]
-    p = machine.truth
-    assert p.M_l / (p.M_l + p.M_m) == pytest.approx(share)
-    record = simulated(content, machine, 0, (3,)).record
-    stretch = np.abs(record[:, POSITION] - record[:, LOAD_POSITION])
-    crossing = np.abs(np.diff(np.sign(record[:, POSITION] - record[:, LOAD_POSITION])))
-    assert np.sum(crossing > 0) >= 2
-    bent = np.max(stretch) - 0.5 * p.play
-    assert 0.0 < bent < 0.3 * p.play
-
-
 def test_a_campaign_of_an_axis_is_read_without_a_remark_and_its_label_says_what_is_in_it(tmp_path):
     content = draw((5, 1), "axis_std", "singles", ["friction_viscous"])
     label = make_campaign(tmp_path / "one", (5, 1), content)

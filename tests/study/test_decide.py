@@ -11,15 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support import axes
 from workbench.core.errors import InputError
-from workbench.dashboard.desk import usual_desk
 from workbench.machines import default_hoist, shipped_hoist, with_values
 from workbench.references import LimitPair, Limits
 from workbench.study.beside import (
-    ELASTOMER,
     QUESTIONS,
-    RINGING,
     beside,
     damping_sentence,
     on_another_damping,
@@ -39,7 +35,6 @@ from workbench.study.decide import (
     Candidate,
     Decision,
     Given,
-    criteria_for,
     decisions,
     take_sentences,
     weight_that_turns,
@@ -47,10 +42,10 @@ from workbench.study.decide import (
 from workbench.study.grid import RunSpec
 from workbench.study.labels import words_of
 from workbench.study.load import Study, changed, load_study, plan_study
-from workbench.study.rows import Row, metrics_of
+from workbench.study.rows import Row
 from workbench.study.run import StudyResult, peak_limit, run_specs, run_study
 from workbench.study.scenario import CriterionBlock
-from workbench.view.study import BEST, criteria_table, decision_table
+from workbench.view.study import BEST, decision_table
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCES = ("trapezoid", "ruckig", "ruckig_equal_time", "ruckig_least_peak", "optimal")
@@ -293,18 +288,6 @@ def test_where_none_passes_the_values_are_named_at_which_one_keeps_every_limit()
         assert bool(least.broken) == (release not in kept)
 
 
-def test_payloads_with_the_same_choice_share_a_sentence_and_others_have_their_own():
-    pairs = [("trapezoid", 36.0, 560.0), ("ruckig", 36.0, 540.0)]
-    rows = [row(kind, time, peak, load) for load in (0.0, 9000.0) for kind, time, peak in pairs]
-    (said,) = take_sentences(decisions(rows, default_hoist()))
-    assert said.startswith("Take ruckig with the same limits at every payload")
-    rows[0] = row("trapezoid", 36.0, 400.0, 0.0)
-    first, second = take_sentences(decisions(rows, default_hoist()))
-    assert first.startswith("Take the trapezoid at 0 kg") and second.startswith(
-        "Take ruckig with the same limits at 9000"
-    )
-
-
 def test_a_sweep_of_limits_is_chosen_from_and_a_sweep_of_the_machine_is_borne():
     own = study("wire_length", payloads_kg=(9000.0,))
     rows = list(run_study(own).rows)
@@ -386,17 +369,6 @@ def test_a_criterion_or_a_question_that_is_none_is_one_error_with_its_line(tmp_p
     with pytest.raises(InputError) as error:
         load_study(file)
     assert said in str(error.value) and f"{file}:3" in str(error.value)
-
-
-def test_the_criteria_are_shown_with_their_limits_and_what_is_taken():
-    made = decided(result().study, list(result().rows))
-    table = criteria_table(made)
-    assert len(table.rows) == len(made.criteria) + 1
-    shown = {line[0]: line for line in table.rows}
-    assert shown["Torque peak per motor"][2] == "at most 691 N m"
-    sums = [float(cell) for cell in shown["Weighted sum of shares"][3:]]
-    assert sums == sorted(sums)
-    assert {c.name for c in criteria_for(metrics_of(result().rows), None, 9000.0)} <= {c.name for c in made.criteria}
 
 
 def test_a_result_keeps_its_answer_and_reads_it_back(tmp_path):
@@ -538,26 +510,6 @@ def test_every_study_says_how_far_its_answer_hangs_on_the_damping(name):
     swings = study.machine.kind == "hoist"
     assert bool(re.search(r"with damping ratio 0\.\d+ \(.*\) instead of the 0\.\d+ assumed", said)) == swings
     assert said.startswith("The answer depends" if swings else "No damping is assumed: the axis is one stiff inertia")
-
-
-def test_two_inertias_say_how_far_their_answer_hangs_on_the_damping_of_the_coupling():
-    stiff = axes.two_inertia()
-    own = stiff.coupling.damping_nm_s_per_rad * (stiff.coupling.stiffness_nm_per_rad * stiff.load.inertia_kg_m2) ** -0.5
-    said = {
-        damping: damping_sentence(usual_desk(machine).scenario, machine)
-        for damping in (stiff.coupling.damping_nm_s_per_rad, 0.05)
-        for machine in (axes.two_inertia(coupling__damping_nm_s_per_rad=damping),)
-    }
-    for damping, (ratio, other) in {
-        stiff.coupling.damping_nm_s_per_rad: (
-            0.5 * own,
-            f"ratio {ELASTOMER:.2g} (a coupling with an elastomer spider)",
-        ),
-        0.05: (0.5 * own * 12.5, f"with damping ratio {RINGING:.2g} (a coupling that rings)"),
-    }.items():
-        text = said[damping]
-        assert text is not None and "on the coupling's damping: " in text and other in text
-        assert f"instead of the {ratio:.2g} assumed" in text and "settling time" in text
 
 
 def test_the_bound_is_below_every_motion_of_its_time_and_the_limit_that_equal_time_exceeds_is_named():

@@ -23,19 +23,17 @@ from workbench.study.size import (
     MotorBlock,
     SizeFile,
     Sizing,
-    Thermal,
     current_a,
     hold_torque_nm,
     largest_torque_nm,
     overload_use,
     rated_current,
     read_catalogue,
-    s1_share,
     size,
     sized,
     sto_stop,
 )
-from workbench.view.size import candidates_table, s1_table, sentences, why_not
+from workbench.view.size import candidates_table, sentences, why_not
 
 ROOT = Path(__file__).resolve().parents[2]
 FILE = ROOT / "scenarios" / "size" / "racker.yaml"
@@ -199,13 +197,6 @@ def test_a_stop_by_the_brakes_alone_is_that_of_the_equation_of_motion():
     assert sto_stop(inertia, load, load, speed, delay) is None
 
 
-def test_torque_without_end_falls_to_its_share_at_rest_and_with_the_speed_above_nominal():
-    share = s1_share(np.array([0.0, 0.25, 0.5, 1.0, 2.0]), 1.0, Thermal(standstill_share=0.6, full_from=0.5))
-    np.testing.assert_allclose(share, [0.6, 0.8, 1.0, 1.0, 0.5])
-    np.testing.assert_allclose(s1_share(np.zeros(1), 1.0, Thermal(forced=True)), 1.0)
-    assert len(s1_table(racker()).rows) == 5
-
-
 def test_the_current_is_the_rated_one_at_nominal_torque_and_the_field_alone_at_none():
     motor = next(m for m in read_catalogue(CATALOGUE) if m.name == "Sg180L-4")
     rated, field = rated_current(motor, Inverter())
@@ -267,4 +258,3 @@ def test_a_users_own_table_is_a_catalogue_and_where_none_passes_the_nearest_is_n
     assert done.status == 1 and "None of 1 drives passes. Nearest is 2 × small (45 kW)" in done.out
     weak = size(write(tmp_path, "motors: mine.csv\n", mine="name,power_kw,speed_rpm\ntiny,1,1500\n"))
     assert weak.taken is None and "holding the load" in why_not(weak.candidates[0])
-    assert replace(weak.candidates[0], reason="").passes  # without checks nothing is broken: the reason alone says no
