@@ -9,12 +9,11 @@ from workbench.diagnose.hypotheses.evidence import Weighed
 from workbench.diagnose.hypotheses.fit import estimates
 from workbench.diagnose.hypotheses.free_parameters import Scalar
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
-from workbench.diagnose.hypotheses.search import SearchResult
+from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.verdict.answer import Candidate
 from workbench.diagnose.verdict.judge import Judged
 
 SCORED = 3  # hypotheses whose held-out score is computed
-FAR = 3.0  # tolerances
 
 
 def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar]) -> tuple[Candidate, ...]:
@@ -76,6 +75,6 @@ def _against(search: SearchResult, judged: Judged, hypothesis: Weighed, keys: Ma
         if not parameter.logarithmic and math.isfinite(parameter.std)
     ]
     worst = max(far, default=(0.0, ""))
-    if worst[0] > FAR:
+    if worst[0] > TOLERANCES:
         said.append(f"needs {worst[1]} {worst[0]:.1f} tolerances off")
     return said

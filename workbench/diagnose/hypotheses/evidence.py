@@ -273,11 +273,11 @@ def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: S
 def _not_freer(
     problem: Problem, near: Fitted, mine: Weighed, beside: Mapping[Names, Weighed], fits: Mapping[Names, Fitted]
 ) -> Weighed:
-    """The hypothesis with less evidence, if it is not better by FREER than a simpler law of the same place and regime:
-    the shortfall is subtracted. No more is it where its prediction is off that of the simpler law by less than LAW of
-    what that law explains, rms: so far a real machine is off any law. What the law explains is what it adds to the
-    effects that both have."""
-    lost = 0.0
+    """The hypothesis with less evidence, if it is not better by the threshold than a simpler law of the same place and
+    regime: the shortfall is subtracted. No more is it where its prediction is off that of the simpler law by less than
+    LAW of what that law explains, rms: so far a real machine is off any law. What the law explains is what it adds to
+    the effects that both have."""
+    lost, least = 0.0, settings.calibration()["threshold"]
     for names, other in beside.items():
         own, its = set(mine.names) - set(names), set(names) - set(mine.names)
         if len(own) != 1 or not all(same_but_freer(a, b, problem.active.kind) for a in own for b in its):
@@ -288,7 +288,7 @@ def _not_freer(
         raw, real = mine.evidence - other.evidence, advantage(problem, without, mine, other, settings.LAW)
         if rms(bent) < settings.LAW * rms(law):
             real = min(real, 0.0)
-        lost = max(lost, raw - real + min(max(settings.FREER - real, 0.0), settings.FREER))
+        lost = max(lost, raw - real + min(max(least - real, 0.0), least))
     return replace(mine, evidence=mine.evidence - lost)
 
 

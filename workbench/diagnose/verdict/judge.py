@@ -278,7 +278,7 @@ def _on_bound(fit: Fitted, base: int) -> bool:
     return bool(np.any((z >= high - 1e-9) | ((z <= low + 1e-9) & (z != 0.0))))
 
 
-def alternatives(judged: Judged, kind: str, within: float = 12.0) -> tuple[Names, ...]:
+def alternatives(judged: Judged, kind: str) -> tuple[Names, ...]:
     """Hypotheses that explain the gap about as well as the answer does, the best first: with another effect in place of
     one of its own, of another place or regime, and about its evidence. In place of a single one, also the simpler law
     of its own place and regime where that leaves little more."""
@@ -292,9 +292,9 @@ def alternatives(judged: Judged, kind: str, within: float = 12.0) -> tuple[Names
         (mine,), (other,) = set(best.names) - set(w.names), set(w.names) - set(best.names)
         freer, simpler = same_but_freer(other, mine, kind), same_but_freer(mine, other, kind)
         single = len(best.names) == 1
-        as_good = best.evidence - w.evidence < within and not freer and (single or not simpler)
+        as_good = best.evidence - w.evidence < settings.DECISIVE and not freer and (single or not simpler)
         little_more = single and simpler and w.evidence > (1.0 - settings.SIMPLER) * best.evidence
-        if w.fit.prior - best.fit.prior < settings.STRETCHED and (as_good or little_more):
+        if w.fit.prior - best.fit.prior < settings.NUISANCE**2 and (as_good or little_more):
             others.append(w.names)
     return tuple(others)
 
