@@ -6,7 +6,6 @@ import ast
 import builtins
 import importlib
 import inspect
-import pickle
 import subprocess
 import sys
 from functools import cache
@@ -19,7 +18,7 @@ import pytest
 import workbench as wb
 from tests.support.made_diagnosis import made_diagnosis
 from workbench.core.run import Array
-from workbench.core.shown import VIEWS, Shown, brief, view_of
+from workbench.core.shown import VIEWS, Shown, view_of
 from workbench.core.table import Table
 from workbench.study.size import size
 
@@ -163,15 +162,6 @@ def test_every_repr_is_a_few_lines(kind: str):
     assert len(text) < 1500
 
 
-def test_nested_records_are_named_in_a_repr_and_arrays_counted():
-    text = repr(result("ReplayResult"))
-    assert "runs: 2 Replay: empty_fast, half_fast" in text
-    assert brief(np.zeros((3, 2))) == "array of shape (3, 2)"
-    assert brief([1.0, 2.5]) == "1, 2.5"
-    assert brief(()) == "none"
-    assert len(brief("word " * 100)) <= 72
-
-
 def test_a_wrong_table_figure_metric_or_signal_suggests_the_nearest():
     study, run = result("StudyResult"), result("Run")
     with pytest.raises(wb.InputError, match="no figure 'peak'; did you mean 'peaks'"):
@@ -231,11 +221,6 @@ def test_the_tuned_controller_keeps_to_its_goal():
     tuned = result("Tuning")
     assert wb.loop(controller=tuned.controller, payloads_kg=[9000.0], heights_m=[4.0]).weakest.margins.ms <= 1.4
     assert tuned.winner.bandwidth_hz >= 1.49
-
-
-def test_results_survive_pickling():
-    run = pickle.loads(pickle.dumps(result("LoopResult").metrics))
-    assert run == result("LoopResult").metrics
 
 
 def test_a_run_s_columns_are_its_signals():

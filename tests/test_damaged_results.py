@@ -6,24 +6,19 @@ import errno
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from benchmarks.attack.mangle import ROOT, finished_result
 from workbench.core.errors import InputError
 from workbench.core.input_file import readable_file
 from workbench.core.whole_folder import replace_json
-from workbench.identify import identify as module
-from workbench.logs import Campaign
 from workbench.machines import default_hoist
 from workbench.study.conclude import alarm, sentences, utilisation
 from workbench.study.load import load_study
 from workbench.study.rows import INDEX, Row, check_whole, read_manifest, read_rows
 from workbench.study.store import Part
-from workbench.view.replay import _percent
 
 
 def test_a_result_knows_its_own_bytes(tmp_path):
@@ -71,23 +66,6 @@ def test_a_link_to_itself_is_told_as_such(tmp_path):
         readable_file(link)
 
 
-def test_a_fit_that_breaks_down_is_one_sentence(monkeypatch):
-    def breaks(*_: object) -> None:
-        raise np.linalg.LinAlgError("SVD did not converge")
-
-    for name in ("InverseSimulation", "friction_levels", "BalanceModel"):
-        monkeypatch.setattr(module, name, lambda *_: None)
-    monkeypatch.setattr(module, "free_parameters", lambda *_: [])
-    monkeypatch.setattr(module, "fit", breaks)
-    with pytest.raises(InputError, match="here: the fit breaks down"):
-        module.identify(Campaign("c", Path("here"), default_hoist(), ()))
-
-
-def test_per_cent_of_a_replay_that_diverges_keeps_to_a_few_digits():
-    assert _percent(6.204) == "6.20"
-    assert _percent(1.2345e70) == "12.3e69"
-
-
 def at_the_limit(rms_nm: float) -> Row:
     metrics = {"peak_torque_motor_nm": 800.0, "peak_torque_percent": 160.0, "rms_torque_motor_nm": rms_nm}
     metrics |= {"slack_time_s": 0.0, "slack_events": 0.0, "position_error_end_m": 0.0}
@@ -97,12 +75,6 @@ def at_the_limit(rms_nm: float) -> Row:
 def test_a_loop_that_swings_from_limit_to_limit_is_pointed_out():
     assert any("at its limit nearly all the time" in said for said in sentences([at_the_limit(760.0)], 800.0))
     assert not any("swings" in said for said in sentences([at_the_limit(400.0)], 800.0))
-
-
-def test_a_safety_factor_of_zero_in_a_damaged_index_is_left_out():
-    row = at_the_limit(400.0)
-    damaged = replace(row, metrics={**row.metrics, "wire_safety_factor": 0.0})
-    assert "wire" not in [use.what for use in utilisation([damaged], default_hoist())]
 
 
 def hunting(swings: float) -> Row:

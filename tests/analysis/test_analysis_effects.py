@@ -12,19 +12,15 @@ import pytest
 from click.testing import CliRunner
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.family import family, operating_points
-from workbench.analysis.linearise import MOTIONS, OUTPUTS, EvenMotion, LinearPlant, OperatingPoint, linearise
+from workbench.analysis.linearise import MOTIONS, LinearPlant, OperatingPoint, linearise
 from workbench.analysis.loop import linear_loop
 from workbench.analysis.margins import Margins, margins
-from workbench.analysis.search import for_bandwidth, make_search
 from workbench.analysis.tune import try_out, usual_trial
 from workbench.cli import cli
 from workbench.control import PiSettings
 from workbench.core.errors import InputError
-from workbench.effects import effects_for, of, sizes_of
-from workbench.machines import HOIST, Effects, Hoist, Memory, save_machine, with_correction
-from workbench.symbolic.emit import evaluate
-from workbench.view.loop import effect_sentences
+from workbench.effects import effects_for, sizes_of
+from workbench.machines import Effects, Hoist, Memory, save_machine
 
 POINT = OperatingPoint(4500.0, 10.0)
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
@@ -74,20 +70,6 @@ def test_an_effect_on_a_sensor_leaves_the_margins_bit_for_bit(name: str):
     assert margins_of(at_start(name, off=False)) == margins_of(ideal_hoist())
 
 
-@pytest.mark.parametrize("name", [n for n in effects_for("hoist") if n not in SENSORS])
-def test_the_operating_point_with_an_effect_accelerates_nothing(name: str):
-    machine = at_start(name, off=False)
-    active = of(machine)
-    p = HOIST.plant.values(machine, 9000.0)
-    vars(p).update(active.values_of(0.0))
-    even = EvenMotion(HOIST.plant, active.effects, p, OUTPUTS)
-    at = even.settled(10.0, 70.0)
-    rates = evaluate(list(even.rates), {s.args[0]: float(x) for s, x in zip(even.by, at, strict=True)})
-    np.testing.assert_allclose(rates, 0.0, atol=1e-8)
-    assert at[2] == 10.0
-    assert at[3] == 70.0
-
-
 @pytest.mark.parametrize("more", [0.2, 0.8])
 def test_gearbox_inertia_lowers_the_crossover_in_proportion_to_the_inertia(more: float):
     # Far above the wire's 2.5 Hz the motor turns alone: |L| = kp / (J w), so the crossover is kp / (2 pi J).
@@ -110,36 +92,10 @@ def test_viscous_friction_damps_the_carriage_by_its_slope_over_the_mass():
     assert damping(damped) > damping(plain) + 0.01
 
 
-def test_a_carriage_error_and_a_payload_error_of_the_same_mass_are_the_same_plant():
-    plants = [
-        linearise(with_effects(**effects), POINT)
-        for effects in ({"carriage_mass_error": {"mass_kg": 450.0}}, {"payload_mass_error": {"payload_scale": 1.1}})
-    ]
-    np.testing.assert_allclose(plants[0].A, plants[1].A, rtol=1e-9, atol=1e-9)
-
-
 def test_a_ripple_is_no_spring_on_the_shaft():
     # Its slope over the angle, 900 N m/rad, is seven times the wire's; under way it averages out.
     rippled = with_effects(torque_ripple={"amplitude_nm": 30.0, "order_per_turn": 30.0})
     np.testing.assert_allclose(linearise(rippled, POINT).A, linearise(ideal_hoist(), POINT).A, rtol=1e-9, atol=1e-9)
-
-
-def test_a_thicker_layer_of_wire_lifts_more_and_holds_with_more_torque():
-    radius = ideal_hoist().winch.drum_diameter_m / 2.0
-    thick = with_effects(drum_layer_change={"radius_step_m": radius / 8.0, "drum_angle_rad": -400.0})
-    plain, layered = (linearise(m, POINT) for m in (ideal_hoist(), thick))
-    assert layered.start[1][2] / plain.start[1][2] == pytest.approx(9.0 / 8.0, rel=1e-6)
-    assert layered.start[2] / plain.start[2] == pytest.approx(9.0 / 8.0, rel=0.01)
-
-
-def test_a_measured_table_over_speed_is_the_viscous_friction_that_it_holds():
-    at = (0.0, 0.2, 0.5, 0.8)
-    levels = [5000.0 * v for v in at]
-    table = with_correction(ideal_hoist(), "speed_carriage_m_s", "guide", at, levels, levels)
-    viscous = with_effects(friction_viscous={"viscous_n_s_per_m": 5000.0})
-    measured, known = (linearise(machine, POINT) for machine in (table, viscous))
-    np.testing.assert_allclose(measured.A, known.A, rtol=1e-9, atol=1e-9)
-    assert effect_sentences(table) == ["In the machine: measured_correction."]
 
 
 def lagging(tau: float) -> Effects:
@@ -172,16 +128,6 @@ def test_a_memory_without_a_steady_state_is_an_error_and_no_traceback():
         linearise(ideal_hoist(), POINT, effects=Effects({}, (), [counting]))
 
 
-def test_the_gains_for_a_bandwidth_grow_with_the_inertia_of_the_gearbox():
-    points = operating_points(ideal_hoist(), (0.0, 9000.0), (10.0,))
-    heavier = with_effects(gearbox_inertia={"inertia_kg_m2": 0.5})
-    before, after = (for_bandwidth(make_search(m, SETTINGS, points), 30.0, 1.4) for m in (ideal_hoist(), heavier))
-    assert after.kp / before.kp == pytest.approx(1.0 + 0.5 / INERTIA, rel=0.02)
-    settings = SETTINGS.model_copy(update={"kp_nm_s_per_rad": after.kp, "ki_nm_per_rad": after.ki})
-    slowest = min(m.margins.bandwidth_hz for m in family(heavier, settings, points))
-    assert slowest == pytest.approx(30.0, rel=2e-3)
-
-
 def test_the_trials_runs_bear_the_machines_effects():
     rough = with_effects(friction_coulomb={"level_n": 6000.0})
     scores = [try_out(usual_trial(m, (9000.0,), 0.001), [SETTINGS])[0] for m in (ideal_hoist(), rough)]
@@ -212,15 +158,3 @@ def _rule(machine: Hoist) -> PiSettings:
     from workbench.analysis.usual import usual_controller
 
     return usual_controller(machine)
-
-
-def test_an_unknown_effect_of_the_loops_machine_is_named_with_its_file(tmp_path: Path):
-    file = tmp_path / "machine.yaml"
-    save_machine(ideal_hoist(), file)
-    file.write_text(
-        file.read_text(encoding="utf-8") + "effects: {gearbox_inertja: {inertia_kg_m2: 1.0}}\n", encoding="utf-8"
-    )
-    done = CliRunner().invoke(cli, ["loop", "--machine", str(file)])
-    assert isinstance(done.exception, InputError)
-    assert str(done.exception.file) == str(file)
-    assert "did you mean 'gearbox_inertia'" in str(done.exception)

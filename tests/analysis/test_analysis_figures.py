@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +11,7 @@ import pytest
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import Member, family, operating_points, weakest
 from workbench.analysis.linearise import OperatingPoint
-from workbench.analysis.loop import linear_loop, step_response
+from workbench.analysis.loop import step_response
 from workbench.control import PiSettings
 from workbench.machines import with_values
 from workbench.study.loop_design import DesignCase
@@ -22,11 +20,9 @@ from workbench.view.loop import (
     gang_of_four,
     member_name,
     nyquist,
-    poles_in_s,
     sentences,
     steps,
     table,
-    write_loop,
 )
 
 MACHINE = with_values(ideal_hoist(), {"drive.speed_delay_s": 0.005, "drive.torque_lag_s": 0.004})
@@ -92,33 +88,9 @@ def test_a_step_ends_at_what_the_loop_holds(members: list[Member]):
     assert len(lines(steps(members), member_name(members[0]))) == 4
 
 
-def test_the_table_has_a_line_a_loop_and_the_words_name_the_weakest(members: list[Member]):
-    assert len(table(members).rows) == len(members)
-    worst = weakest(members)
-    said = " ".join(sentences(case(), members))
-    assert f"{worst.point.payload_kg:g} kg at {worst.point.height_m:g} m" in said
-    assert "5 ms speed delay" in said
-    slowest, damping = poles_in_s(members[0])
-    assert slowest < 0.0 < damping <= 1.0
-
-
 def test_an_unstable_loop_gets_no_margins_in_table_or_figure():
     wild = PiSettings(kp_nm_s_per_rad=2000.0, ki_nm_per_rad=300.0)
     members = family(MACHINE, wild, [OperatingPoint(0.0, 5.0)])
     assert table(members).rows[0][2] == "unstable"
     assert "1 of 1 loops are unstable" in " ".join(sentences(case(), members))
     assert not any("margin" in (a.text or "") for a in bode(members).layout.annotations)
-
-
-def test_the_folder_holds_margins_and_poles_of_every_loop(members: list[Member], tmp_path: Path):
-    write_loop(case(), members, 1.4, tmp_path)
-    written = json.loads((tmp_path / "loop.json").read_text(encoding="utf-8"))
-    assert len(written["loops"]) == len(members)
-    first = written["loops"][0]
-    assert first["ms"] == pytest.approx(members[0].margins.ms, rel=1e-7)
-    assert first["gain_down_hz"] is None
-    poles = sorted(abs(complex(*p)) for p in first["poles_z"])
-    loop = linear_loop(MACHINE, SETTINGS, members[0].point)
-    np.testing.assert_allclose(poles, np.sort(np.abs(loop.poles())), atol=1e-9)
-    page = (tmp_path / "loop.html").read_text(encoding="utf-8")
-    assert page.count('id="figure-') == 4

@@ -18,7 +18,6 @@ from workbench.analysis.tune import Goal, tune
 from workbench.analysis.usual import usual_cascade
 from workbench.control import LinearCascade, RotaryCascade
 from workbench.core.errors import InputError
-from workbench.machines import with_values
 from workbench.references import Limits, Step, plan_motion
 from workbench.study.loop_design import loop_case
 from workbench.view.loop import as_json, sentences
@@ -42,15 +41,6 @@ def by_hand(
     pi = settings.kp + control.tf([settings.ki * DT], [1.0, -1.0], DT)
     speed, position = (control.tf(plant[i, 0]) for i in range(2))
     return pi * (smooth * speed + settings.kv_per_s * position) * z ** (-late)
-
-
-def test_a_rigid_axis_s_poles_are_those_of_its_second_order_loop():
-    """M s² + kp s + ki, sampled fast: kv = 0."""
-    settings = CASCADE.model_copy(update={"kv_per_s": 0.0, "sample_time_s": 1e-4})
-    loop = linear_loop(ideal_axis(), settings, POINT)
-    s = np.log(loop.poles()) / 1e-4
-    expected = np.roots([95.1089, settings.kp, settings.ki])
-    np.testing.assert_allclose(sorted(s.real), sorted(expected.real), rtol=0.01)
 
 
 @pytest.mark.parametrize("kv", [0.0, 17.5, 60.0])
@@ -187,9 +177,3 @@ def test_what_an_axis_does_not_have_is_one_error(how: dict, problem: str):
 
     with pytest.raises(InputError, match=problem):
         points()
-
-
-def test_more_viscous_friction_is_damping_in_the_loop():
-    slow = with_values(emps(), {"friction.viscous_n_s_per_m": 2000.0})
-    loose, damped = (margins(linear_loop(machine, CASCADE, POINT)) for machine in (emps(), slow))
-    assert damped.phase_deg > loose.phase_deg and damped.ms < loose.ms

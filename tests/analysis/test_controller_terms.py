@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from workbench.analysis.loop import linear_loop
 from workbench.analysis.margins import margins
 from workbench.analysis.tune import Goal, tune, usual_trial
 from workbench.control import PiSettings
-from workbench.control.settings import read_controller
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.machines import Hoist, with_values
@@ -152,12 +150,6 @@ def test_the_controllers_shaper_is_the_shaped_reference():
     given = shaped_speed("zvd", hz, load.damping)
     n = min(len(given), len(expected))
     assert np.max(np.abs(given[:n] - expected[:n])) < 0.01 * np.max(expected)
-
-
-def test_a_hoists_position_loop_says_its_kind(tmp_path: Path):
-    file = tmp_path / "c.yaml"
-    file.write_text("controller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0, kv_per_s: 2.0}\n")
-    assert read_controller(file).kv_per_s == 2.0
 
 
 def test_tuning_chooses_no_notch_shaper_or_schedule_that_is_worse_than_none():

@@ -121,15 +121,6 @@ def test_a_wire_without_damping_has_a_least_ms_that_is_named_with_its_swing_and_
     assert all(member.margins.stable for member in exact) and shaped.ki > 0.0
 
 
-def test_more_delay_leaves_less_to_attain():
-    best = []
-    for delay in (0.0, 0.004, 0.012):
-        machine = with_values(slow_drive(), {"drive.speed_delay_s": delay})
-        best.append(best_rejection(make_search(machine, BASE, POINTS), 1.4))
-    assert best[0].ki > 1.2 * best[1].ki > 1.44 * best[2].ki
-    assert best[0].attainable_hz > best[1].attainable_hz > best[2].attainable_hz
-
-
 def test_a_load_step_integrates_to_one_over_ki():
     settings = with_gains(40.0, 300.0)
     loop = linear_loop(slow_drive(), settings, OperatingPoint(4500.0, 10.0))
@@ -149,7 +140,8 @@ def tuned(request: pytest.FixtureRequest) -> Tuned:
     return tune(slow_drive(), BASE, POINTS, short_trial(slow_drive()), Goal(request.param))
 
 
-def test_the_winner_keeps_to_the_goal_by_its_exact_margins(tuned: Tuned):
+def test_the_winner_keeps_to_the_goal_by_its_exact_margins_and_costs_least(tuned: Tuned):
+    assert tuned.winner.cost == min(c.cost for c in tuned.tried) < 1.0
     for member in tuned.members:
         assert member.margins.stable
         assert member.margins.ms <= tuned.goal.ms_limit
@@ -158,14 +150,6 @@ def test_the_winner_keeps_to_the_goal_by_its_exact_margins(tuned: Tuned):
         assert 0.997 * tuned.goal.bandwidth_hz <= slowest <= 1.053 * tuned.goal.bandwidth_hz
     else:
         assert tuned.winner.settings.ki_nm_per_rad >= 0.799 * tuned.shaped.settings.ki_nm_per_rad
-
-
-def test_the_winner_costs_least_and_no_more_than_the_shaped_gains(tuned: Tuned):
-    assert tuned.winner.cost == min(c.cost for c in tuned.tried)
-    assert tuned.winner.cost < 1.0
-    again = Weights().cost(tuned.winner.score, tuned.shaped.score)
-    assert again == pytest.approx(tuned.winner.cost, rel=1e-12)
-    assert Weights().cost(tuned.shaped.score, tuned.shaped.score) == pytest.approx(1.0)
 
 
 def test_a_limit_that_is_said_to_be_active_costs_something_and_one_that_is_not_costs_next_to_nothing(tuned: Tuned):
@@ -197,12 +181,6 @@ def test_the_front_holds_the_winner_and_nobody_beats_its_members(tuned: Tuned):
     for c in front:
         mine = np.array(marks[id(c)])
         assert not any(np.all(np.array(m) <= mine) and np.any(np.array(m) < mine) for m in marks.values())
-
-
-def test_tuning_twice_gives_the_same_gains(tuned: Tuned):
-    again = tune(slow_drive(), BASE, POINTS, short_trial(slow_drive()), tuned.goal)
-    assert again.winner.settings == tuned.winner.settings
-    assert [c.settings for c in again.tried] == [c.settings for c in tuned.tried]
 
 
 def test_weight_on_the_torque_peak_buys_a_lower_peak(tuned: Tuned):
@@ -249,14 +227,6 @@ def test_what_is_written_is_a_controller_block_that_a_scenario_takes(tuned: Tune
     assert Scenario.model_validate(data).controller == settings
 
 
-@pytest.mark.parametrize(
-    ("goal", "said"), [({"bandwidth_hz": -1.0}, "greater than 0"), ({"ms_limit": 0.9}, "greater than 1")]
-)
-def test_a_goal_without_sense_is_refused(goal: dict[str, float], said: str):
-    with pytest.raises(InputError, match=said):
-        Goal(**goal)
-
-
 def run(*words: str) -> tuple[int, str]:
     done = CliRunner().invoke(cli, list(words))
     if isinstance(done.exception, InputError):
@@ -289,6 +259,7 @@ def test_the_tune_command_writes_a_block_that_the_loop_command_takes(tmp_path: P
     ("words", "said"),
     [
         (("tune", "--bandwidth", "900"), "out of reach"),
+        (("tune", "--bandwidth", "3", "--reject"), "one of them"),
         (("tune", "--payloads", "a,b"), "expected numbers with commas"),
         (("tune", "--weights", "1,2"), "three numbers"),
         (("tune", "--out", "nowhere/at/all.yaml"), "there is no folder"),
@@ -304,21 +275,9 @@ def test_bad_input_is_one_sentence(words: tuple[str, ...], said: str):
     assert said in text
 
 
-def test_two_goals_at_once_are_refused():
-    code, text = run("tune", "--bandwidth", "3", "--reject")
-    assert code == 2
-    assert "one of them" in text
-
-
 def ideal_machine(folder: Path) -> str:
     save_machine(ideal_hoist(), folder / "ideal.yaml")
     return str(folder / "ideal.yaml")
-
-
-def test_an_ideal_drive_is_pointed_out(tmp_path: Path):
-    code, text = run("loop", "--machine", ideal_machine(tmp_path), "--payloads", "0", "--heights", "5")
-    assert code == 0
-    assert "drive is ideal" in " ".join(text.split())
 
 
 def test_gains_for_an_ideal_drive_carry_a_warning_and_others_none(tmp_path: Path):

@@ -11,11 +11,10 @@ import pytest
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import family, operating_points, weakest
 from workbench.analysis.linearise import OperatingPoint, linearise
-from workbench.analysis.search import anti_resonances, for_bandwidth, make_search
+from workbench.analysis.search import anti_resonances
 from workbench.analysis.tune import Goal, TuneProgress, tune
 from workbench.analysis.usual import usual_controller
 from workbench.control import Events, PiSettings
-from workbench.core.errors import InputError
 from workbench.machines import with_values
 from workbench.study.loop_design import loop_case
 from workbench.view.loop import sentences
@@ -41,15 +40,6 @@ def test_the_weakest_has_the_least_of_each_margin_and_names_its_member():
     assert worst.margins.rejection_hz == min(m.margins.rejection_hz for m in members)
 
 
-def test_the_margins_of_a_family_stand_at_different_members():
-    rule = usual_controller(MACHINE)
-    members = family(MACHINE, rule, operating_points(MACHINE, (0.0, 9000.0), (0.0,)))
-    # With its integral in the way of the load, the heavy carriage has the larger Ms and yet bears more gain.
-    worst = weakest(members)
-    assert len({member.point.payload_kg for member in worst.member.values()}) == 2
-    assert worst.member["delay_s"] is min(members, key=lambda m: m.margins.delay_s)
-
-
 def test_an_unstable_member_leaves_no_margin():
     wild = PiSettings(kp_nm_s_per_rad=2000.0, ki_nm_per_rad=300.0)
     worst = weakest(family(MACHINE, wild, operating_points(MACHINE, (0.0,), (5.0,))))
@@ -72,21 +62,6 @@ def test_the_anti_resonance_is_the_load_on_its_two_falls_while_the_motor_stands(
     k = 2.0 * wire.youngs_modulus_pa * wire.effective_area_m2 / wire.segment_length_m
     assert zero.frequency_hz == pytest.approx(math.sqrt(k / mass) / (2.0 * math.pi), rel=0.01)
     assert zero.damping == pytest.approx(0.5 * 0.002 * math.sqrt(k / mass), rel=0.05)
-
-
-def test_a_bandwidth_out_of_reach_is_refused_with_its_reason():
-    search = make_search(MACHINE, usual_controller(MACHINE), [OperatingPoint(0.0, 10.0)])
-    with pytest.raises(InputError, match="phase is lost to the torque lag"):
-        for_bandwidth(search, 80.0, 1.4)
-
-
-def test_a_dip_of_a_ringing_wire_is_named_by_its_frequency():
-    slow = with_values(RINGING, {"drive.torque_lag_s": 0.02, "drive.speed_delay_s": 0.02})
-    point = OperatingPoint(20000.0, 10.0)
-    search = make_search(slow, usual_controller(slow), [point])
-    zero = anti_resonances(linearise(slow, point), point)[0]
-    with pytest.raises(InputError, match=f"anti-resonance at {zero.frequency_hz:.3g} Hz"):
-        for_bandwidth(search, 30.0, 1.2)
 
 
 class StopError(Exception):

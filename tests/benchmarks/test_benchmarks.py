@@ -8,11 +8,11 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks import measure, ours
+from benchmarks import ours
 from benchmarks.case import FITTED, HEIGHT_M, LOOP, PAYLOAD_KG, make_fit_log, make_loop, make_replay, solve_loop
 from benchmarks.hoist import hanging, load_hoist, rates, reference_replay, speed_error
-from benchmarks.measure import ACCURACY, FIT_ACCURACY, RESULTS, Measured, Row, Work, in_turns
-from benchmarks.peers.python_rhs import linear_between, make_rates
+from benchmarks.measure import ACCURACY, FIT_ACCURACY, RESULTS
+from benchmarks.peers.python_rhs import make_rates
 
 KEYS = {
     "name": str,
@@ -83,39 +83,6 @@ def test_the_peers_right_hand_side_is_the_references():
     for w, w_s, v, sag in itertools.product((-140.0, 0.1, 90.0), (-2.0, 0.004), (-0.7, 0.0, 0.3), (-0.5, 0.0, 0.2)):
         y = (th, w, th_s, w_s, x - sag, v)
         assert flat(list(y), hold + 50.0) == pytest.approx(rates(p, *y, hold + 50.0), rel=1e-12, abs=1e-9)
-
-
-def test_casadis_right_hand_side_is_the_references():
-    casadi = pytest.importorskip("casadi", reason="allowed: the peers come with the bench extra")
-    from benchmarks.peers.casadi_sim import make_rates as symbolic_rates
-
-    p = load_hoist(PAYLOAD_KG)
-    (th, _, th_s, _, x, _), hold = hanging(p, HEIGHT_M)
-    y, u = casadi.SX.sym("y", 6), casadi.SX.sym("u")
-    f = casadi.Function("f", [y, u], [symbolic_rates(p, y, u)])
-    for w, w_s, v, sag in itertools.product((-140.0, 0.1, 90.0), (-2.0, 0.004), (-0.7, 0.0, 0.3), (-0.5, 0.0, 0.2)):
-        state = (th, w, th_s, w_s, x - sag, v)
-        computed = np.asarray(f(list(state), hold + 50.0)).ravel()
-        assert computed == pytest.approx(rates(p, *state, hold + 50.0), rel=1e-12, abs=1e-9)
-
-
-def test_torque_is_linear_between_samples_and_held_after_the_last():
-    torque = linear_between(np.array([1.0, 3.0, 2.0]), 0.01)
-    assert [torque(t) for t in (0.0, 0.005, 0.01, 0.015, 0.02, 0.5)] == pytest.approx([1.0, 2.0, 3.0, 2.5, 2.0, 2.0])
-
-
-def test_each_way_is_judged_by_its_own_answer_and_timed_by_the_part(monkeypatch):
-    monkeypatch.setattr(measure, "_timed", lambda do: (2.0, 3.0))
-    ways = {"whole": Work(lambda: 7.0, lambda got: got), "quartered": Work(lambda: 7.0, lambda got: got + 1.0, parts=4)}
-    assert in_turns(ways, rounds=3) == {"whole": Measured(2.0, 3.0, 7.0), "quartered": Measured(0.5, 0.75, 8.0)}
-
-
-def test_ratio_is_the_peers_time_over_ours():
-    row = Row("replay", Measured(0.001, 0.001, 1e-7), "cvode", Measured(0.05, 0.06, 2e-7), "", 30.0)
-    assert row.record() == {
-        "name": "replay", "ours_s": 0.001, "peer": "cvode", "peer_s": 0.05, "ratio": pytest.approx(50.0),
-        "error_ours": 1e-7, "error_peer": 2e-7,
-    }  # fmt: skip
 
 
 def test_results_json_has_the_agreed_form_and_every_comparison():

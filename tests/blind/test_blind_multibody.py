@@ -13,7 +13,6 @@ from benchmarks.validation.campaign import built, input_change
 from benchmarks.validation.content import Content, draw
 from benchmarks.validation.orders import families_of, orders
 from workbench.blind.seal import Order
-from workbench.core.errors import InputError
 from workbench.logs import read_campaign
 from workbench.machines import Hoist
 
@@ -67,19 +66,3 @@ def test_an_identified_machine_is_that_of_the_well_one(tmp_path: Path, monkeypat
     ):
         assert abs(fitted - true) < 0.5 * abs(more_n)
     assert machine.guide.coulomb_hoisting_n != nominal.guide.coulomb_hoisting_n
-
-
-def test_an_engine_that_gives_up_is_given_the_next_seed_and_after_three_the_case_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    seen = []
-
-    def gives_up(folder: Path, seeds: tuple[int, ...], content: Content):
-        seen.append(tuple(seeds))
-        raise RuntimeError("did not converge at 3.1 s")
-
-    monkeypatch.setattr(entry, "make_campaign", gives_up)
-    order = Order(7, (5, 7), "multibody", "hoist_small", "none", ())
-    with pytest.raises(InputError, match="campaign 007 of multibody cannot be simulated: did not converge"):
-        entry.made(None, tmp_path, order)
-    assert seen == [(5, 7), (5, 7, 1), (5, 7, 2)]

@@ -16,9 +16,8 @@ from benchmarks.validation import next_run
 from benchmarks.validation.axis_causes import LISTED as ON_AXES
 from benchmarks.validation.axis_causes import OF_A_LOAD, OF_NO_LOAD
 from benchmarks.validation.campaign import make_campaign
-from benchmarks.validation.content import draw, scaled
+from benchmarks.validation.content import draw
 from benchmarks.validation.entry import LARGEST, SMALLEST, content_of, made, ordered
-from benchmarks.validation.hoist_causes import LISTED, scales_of
 from benchmarks.validation.rig import Rig, rig_from
 from benchmarks.validation.rig_files import rig_of
 from workbench.blind import score as later
@@ -148,36 +147,6 @@ def test_a_plan_that_cannot_be_driven_is_one_line(tmp_path: Path, before: str, a
     (tmp_path / "plan.yaml").write_text(PLAN.replace(before, after, 1))
     with pytest.raises(InputError, match=sentence):
         rig_of(DEMO / "machine.yaml", tmp_path / "plan.yaml")
-
-
-def test_what_does_not_belong_together_is_said(tmp_path: Path, rig: Rig):
-    (tmp_path / "plan.yaml").write_text(PLAN)
-    with pytest.raises(InputError, match="a plan of runs needs a machine beside it"):
-        rig_of(None, tmp_path / "plan.yaml")
-    friction = "{coulomb_forward_n: 1.0, coulomb_backward_n: 1.0, viscous_n_s_per_m: 1.0}"
-    (tmp_path / "axis.yaml").write_text(f"kind: axis\nmotion: linear\nmass_kg: 1.0\nfriction: {friction}\n")
-    with pytest.raises(InputError, match="another kind of machine"):
-        rig_of(tmp_path / "axis.yaml", DEMO)
-    text = (DEMO / "machine.yaml").read_text() + "effects: {friction_viscous: {viscous_n_s_per_m: 900.0}}\n"
-    (tmp_path / "corrected.yaml").write_text(text)
-    with pytest.raises(InputError, match="holds effects already"):
-        rig_of(tmp_path / "corrected.yaml", DEMO)
-
-
-@pytest.mark.parametrize("name", ["friction_viscous", "torque_scale", "drum_layer_change", "heave"])
-def test_a_smaller_effect_is_nearer_to_nothing_and_of_the_same_shape(name: str, rig: Rig):
-    scales = scales_of(rig.drawn.machine, 9000.0, 3.0, 9.0)
-    whole = LISTED[name](np.random.default_rng(5), scales)
-    half = scaled(whole, 0.5, "hoist")
-    for cause, again in ((whole, half),):
-        ((effect, numbers),) = cause.library.items()
-        for key, value in numbers.items():
-            expected = {"gain": 1.0 + 0.5 * (value - 1.0), "drum_angle_rad": value, "frequency_rad_s": value}
-            assert again.library[effect][key] == pytest.approx(expected.get(key, 0.5 * value)), key
-    changed = {key for key in whole.truth if whole.truth[key] != half.truth[key]}
-    changed |= {key for key in whole.log if whole.log[key] != half.log[key]}
-    assert len(changed) == (2 if name == "friction_viscous" else 1)
-    assert scaled(whole, 1.0, "hoist") is whole
 
 
 # Power

@@ -29,11 +29,6 @@ solver: {step_s: 0.004}
 """
 
 
-@pytest.fixture
-def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 def campaign(folder: Path, machine: Hoist) -> Path:
     """A run of 4 s that hangs still under its holding torque, with a little noise to be logged by."""
     (folder / "runs").mkdir(parents=True)
@@ -49,8 +44,8 @@ def campaign(folder: Path, machine: Hoist) -> Path:
     return folder
 
 
-def test_a_campaign_gives_both_models_errors_and_their_cost(workbench: Commands, tmp_path: Path):
-    ended = workbench("compare-models", campaign(tmp_path / "c", default_hoist()), "--out", tmp_path / "out")
+def test_a_campaign_gives_both_models_errors_and_their_cost(commands: Commands, tmp_path: Path):
+    ended = commands("compare-models", campaign(tmp_path / "c", default_hoist()), "--out", tmp_path / "out")
     assert ended.status == 0, ended.err
     said = json.loads((tmp_path / "out" / "models.json").read_text(encoding="utf-8"))
     assert said["runs"][0]["apart_percent"] < 0.05
@@ -58,8 +53,8 @@ def test_a_campaign_gives_both_models_errors_and_their_cost(workbench: Commands,
     assert "multi-body" in ended.out and (tmp_path / "out" / "models.html").stat().st_size > 10_000
 
 
-def test_a_scenario_is_run_in_both_closed_loops(workbench: Commands, tmp_path: Path):
-    ended = workbench("compare-models", write(tmp_path, SHORT), "--out", tmp_path / "out")
+def test_a_scenario_is_run_in_both_closed_loops(commands: Commands, tmp_path: Path):
+    ended = commands("compare-models", write(tmp_path, SHORT), "--out", tmp_path / "out")
     assert ended.status == 0, ended.err
     said = json.loads((tmp_path / "out" / "models.json").read_text(encoding="utf-8"))
     assert said["against"] == "its reference"
@@ -103,15 +98,3 @@ def test_without_the_extra_a_study_says_so_before_it_runs(tmp_path: Path, monkey
     with pytest.raises(InputError, match=r"pip install '\.\[multibody\]'"):
         study_of(tmp_path, "plant: multibody\n")
     engine.cache_clear()
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["nowhere"], "no such campaign"),
-        (["nowhere", "--step", "0.1"], "expected 0.0001 to 0.01 s"),
-    ],
-)
-def test_bad_input_is_one_line_and_status_2(workbench: Commands, tmp_path: Path, words: list[str], said: str):
-    ended = workbench("compare-models", tmp_path / words[0], *words[1:])
-    assert ended.status == 2 and said in ended.err and "Traceback" not in ended.err

@@ -46,11 +46,6 @@ def wind(s, e, p):
 BLOWN = GOOD + "effects: {wind: {wind_n_s2_per_m2: 9000.0}}\n"
 
 
-@pytest.fixture
-def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 @pytest.fixture(autouse=True)
 def nobody_s_effects_are_known() -> Iterator[None]:
     forget_users()
@@ -67,11 +62,9 @@ def torques(folder: Path) -> list[float]:
     return [row["rms_torque_motor_nm"] or 0.0 for row in read_rows(folder)]
 
 
-def test_a_scenario_s_own_effect_is_at_work_and_travels_with_the_result(
-    workbench: Commands, tmp_path: Path, wind: Path
-):
-    plain = workbench("study", write(tmp_path, GOOD), "--out", tmp_path / "plain")
-    blown = workbench("study", write(tmp_path, BLOWN, "blown.yaml"), "--out", tmp_path / "blown", "--effects", wind)
+def test_a_scenario_s_own_effect_is_at_work_and_travels_with_the_result(commands: Commands, tmp_path: Path, wind: Path):
+    plain = commands("study", write(tmp_path, GOOD), "--out", tmp_path / "plain")
+    blown = commands("study", write(tmp_path, BLOWN, "blown.yaml"), "--out", tmp_path / "blown", "--effects", wind)
     assert (plain.status, blown.status) == (0, 0), blown.err
     without, with_wind = torques(tmp_path / "plain"), torques(tmp_path / "blown")
     assert len(without) == 4 and min(without) > 100.0
@@ -81,23 +74,23 @@ def test_a_scenario_s_own_effect_is_at_work_and_travels_with_the_result(
     again = tmp_path / "blown"
     forget_users()
     words = ("study", again / "scenario.yaml", "--out", tmp_path / "again", "--effects", again / "wind.py")
-    assert workbench(*words).status == 0
+    assert commands(*words).status == 0
     assert (tmp_path / "again" / "index.parquet").read_bytes() == (again / "index.parquet").read_bytes()
 
 
-def test_two_workers_that_know_nothing_of_it_give_the_same_bytes(workbench: Commands, tmp_path: Path, wind: Path):
+def test_two_workers_that_know_nothing_of_it_give_the_same_bytes(commands: Commands, tmp_path: Path, wind: Path):
     pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
     text = BLOWN + "sweep:\n  controller.kp_nm_s_per_rad: {from: 25.0, to: 40.0, steps: 20}\n"
     file = write(tmp_path, text)
-    assert workbench("study", file, "--out", tmp_path / "here", "--effects", wind).status == 0
+    assert commands("study", file, "--out", tmp_path / "here", "--effects", wind).status == 0
     words = ("study", file, "--out", tmp_path / "there", "--effects", wind, "--cluster", "local:2")
-    done = workbench(*words)
+    done = commands(*words)
     assert done.status == 0, done.err
     assert (tmp_path / "here" / "index.parquet").read_bytes() == (tmp_path / "there" / "index.parquet").read_bytes()
 
 
-def test_without_the_option_the_scenario_is_refused_by_line(workbench: Commands, tmp_path: Path):
-    ended = workbench("study", write(tmp_path, BLOWN), "--out", tmp_path / "out")
+def test_without_the_option_the_scenario_is_refused_by_line(commands: Commands, tmp_path: Path):
+    ended = commands("study", write(tmp_path, BLOWN), "--out", tmp_path / "out")
     assert ended.status == 2
     assert "scenario.yaml:9: effects.wind: unknown effect 'wind'" in ended.err
 
@@ -156,17 +149,17 @@ def windy_machine(tmp_path: Path, wind: Path) -> Path:
 
 
 def test_replay_and_identify_take_a_machine_with_the_user_s_effect(
-    workbench: Commands, tmp_path: Path, wind: Path, windy_machine: Path, campaign: Path
+    commands: Commands, tmp_path: Path, wind: Path, windy_machine: Path, campaign: Path
 ):
-    assert workbench("replay", campaign, "--out", tmp_path / "plain").status == 0
+    assert commands("replay", campaign, "--out", tmp_path / "plain").status == 0
     words = ("replay", campaign, "--machine", windy_machine, "--out", tmp_path / "windy")
-    refused = workbench(*words)
+    refused = commands(*words)
     assert refused.status == 2 and "effects.wind: unknown effect 'wind'" in refused.err
-    assert workbench(*words, "--effects", wind).status == 0
+    assert commands(*words, "--effects", wind).status == 0
     plain, windy = (json.loads((tmp_path / name / "replay.json").read_text()) for name in ("plain", "windy"))
     rms = "torque_residual_rms_nm"
     assert abs(windy["overall"][rms] - plain["overall"][rms]) > 1.0
-    ended = workbench("identify", campaign, "--machine", windy_machine, "--effects", wind, "--out", tmp_path / "found")
+    ended = commands("identify", campaign, "--machine", windy_machine, "--effects", wind, "--out", tmp_path / "found")
     assert ended.status == 0, ended.err
     identified = load_machine(tmp_path / "found" / "machine.yaml")
     assert identified.effects == {"wind": {"wind_n_s2_per_m2": 30000.0}}
@@ -174,12 +167,12 @@ def test_replay_and_identify_take_a_machine_with_the_user_s_effect(
 
 @pytest.mark.parametrize("words", [("loop",), ("tune", "--bandwidth", "1.0")])
 def test_loop_and_tune_take_a_scenario_with_the_user_s_effect(
-    workbench: Commands, tmp_path: Path, wind: Path, words: tuple[str, ...]
+    commands: Commands, tmp_path: Path, wind: Path, words: tuple[str, ...]
 ):
     file = write(tmp_path, BLOWN)
-    refused = workbench(*words, "--scenario", file)
+    refused = commands(*words, "--scenario", file)
     assert refused.status == 2 and "unknown effect 'wind'" in refused.err
-    ended = workbench(*words, "--scenario", file, "--effects", wind)
+    ended = commands(*words, "--scenario", file, "--effects", wind)
     assert ended.status == 0, ended.err
 
 
@@ -200,10 +193,10 @@ BAD = {
 
 @pytest.mark.parametrize(("text", "said"), BAD.items(), ids=range(len(BAD)))
 def test_a_file_that_is_no_good_is_one_line_before_anything_is_read(
-    workbench: Commands, tmp_path: Path, text: str, said: str
+    commands: Commands, tmp_path: Path, text: str, said: str
 ):
     file = write(tmp_path, text, "mine.py")
-    ended = workbench("study", tmp_path / "is_not_there.yaml", "--effects", file)
+    ended = commands("study", tmp_path / "is_not_there.yaml", "--effects", file)
     assert ended.status == 2 and ended.out == ""
     assert said in ended.err and len(ended.err.splitlines()) == 1
     assert ended.err.startswith(f"error: {file}")
@@ -213,18 +206,18 @@ def test_a_file_that_is_no_good_is_one_line_before_anything_is_read(
 @pytest.mark.parametrize(
     ("name", "said"), [("nowhere.py", "no such file"), (".", "is a folder"), ("a.yaml", "is no Python file (.py)")]
 )
-def test_what_is_no_python_file_is_said(workbench: Commands, tmp_path: Path, name: str, said: str):
+def test_what_is_no_python_file_is_said(commands: Commands, tmp_path: Path, name: str, said: str):
     write(tmp_path, GOOD, "a.yaml")
-    ended = workbench("loop", "--effects", tmp_path / name)
+    ended = commands("loop", "--effects", tmp_path / name)
     assert ended.status == 2 and said in ended.err
 
 
 def test_the_option_may_be_repeated_and_one_name_in_two_files_is_refused(
-    workbench: Commands, tmp_path: Path, wind: Path
+    commands: Commands, tmp_path: Path, wind: Path
 ):
     second, again = write(tmp_path, TWICE, "gale.py"), write(tmp_path, WIND, "again.py")
-    assert workbench("loop", "--effects", wind, "--effects", second).status == 0
+    assert commands("loop", "--effects", wind, "--effects", second).status == 0
     assert {"wind", "gale"} <= set(names("hoist"))
-    ended = workbench("loop", "--effects", wind, "--effects", again)
+    ended = commands("loop", "--effects", wind, "--effects", again)
     assert ended.status == 2 and f"{again}: the effect name 'wind' is taken" in ended.err
     assert {"wind", "gale"} <= set(names("hoist"))

@@ -6,7 +6,6 @@ import sys
 
 import pytest
 
-from workbench.analysis.tune import STEPS, TuneProgress
 from workbench.cli import progress
 from workbench.study.store import Progress
 
@@ -32,15 +31,6 @@ def test_lines_say_where_a_study_goes_on_and_how_fast_it_is(
         "",
         "a: 64 of 100 runs (1 failed) done and kept; the same command goes on from there.",
     ]
-
-
-def test_lines_of_a_tuning_hold_the_least_cost_so_far(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    monkeypatch.setattr(progress, "LINE_EVERY_S", 0.0)
-    with progress.tuning() as tell:
-        tell(TuneProgress("shaping", 1, 7, 1.25))
-    assert capsys.readouterr().err == f"2/{STEPS} shaping; 7 tried, least cost 1.250\n"
 
 
 def test_a_bar_on_a_terminal_is_gone_at_the_end(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):

@@ -7,8 +7,7 @@ import pytest
 
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.linearise import OperatingPoint, linearise
-from workbench.analysis.loop import linear_loop, sampled_plant
-from workbench.analysis.margins import margins
+from workbench.analysis.loop import sampled_plant
 from workbench.control import PiSettings, lag_step, weight_before
 from workbench.machines import Hoist, with_values
 from workbench.simulate.loop import LoopCase, simulate_loop
@@ -43,13 +42,6 @@ def test_the_mean_torque_between_two_samples_is_that_of_the_exponential(time_con
     mean = held + (before - held) * time_constant_s / H * (1.0 - np.exp(-H / time_constant_s))
     w = weight_before(time_constant_s, H)
     assert w * before + (1.0 - w) * now == pytest.approx(mean, rel=1e-9)
-
-
-def test_a_lag_of_a_microsecond_costs_the_margins_nothing():
-    none, hardly = (margins(linear_loop(lagging(lag), SETTINGS, POINT)) for lag in (0.0, 1e-6))
-    assert hardly.gain_up == pytest.approx(none.gain_up, rel=5e-3)
-    assert hardly.ms == pytest.approx(none.ms, rel=1e-4)
-    assert hardly.phase_deg == pytest.approx(none.phase_deg, abs=0.01)
 
 
 def test_the_delay_of_a_lag_is_its_time_constant():

@@ -15,7 +15,6 @@ from workbench.core.run import Run
 from workbench.effects import (
     Effect,
     Parameter,
-    check,
     effect,
     effects_for,
     find,
@@ -28,7 +27,7 @@ from workbench.effects import (
     sizes_of,
 )
 from workbench.effects.declare import KINDS, problems
-from workbench.machines import PLACES, default_hoist, load_machine, save_machine
+from workbench.machines import default_hoist
 
 # The names that others rely on; see docs/formats.md.
 NAMES = [
@@ -120,15 +119,6 @@ def test_what_is_wrong_with_an_effect_is_said_with_its_place(chosen, said):
     assert said in str(caught.value)
 
 
-def test_a_machine_file_with_a_misspelt_effect_is_named_by_line(tmp_path: Path):
-    save_machine(default_hoist(), tmp_path / "machine.yaml")
-    file = tmp_path / "machine.yaml"
-    file.write_text(file.read_text() + "effects:\n  heave: {amplitud_m: 0.2}\n")
-    with pytest.raises(InputError, match="did you mean 'amplitude_m'") as caught:
-        load_machine(file, check_effects=check)
-    assert caught.value.line == len(file.read_text().splitlines())
-
-
 OWN = '''
 from workbench.effects import Parameter, effect
 
@@ -187,11 +177,6 @@ def test_a_file_that_is_no_good_is_refused_by_name(tmp_path: Path, text: str, sa
     assert str(caught.value).startswith(str(file))
 
 
-def test_a_file_that_is_not_there_is_said():
-    with pytest.raises(InputError, match="no such file"):
-        load_effects("nowhere.py")
-
-
 def test_an_entry_point_s_effects_are_known(monkeypatch: pytest.MonkeyPatch):
     def pull(s: Any, e: Any, p: Any) -> Any:
         """A constant pull."""
@@ -214,8 +199,3 @@ def test_an_entry_point_s_effects_are_known(monkeypatch: pytest.MonkeyPatch):
         "importlib.metadata.entry_points", lambda group: [Entry()] if group == "workbench.effects" else []
     )
     assert find("pull", "hoist") is declared
-
-
-def test_every_place_of_the_plants_is_one_that_some_effect_uses():
-    used = {effect.place_on(kind) for kind in KINDS for effect in effects_for(kind).values()}
-    assert set(PLACES) <= used

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -125,18 +124,6 @@ def test_an_effect_in_the_drive_turns_the_motor_as_it_says(name, w):
     else:
         assert with_it.motor - plain.motor == pytest.approx(expected(plain, w), rel=1e-6)
     assert with_it.carriage == pytest.approx(plain.carriage)
-
-
-@pytest.mark.parametrize(
-    ("effects", "kilograms"),
-    [
-        ({"carriage_mass_error": {"mass_kg": 200.0}}, 200.0),
-        ({"payload_mass_error": {"payload_scale": 0.94}}, -0.06 * PAYLOAD),
-    ],
-)
-def test_a_mass_error_pulls_by_its_weight(effects, kilograms):
-    changed = forces(effects, 0.0, 0.0).carriage / MASS * (MASS + kilograms)
-    assert changed == pytest.approx(forces({}, 0.0, 0.0).carriage - kilograms * G, rel=1e-9, abs=1e-6)
 
 
 def test_heave_weighs_by_the_platform_s_acceleration():
@@ -373,61 +360,3 @@ def test_the_balance_with_an_effect_explains_the_loop_with_it_and_without_it_doe
     assert with_it < limit
     if name not in INVISIBLE:
         assert without > SMALL.get(name, 1.5) and without > 2.0 * with_it
-
-
-def test_a_late_run_of_a_campaign_meets_the_warm_machine():
-    machine = default_hoist().model_copy(
-        update={"effects": {"friction_thermal_drift": {"friction_fraction": 0.8, "time_constant_s": 100.0}}}
-    )
-    speed = np.full(3000, 30.0)
-    settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
-    cold, warm, plain = simulate_loop(
-        [
-            LoopCase("cold", machine, 0.0, 5.0, settings, speed),
-            LoopCase("warm", machine, 0.0, 5.0, settings, speed, start_time_s=300.0),
-            LoopCase("plain", default_hoist(), 0.0, 5.0, settings, speed),
-        ]
-    )
-    torque = [float(result.run["torque_motor_nm"][-1]) for result in (cold, warm, plain)]
-    friction = 6000.0 * LEVER / 2.0 * switch(30.0 * LEVER / 2.0)
-    assert torque[0] - torque[2] == pytest.approx(0.8 * math.exp(-0.03) * friction, rel=0.02)
-    assert torque[1] - torque[2] == pytest.approx(0.8 * math.exp(-3.03) * friction, rel=0.02)
-    assert warm.run.start_time_s == 300.0
-
-
-OWN = '''
-from workbench.effects import Parameter, effect
-
-@effect(
-    place={"hoist": "guide_force_n"}, subsystem="guide", regime="all",
-    parameters=[Parameter("F", "force_n", "always down", "force", 0.0, 1.0, 0.01, 0.02, vanishes_at=0.0)],
-    equation="F = -F", reference="made up", shows="a constant",
-)
-def downward_pull(s, e, p):
-    """A constant pull."""
-    return -e.F
-'''
-
-
-def test_a_user_s_effect_from_a_file_runs_in_the_closed_loop_with_no_other_edit(tmp_path):
-    from workbench.effects import forget_users, load_effects
-
-    (tmp_path / "mine.py").write_text(OWN)
-    try:
-        load_effects(tmp_path / "mine.py")
-        machine = default_hoist().model_copy(update={"effects": {"downward_pull": {"force_n": 800.0}}})
-        settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
-        still = np.zeros(200)
-        (mine,) = simulate_loop([LoopCase("mine", machine, 0.0, 9.0, settings, still)])
-        (plain,) = simulate_loop([LoopCase("plain", default_hoist(), 0.0, 9.0, settings, still)])
-    finally:
-        forget_users()
-    assert mine.hold_torque_nm - plain.hold_torque_nm == pytest.approx(400.0 * LEVER, rel=1e-4)
-    assert np.ptp(mine.run["position_carriage_m"]) < 1e-6
-
-
-def test_the_logs_of_single_motors_add_up_to_the_logged_sum(campaigns):
-    machine, run = campaigns["torque_offset"]
-    both: Any = run["torque_motor1_nm"] + run["torque_motor2_nm"]
-    assert both == pytest.approx(run["torque_motor_nm"])
-    assert machine.effects

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +11,6 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT
 from tests.support.commands import Commands
 from tests.support.effect_machines import MACHINES
 from tests.support.ideal import ideal_hoist
@@ -125,14 +123,6 @@ def test_a_mistake_is_named_with_file_and_line(change: tuple[str, str], said: st
     assert caught.value.line is not None and caught.value.line > machine_text(HOIST).count("\n")
 
 
-def test_the_example_of_the_docs_is_one():
-    page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-    example = re.search(r"\n    measured_correction:\n(?:      .*\n)+", page)
-    assert example is not None
-    machine = machine_from(loads(machine_text(HOIST) + example[0].replace("\n    ", "\n").lstrip(), "machine.yaml"))
-    assert machine.measured_correction is not None and len(machine.measured_correction.at) == 4
-
-
 def test_a_load_s_torque_passes_the_motor_and_no_guide():
     with pytest.raises(InputError, match="over torque_load_nm goes with acts_on motor"):
         with_correction(HOIST, "torque_load_nm", "guide", [0.0, 1.0, 2.0], [1.0] * 3, [1.0] * 3)
@@ -223,17 +213,6 @@ def test_in_the_closed_loop_a_table_of_b_v_is_viscous_friction():
     assert np.max(np.abs(torque[2] - torque[1])) < 0.01
 
 
-def test_a_table_over_the_motor_angle_is_its_ripple_within_the_table_s_steps():
-    ripple = {"torque_ripple": {"amplitude_nm": 20.0, "order_per_turn": 1.0, "phase_rad": 0.4}}
-    at = np.linspace(0.0, TURN, 33, endpoint=False)
-    against = -20.0 * np.sin(at + 0.4)
-    table = with_correction(HOIST, "angle_motor_rad", "motor", at, against, -against)
-    plain, effect, corrected = moved([HOIST, HOIST.model_copy(update={"effects": ripple}), table])
-    torque = [result.run["torque_motor_nm"] for result in (plain, effect, corrected)]
-    assert np.max(np.abs(torque[1] - torque[0])) > 5.0
-    assert np.max(np.abs(torque[2] - torque[1])) < 0.3
-
-
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Runs of a machine with viscous friction that its nominal machine does not know."""
@@ -258,25 +237,20 @@ def test_balance_and_replay_see_the_table_as_they_see_the_effect(campaign: Path)
 
 
 @pytest.fixture
-def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
-@pytest.fixture
 def corrected_file(tmp_path: Path) -> Path:
     save_machine(viscous_table(HOIST), tmp_path / "corrected.yaml")
     return tmp_path / "corrected.yaml"
 
 
 def test_replay_and_identify_take_a_corrected_machine(
-    workbench: Commands, tmp_path: Path, campaign: Path, corrected_file: Path
+    commands: Commands, tmp_path: Path, campaign: Path, corrected_file: Path
 ):
-    assert workbench("replay", campaign, "--out", tmp_path / "nominal").status == 0
-    ended = workbench("replay", campaign, "--machine", corrected_file, "--out", tmp_path / "corrected")
+    assert commands("replay", campaign, "--out", tmp_path / "nominal").status == 0
+    ended = commands("replay", campaign, "--machine", corrected_file, "--out", tmp_path / "corrected")
     assert ended.status == 0, ended.err
     said = [json.loads((tmp_path / name / "replay.json").read_text())["overall"] for name in ("nominal", "corrected")]
     assert said[1]["torque_residual_rms_nm"] < 0.4 * said[0]["torque_residual_rms_nm"]
-    identified = workbench("identify", campaign, "--machine", corrected_file, "--out", tmp_path / "found")
+    identified = commands("identify", campaign, "--machine", corrected_file, "--out", tmp_path / "found")
     assert identified.status == 0, identified.err
     kept = load_machine(tmp_path / "found" / "machine.yaml").measured_correction
     assert kept == viscous_table(HOIST).measured_correction

@@ -19,7 +19,7 @@ from workbench.control import FeedForward, Notch, PiSettings
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
 from workbench.export.controller_program import CHECKS, checked, program_of, record_of
-from workbench.export.controller_text import ST, c_of, controller_files, expression
+from workbench.export.controller_text import controller_files
 from workbench.export.drives import DRIVES, drive_settings, settings_text
 from workbench.export.fmu import host_compiler
 from workbench.export.model import model_of
@@ -295,22 +295,6 @@ def test_the_record_on_disk_is_the_record():
     assert np.array_equal(rows[:, 3], record.torque_nm)
 
 
-@pytest.mark.parametrize(
-    ("line", "c", "text"),
-    [
-        ("a - (b - c)", "a - (b - c)", "a - (b - c)"),
-        ("a * (b + c) / d", "a * (b + c) / d", "a * (b + c) / d"),
-        ("a / (b * c)", "a / (b * c)", "a / (b * c)"),
-        ("where(a > 0.0, b, c)", "(a > 0.0 ? b : c)", "SEL(a > 0.0, c, b)"),
-        ("min(max(a, -b), b)", "fmin(fmax(a, -b), b)", "MIN(MAX(a, -b), b)"),
-        ("a or b <= c", "(a) || (b <= c)", "(a) OR (b <= c)"),
-    ],
-)
-def test_an_expression_keeps_its_value_in_both_languages(line: str, c: str, text: str):
-    assert expression(line, c_of(program_of(PLAIN, HOIST))) == c
-    assert expression(line, ST) == text
-
-
 def test_siemens_takes_newton_metres_and_milliseconds_of_one_motor():
     made = drive_settings("siemens-s120", PLAIN, HOIST)["parameters"]
     assert made["p1460"]["value"] == pytest.approx(KP / 2.0) and made["p1460"]["unit"] == "Nms/rad"
@@ -400,10 +384,3 @@ def test_the_command_writes_a_folder_once(form: str, tmp_path: Path, commands: C
         assert "p1130" in made["drive_parameters.yaml"]
     again = commands(*words)
     assert again.status == 2 and "nothing is overwritten" in again.err
-
-
-def test_a_file_without_a_controller_is_refused_in_one_line(tmp_path: Path, commands: Commands):
-    (tmp_path / "c.yaml").write_text("controler: {}\n", encoding="utf-8")
-    done = commands("export-controller", tmp_path / "c.yaml", "--as", "st", "--out", tmp_path / "out")
-    assert done.status == 2 and "holds no block 'controller'" in done.err
-    assert not (tmp_path / "out").exists()

@@ -478,14 +478,6 @@ def test_dependencies_agree_with_the_derivatives_of_the_binary(one: Instance):
         one.step(begin, 0.1)
 
 
-def test_speeds_are_displayed_in_rpm_and_angles_in_degrees(plant3: Exported):
-    shown = {v.name: v.displayUnit for v in plant3.description.modelVariables}
-    assert shown["speed_motor_rad_s"] == "rpm" and shown["angle_motor_rad"] == "deg"
-    (speed,) = (unit for unit in plant3.description.unitDefinitions if unit.name == "rad/s")
-    (shown_in,) = speed.displayUnits
-    assert shown_in.name == "rpm" and float(shown_in.factor) == pytest.approx(9.5492965855)
-
-
 def test_the_built_in_hoist_is_exported_by_its_name(tmp_path: Path, commands: Commands):
     done = commands("export-fmu", "default", "--out", tmp_path / "hoist.fmu", "--platforms", "none")
     assert done.status == 0, done.err
@@ -567,14 +559,6 @@ def test_without_a_compiler_there_is_one_clear_sentence(monkeypatch: pytest.Monk
     with pytest.raises(InputError, match="no C compiler is here"):
         write_fmu(model_of(HOIST), tmp_path / "a.fmu")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_zig_compiles_for_other_systems_with_an_old_library_and_a_plain_processor(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(compiling, "has_zig", lambda: True)
-    monkeypatch.setattr(compiling, "host", lambda: None)
-    words = compiling.compiler("linux-x86_64")
-    assert words[1:] == ["-m", "ziglang", "cc", "-target", "x86_64-linux-gnu.2.17", "-mcpu=baseline"]
-    assert compiling.targets_of(None) == compiling.ALL
 
 
 def test_the_command_writes_sources_for_any_compiler(tmp_path: Path, commands: Commands):

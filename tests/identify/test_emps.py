@@ -37,17 +37,12 @@ def campaign(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return folder
 
 
-@pytest.fixture
-def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 def overall(folder: Path) -> Any:
     return json.loads((folder / "replay.json").read_text())["overall"]
 
 
-def test_the_published_values_and_residuals_come_out(workbench: Commands, campaign: Path, tmp_path: Path):
-    done = workbench("identify", campaign, "--runs", "train", "--out", tmp_path / "found")
+def test_the_published_values_and_residuals_come_out(commands: Commands, campaign: Path, tmp_path: Path):
+    done = commands("identify", campaign, "--runs", "train", "--out", tmp_path / "found")
     assert done.status == 0, done.err
     machine = load_machine(tmp_path / "found" / "machine.yaml")
     assert isinstance(machine, LinearAxis)
@@ -59,12 +54,12 @@ def test_the_published_values_and_residuals_come_out(workbench: Commands, campai
     assert overall(tmp_path / "found")["force_residual_percent"] <= 4.43
 
     words = ("--runs", "pulses", "--machine", tmp_path / "found" / "machine.yaml", "--out", tmp_path / "test")
-    assert workbench("replay", campaign, *words).status == 0
+    assert commands("replay", campaign, *words).status == 0
     assert overall(tmp_path / "test")["force_residual_percent"] <= 7.50
 
 
-def test_the_published_values_lie_within_the_error_bars(workbench: Commands, campaign: Path, tmp_path: Path):
-    workbench("identify", campaign, "--runs", "train", "--out", tmp_path / "found")
+def test_the_published_values_lie_within_the_error_bars(commands: Commands, campaign: Path, tmp_path: Path):
+    commands("identify", campaign, "--runs", "train", "--out", tmp_path / "found")
     said = json.loads((tmp_path / "found" / "identify.json").read_text())["parameters"]
     published = [PUBLISHED[name] for name in ("mass", "viscous", "coulomb", "coulomb", "offset")]
     for key, value in zip(said, published, strict=True):
@@ -72,13 +67,7 @@ def test_the_published_values_lie_within_the_error_bars(workbench: Commands, cam
         assert said[key]["std_error"] < 0.03 * abs(value), key
 
 
-def test_the_machine_before_is_as_far_off_as_it_should_be(workbench: Commands, campaign: Path, tmp_path: Path):
+def test_the_machine_before_is_as_far_off_as_it_should_be(commands: Commands, campaign: Path, tmp_path: Path):
     """The mass alone leaves 69.6 % of the force (the record's own description); a rough model no less."""
-    workbench("replay", campaign, "--runs", "train", "--out", tmp_path / "out")
+    commands("replay", campaign, "--runs", "train", "--out", tmp_path / "out")
     assert 60.0 < overall(tmp_path / "out")["force_residual_percent"] < 80.0
-
-
-def test_levels_and_load_that_one_record_cannot_tell_apart_are_said(workbench: Commands, campaign: Path):
-    done = workbench("identify", campaign, "--runs", "train")
-    said = " ".join(done.out.split())
-    assert "cannot be told apart from the constant load by these data: they were held alike" in said

@@ -144,13 +144,6 @@ def test_the_fit_leaves_the_noise_and_not_much_more(draws):
         assert d.fit.residual_rms < 0.6 * d.fit.residual_rms_before
 
 
-def test_a_machine_is_known_better_after_the_fit_than_before(draws):
-    """What motion shows is narrowed down far below its tolerance."""
-    for key in (*LEVELS, "motor.rotor_inertia_kg_m2", "bearing.pin_friction_coefficient"):
-        errors = [d.fit.std_error[list(d.fit.values()).index(key)] for d in draws]
-        assert np.median(errors) < 0.5 * SPREAD[key] * float(get_value(NOMINAL, key))
-
-
 @pytest.fixture(scope="module")
 def levels_only() -> list[Draw]:
     """Twelve noises on one machine that differs from nominal in its levels alone; nothing else is freed."""
@@ -311,11 +304,6 @@ def test_a_key_that_cannot_be_freed_is_answered_with_the_nearest(levels_only, ke
         free_parameters(NOMINAL, levels_only[0].runs, (LEVELS[0], key))
     assert f"cannot fit '{key}'" in str(caught.value)
     assert answer in str(caught.value)
-
-
-def test_a_key_freed_twice_is_refused(levels_only):
-    with pytest.raises(InputError, match="stands twice"):
-        free_parameters(NOMINAL, levels_only[0].runs, (LEVELS[0], LEVELS[0]))
 
 
 def test_a_machine_that_stands_still_is_nothing_to_fit():

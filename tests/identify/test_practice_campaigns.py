@@ -20,11 +20,6 @@ DAILY = ("01", "20", "25", "05", "15", "24", "29", "33")
 LEVELS = ("guide.coulomb_hoisting_n", "guide.coulomb_lowering_n")
 
 
-@pytest.fixture
-def workbench(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
-
-
 def read_json(path: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"))
 
@@ -42,14 +37,14 @@ def daily(numbers: Sequence[str]) -> list[Any]:
 
 @pytest.mark.parametrize("number", daily(WITHOUT_A_GAP))
 def test_a_machine_without_a_gap_is_explained_down_to_the_noise(
-    workbench: Commands, campaigns: Path, tmp_path: Path, number: str
+    commands: Commands, campaigns: Path, tmp_path: Path, number: str
 ):
     out = tmp_path / "out"
-    done = workbench("identify", campaigns / number, "--out", out)
+    done = commands("identify", campaigns / number, "--out", out)
     assert done.status == 0, done.err
     said = read_json(out / "identify.json")
     assert_finite(said)
-    assert workbench("replay", campaigns / number, "--out", tmp_path / "replay").status == 0
+    assert commands("replay", campaigns / number, "--out", tmp_path / "replay").status == 0
     assert read_json(tmp_path / "replay" / "replay.json")["overall"] == said["before"]
     before, after = said["before"], said["after"]
     assert after["torque_residual_rms_moving_nm"] <= 1.3 * after["noise_rms_nm"]
@@ -66,10 +61,10 @@ def test_a_machine_without_a_gap_is_explained_down_to_the_noise(
 
 @pytest.mark.parametrize("number", daily(WITH_A_GAP))
 def test_a_machine_with_a_gap_gives_finite_and_sensible_figures(
-    workbench: Commands, campaigns: Path, tmp_path: Path, number: str
+    commands: Commands, campaigns: Path, tmp_path: Path, number: str
 ):
     """Replay of all six runs; identification from two of them, which is quicker."""
-    done = workbench("replay", campaigns / number, "--out", tmp_path / "replay")
+    done = commands("replay", campaigns / number, "--out", tmp_path / "replay")
     assert done.status == 0, done.err
     said = read_json(tmp_path / "replay" / "replay.json")
     assert_finite(said)
@@ -84,7 +79,7 @@ def test_a_machine_with_a_gap_gives_finite_and_sensible_figures(
     assert 0.1 < overall["torque_residual_percent"] < 15.0
 
     words = ("--runs", "half_slow,full_fast", "--out", tmp_path / "found")
-    done = workbench("identify", campaigns / number, *words)
+    done = commands("identify", campaigns / number, *words)
     assert done.status == 0, done.err
     identified = read_json(tmp_path / "found" / "identify.json")
     assert_finite(identified)

@@ -22,8 +22,7 @@ from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
 from workbench.logs.formats import known
-from workbench.logs.formats import opening as worker
-from workbench.logs.formats.declared import OWN, UPLOADED, Limits, LogFormat, Opened
+from workbench.logs.formats.declared import Limits, LogFormat, Opened
 from workbench.logs.formats.known import suffixes
 from workbench.logs.formats.opening import landlock_version, open_log
 
@@ -83,18 +82,6 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
 
     assert "made" in TYPES
     assert ".tdms or .made" in " ".join(command.get_help(click.Context(command)).split())
-
-
-def test_a_new_format_has_a_limit_in_uploads_without_naming_one(tmp_path, add):
-    made = LogFormat("made-up", (".made",), log_openers.open_npz, about="")
-    assert (made.own, made.uploaded, made.isolated) == (OWN, UPLOADED, True)
-    add(log_openers.open_npz, uploaded=replace(SMALL, rows=99))
-    folder = write_campaign(tmp_path, "", runs=RUNS.replace("lift.csv", "lift.made"))
-    with (folder / "runs" / "lift.made").open("wb") as stream:
-        np.savez(stream, **hoist_columns(100))  # type: ignore[arg-type]
-    assert read_campaign(folder).runs
-    with pytest.raises(InputError, match=r"lift\.made: lift: holds more than 99 rows"):
-        read_campaign(folder, uploaded=True)
 
 
 def test_no_two_formats_share_a_suffix():
@@ -160,14 +147,6 @@ def test_a_worker_reads_on_after_an_error_and_is_made_anew_after_a_crash(tmp_pat
             assert len(log.read(["time_s"])["time_s"]) == 500
 
 
-def test_a_log_that_is_left_unread_does_not_spoil_the_next(tmp_path):
-    good = tmp_path / "good.mat"
-    scipy.io.savemat(good, hoist_columns())
-    for _ in range(3):
-        with open_log(good) as log:
-            assert "time_s" in log.names
-
-
 def test_several_threads_read_at_once(tmp_path):
     good = tmp_path / "good.mat"
     scipy.io.savemat(good, hoist_columns())
@@ -183,16 +162,6 @@ def test_several_threads_read_at_once(tmp_path):
     for thread in threads:
         thread.join()
     assert lengths == [500] * 4
-
-
-def test_a_worker_hears_an_interrupt_though_its_shell_ignores_it(tmp_path, add):
-    worker.end_all()
-    old = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        assert refusal(tmp_path, add, log_openers.ignored_interrupt) == "SIGINT is heard"
-    finally:
-        signal.signal(signal.SIGINT, old)
-        worker.end_all()
 
 
 def alive(pid: int) -> bool:

@@ -50,21 +50,6 @@ def test_every_recorded_campaign_reads_whole_and_without_repair(campaigns):
             assert np.array_equal(run["torque_motor_nm"], both)
 
 
-def test_recorded_values_are_those_of_the_file(campaigns):
-    run = read_campaign(campaigns / "01").run("empty_fast")
-    assert (run.payload_kg, run.start_position_m, run.start_time_s) == (0.0, 9.143, 0.0)
-    assert (run["torque_motor1_nm"][0], run["torque_motor2_nm"][0], run["speed_motor_rad_s"][1]) == (
-        192.5,
-        188.4,
-        -0.02,
-    )
-
-
-def test_optional_signals_of_a_recorded_campaign_are_there(campaigns):
-    run = read_campaign(campaigns / "21").runs[0]
-    assert {"position_carriage_m", "tension_dead_line_n", "speed_reference_rad_s"} <= run.signals.keys()
-
-
 def test_real_axis_in_matlab_files_reads_with_scaled_force(shared_data, tmp_path):
     emps = os.path.relpath(shared_data / "emps", tmp_path)
     (tmp_path / "machine.yaml").write_text(AXIS)
@@ -228,15 +213,6 @@ RUNS_MISTAKES = {
 def test_mistake_in_the_list_of_runs_is_named_by_place(tmp_path, old, new):
     write_campaign(tmp_path, hoist_columns(), runs=RUNS.replace(old, new, 1))
     assert RUNS_MISTAKES[old, new] in refusal(tmp_path)
-
-
-def test_formats_to_come_are_named(tmp_path):
-    write_campaign(tmp_path, hoist_columns(), runs=RUNS.replace("lift.csv", "lift.xlsx"))
-    (tmp_path / "runs" / "lift.xlsx").write_bytes(b"PK")
-    assert (
-        "Excel files are not read by this version; save the log as .csv, .mat, .mf4, .parquet, .xml or .tdms"
-        in refusal(tmp_path)
-    )
 
 
 def test_missing_campaign_gets_the_nearest_name(tmp_path):

@@ -46,32 +46,6 @@ def test_an_axis_in_si_is_read(tmp_path: Path, logged: tuple[str, ...]):
     assert read_campaign(campaign(tmp_path, {}, logged)).all_notes == ()
 
 
-@pytest.mark.parametrize(
-    ("scales", "logged", "said"),
-    [
-        (
-            {"position_m": 1e3},
-            BOTH,
-            "position_m changes 1000 times .* a scale of 0.001 .milli. would fit for position_m",
-        ),
-        ({"velocity_m_s": 1e3}, BOTH, "or a scale of 0.001 .milli. would fit for velocity_m_s"),
-        ({"position_m": 1e3}, BOTH[:1], "position_m moves at .* top speed is 0.5; a scale of 0.001 .milli. would fit"),
-        ({"velocity_m_s": 60.0}, BOTH[1:], "velocity_m_s moves at .* 0.0166667 .a minute. .*would fit"),
-        (
-            {"force_n": 1e-3},
-            BOTH,
-            "force_n is .* times what this machine takes .* a scale of 1000 .kilo. would fit for",
-        ),
-        ({"force_n": 1e3}, BOTH, "force_n reaches .* the drive's limit is 400 N; a scale of 0.001 .milli. would fit"),
-    ],
-)
-def test_a_signal_in_another_unit_is_refused_with_the_factor(
-    tmp_path: Path, scales: dict[str, float], logged: tuple[str, ...], said: str
-):
-    with pytest.raises(InputError, match=said):
-        read_campaign(campaign(tmp_path, scales, logged))
-
-
 def test_without_a_stated_drive_the_input_still_tells_millimetres(tmp_path: Path):
     plain = MACHINE.replace("drive: {top_speed_m_s: 0.5, force_limit_n: 400.0}\n", "")
     assert not read_campaign(campaign(tmp_path, {}, BOTH[:1], plain)).all_notes

@@ -258,14 +258,6 @@ def test_all_faults_of_all_runs_are_told_at_once_with_what_goes_on(tmp_path):
     assert [run.name for run in read_campaign(tmp_path, select="b").runs] == ["b"]
 
 
-def test_mapped_column_is_named_beside_its_signal(tmp_path):
-    columns = changed(SPEED, 123, np.inf)
-    columns["n"] = columns.pop(SPEED)
-    write_campaign(tmp_path, columns, runs="columns: {speed_motor_rad_s: n}\n" + RUNS)
-    with pytest.raises(InputError, match=r"speed_motor_rad_s \(column 'n'\) is infinite at 1.23 s"):
-        read_campaign(tmp_path)
-
-
 def test_hoist_that_holds_still_reads_with_a_note_and_keeps_its_reference(tmp_path):
     run = read(tmp_path, hoist_columns() | {SPEED: np.zeros(500), REFERENCE: np.zeros(500)})
     assert REFERENCE in run
@@ -289,13 +281,6 @@ def test_speed_in_rpm_is_named_with_its_scale(tmp_path):
     text = refusal(tmp_path, columns)
     assert "reaches 573 rad/s, the machine's nominal speed is 157.1 rad/s; is it in rpm?" in text
     assert "scale of 0.10472" in text
-
-
-def test_slow_run_in_rpm_is_found_by_where_it_would_take_the_carriage(tmp_path):
-    columns = hoist_columns(12000)
-    for name in ("speed_motor_rad_s", "speed_reference_rad_s"):
-        columns[name] *= 0.3 * 60 / (2 * np.pi)
-    assert "the rail goes from 0 to 25 m; is the speed in rpm" in refusal(tmp_path, columns)
 
 
 def test_torque_in_kilonewton_metres_or_of_the_drum_is_refused(tmp_path):
@@ -336,10 +321,3 @@ def test_axis_without_force_is_refused_and_one_at_rest_said(tmp_path):
     run = read_campaign(tmp_path).runs[0]
     assert run.start_position_m == 0.25
     assert run.notes == ("the machine stands still throughout; this run says nothing of friction or inertia",)
-
-
-def test_dead_velocity_beside_a_position_is_dropped_and_said(tmp_path):
-    columns = axis_columns() | {"velocity_m_s": np.zeros(500)}
-    run = read_campaign(write_campaign(tmp_path, columns, runs=AXIS_RUNS, machine=AXIS)).runs[0]
-    assert "velocity_m_s" not in run
-    assert run.notes == ("velocity_m_s dropped: it is zero throughout",)

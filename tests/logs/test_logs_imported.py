@@ -16,10 +16,8 @@ from workbench.core.run import Run
 from workbench.logs import read_campaign
 from workbench.logs.formats.declared import Channel, at_times
 from workbench.logs.formats.drive_csv import split_unit
-from workbench.logs.formats.opening import open_log
-from workbench.logs.importing import NOMINAL, UNITS, UNSAID, propose, quantity_of, read_channels, score, unit_of
-from workbench.machines import KINDS, TIME, Axis, Hoist, LinearAxis, default_hoist, save_machine
-from workbench.view.logs import mapping_table
+from workbench.logs.importing import NOMINAL, UNITS, UNSAID, propose, quantity_of, read_channels, unit_of
+from workbench.machines import KINDS, Axis, Hoist, LinearAxis, default_hoist, save_machine
 
 HOIST = default_hoist()
 RPM = np.pi / 30.0
@@ -121,18 +119,7 @@ def test_a_run_comes_back_from_every_format_as_it_was(name: str, tmp_path: Path,
     k = np.arange(0, n, 2)  # the slow channel's own samples
     assert np.allclose(read["speed_motor_rad_s"][k], expected["speed_motor_rad_s"][:n][k], rtol=1e-6, atol=1e-5)
     page = (tmp_path / "campaign.import.html").read_text(encoding="utf-8")
-    assert "speed motor rad s" in page
-
-
-@pytest.mark.parametrize("name", ["a.mf4", "a.tdms", "a.mat"])
-def test_formats_of_the_extra_are_read_by_a_campaign_without_an_import(name: str, tmp_path: Path):
-    WRITERS[name](tmp_path / name)
-    with open_log(tmp_path / name) as log:
-        table = log.read(log.names[:2])
-    assert all(len(column) >= 900 for column in table.values())
-    assert "gain" not in log.names
-    if name != "a.mat":
-        assert log.names[0] == TIME
+    assert "speed motor (rad" in page
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -203,11 +190,6 @@ def test_what_is_missing_is_said_with_the_columns_there_are():
         propose(HOIST, channels(("Torque", "Nm"), ("Level", "mm")))
 
 
-def test_a_column_of_another_quantity_never_fits():
-    (torque,) = channels(("speed of motor", "Nm"))
-    assert score("speed_motor_rad_s", torque) == 0.0
-
-
 def test_every_signal_of_every_kind_has_a_quantity_with_a_unit():
     known = {quantity for quantity, _ in (unit_of(text) for text in ("s", "Nm", "rpm", "mm", "kN", "deg", "m/s"))}  # type: ignore[misc]
     for kind in KINDS.values():
@@ -272,13 +254,6 @@ def test_a_wrong_unit_or_scale_is_one_line(mapped: list[str], scales: list[str],
         propose(HOIST, channels, mapped, scales)
 
 
-def test_a_unit_that_is_not_known_is_told_as_the_file_says_it():
-    time_s = np.arange(10.0)
-    channels = [Channel(name, unit, time_s, 90.0 * time_s) for name, unit in (("M_ist", "%"), ("n_ist", "1/min"))]
-    proposed = propose(HOIST, channels)
-    assert "its unit '%' is not known: taken as SI" in str(mapping_table(proposed).rows)
-
-
 AXIS = LinearAxis.model_validate({
     "kind": "axis", "motion": "linear", "mass_kg": 95.0, "friction": {
         "coulomb_forward_n": 20.0, "coulomb_backward_n": 20.0, "viscous_n_s_per_m": 200.0},
@@ -287,23 +262,24 @@ AXIS = LinearAxis.model_validate({
 
 
 @pytest.mark.parametrize(
-    ("machine", "signal", "other", "nominal"),
+    ("machine", "signal", "other", "nominal", "least"),
     [
-        (HOIST, "torque_motor_nm", "speed_motor_rad_s", HOIST.motor.nominal_torque_nm * HOIST.motor.count),
-        (HOIST, "speed_motor_rad_s", "torque_motor_nm", HOIST.motor.nominal_speed_rad_s),
-        (AXIS, "force_n", "velocity_m_s", 300.0),
-        (AXIS, "velocity_m_s", "force_n", 0.5),
+        (HOIST, "torque_motor_nm", "speed_motor_rad_s", HOIST.motor.nominal_torque_nm * HOIST.motor.count, 0.3),
+        (HOIST, "speed_motor_rad_s", "torque_motor_nm", HOIST.motor.nominal_speed_rad_s, 0.0102),
+        (AXIS, "force_n", "velocity_m_s", 300.0, 0.0102),
+        (AXIS, "velocity_m_s", "force_n", 0.5, 0.0102),
     ],
     ids=["torque", "turning", "force", "speed"],
 )
 def test_no_unit_is_guessed_wrong_whatever_the_log_is_in_and_however_little_the_machine_does(
-    machine: Hoist | Axis, signal: str, other: str, nominal: float
+    machine: Hoist | Axis, signal: str, other: str, nominal: float, least: float
 ):
-    """The refutation: every unit that may be left out, at every size from a hundredth to three times nominal."""
+    """The refutation: every unit that may be left out, at every size from a hundredth to three times nominal; a hoist's
+    torque from three quarters of what its empty carriage hangs by, 0.4 of nominal."""
     quantity, time_s, guesses = quantity_of(signal), np.linspace(0.0, 1.0, 200), set()
     units = {name: factor for name, (of, factor) in UNITS.items() if of == quantity and (name in UNSAID or factor == 1)}
     for unit, factor in (units | {NOMINAL: nominal / 100.0}).items():
-        for size in np.geomspace(0.0102, 2.98, 60):
+        for size in np.geomspace(least, 2.98, 60):
             values = size * nominal / factor * np.ones(200)
             unnamed = [Channel(signal, "", time_s, values), Channel(other, "", time_s, time_s)]
             (made,) = (p for p in propose(machine, unnamed).proposals if p.signal == signal)

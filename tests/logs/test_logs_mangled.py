@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 import scipy.io
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.log_campaign import AXIS, RUNS, axis_columns, csv_text, hoist_columns, write_campaign
@@ -22,27 +22,7 @@ from workbench.machines.files import machine_text
 COLUMNS = hoist_columns(120, 0.02)
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv, start_time_s: 0.0}\n"
 WORDS = ["", "nan", "inf", "-inf", "1e999", "x", '"', ",", "\n", "0x10", "1,5", "\ufeff", "-", "1e308", "\r", " "]
-YAML_WORDS = [
-    "-",
-    "{",
-    "}",
-    ":",
-    "!",
-    "&a",
-    "*a",
-    "~",
-    "yes",
-    "1e400",
-    ".nan",
-    "'",
-    '"',
-    "\t",
-    "[[",
-    "|",
-    "../",
-    "#",
-    "\0",
-]
+YAML_WORDS = [*"-{}:!~'\"\t|#\0", "&a", "*a", "yes", "1e400", ".nan", "[[", "../"]
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +122,6 @@ def test_any_time(folder, times, sort):
     sound_or_refused(folder, "lift.csv")
 
 
-@settings(max_examples=150)
 @given(data=st.data())
 @pytest.mark.parametrize("suffix", ["parquet", "mat"])
 def test_binary_log_with_changed_bytes(folder, suffix, data):

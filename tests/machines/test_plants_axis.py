@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.special
-from hypothesis import given
 from hypothesis import strategies as st
 
 from workbench.core.run import Array
@@ -87,12 +86,3 @@ parameters = st.builds(
     *(st.floats(0.1, 100.0), *(st.floats(0.0, 50.0) for _ in range(3)), st.floats(1e-4, 0.1)),
     *(st.floats(-30.0, 30.0) for _ in range(2)),
 )
-
-
-@BOTH
-@given(p=parameters, x=st.floats(-3.0, 3.0), v=st.floats(-2.0, 2.0), u=st.floats(-100.0, 100.0))
-def test_the_equation_is_that_of_the_formats(plant, p, x, v, u):
-    level = p.F_f if v > 0 else p.F_b
-    sign = max(-1.0, min(1.0, v / p.v_s))
-    expected = (u - p.B * v - level * sign - p.G * math.sin(x) - p.C) / p.M
-    assert plant.accelerations(0.0, [x], [v], u, p)[0] == pytest.approx(expected, rel=1e-12, abs=1e-11)

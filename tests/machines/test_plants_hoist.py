@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from tests.support import by_hand
 from workbench.machines import PLANTS, default_hoist, with_values
-from workbench.machines.kinds.hoist import tension
 
 HOIST = PLANTS["hoist"]
 MACHINE = default_hoist()
@@ -108,46 +107,6 @@ def test_friction_and_wire_take_energy_in_every_branch(data):
     assert dissipation(s, p) >= 0.0
 
 
-@pytest.mark.parametrize(
-    ("d1", "rate1", "wire"),
-    [
-        (0.05, 0.1, lambda k, c: c * 0.1**2),  # tight and stretching: c rate^2
-        (0.05, -0.1, lambda k, c: c * 0.1**2),  # tight and shortening
-        (0.05, -0.6, lambda k, c: k * 0.05 * 0.6),  # released: the elastic force's power is lost
-        (-0.02, 0.3, lambda k, c: 0.0),  # slack
-        (-0.02, -0.3, lambda k, c: 0.0),
-    ],
-)
-def test_the_wire_loses_in_each_branch_what_the_table_of_the_derivation_says(d1, rate1, wire):
-    p = SimpleNamespace(**{**vars(values()), "mu": 0.0, "F_up": 0.0, "F_dn": 0.0})
-    R, r = p.D_w / 2.0, p.D_s / 2.0
-    x, d2 = 8.0, -0.01  # fall 2 slack: fall 1 alone
-    theta_s = -(d2 + x) / r
-    s = [(d1 + x - r * theta_s) / R * p.ratio, theta_s, x, rate1 / R * p.ratio, 0.0, 0.0]
-    k = p.E * p.A / p.L
-    assert dissipation(s, p) == pytest.approx(wire(k, p.tau * k), rel=1e-9, abs=1e-6)
-
-
-@given(st.floats(-0.2, 0.3), st.floats(-3.0, 3.0))
-def test_a_wire_pulls_and_never_pushes(delta, rate):
-    k, c = 1.36e6, 1.36e5
-    W = tension(delta, rate, k, c)
-    assert W >= 0.0
-    if delta <= 0.0:
-        assert W == 0.0
-    elif k * delta + c * rate > 0.0:
-        assert k * delta + c * rate == W
-
-
-@given(st.floats(0.0, 24.0), st.sampled_from(PAYLOADS))
-def test_hanging_still_has_no_acceleration_at_any_height_and_payload(height, payload):
-    p = values(payload)
-    q, hold = HOIST.equilibrium(height, p)
-    a = HOIST.accelerations(0.0, q, [0.0, 0.0, 0.0], hold, p)
-    assert q[2] == height
-    assert np.abs(a) == pytest.approx([0.0, 0.0, 0.0], abs=1e-8)
-
-
 @pytest.mark.parametrize("payload", PAYLOADS)
 def test_a_hanging_load_settles_at_weight_over_stiffness(payload):
     p = values(payload)
@@ -191,43 +150,6 @@ def test_an_even_motion_keeps_both_falls_as_long_as_they_are(speed):
     assert (rate1, rate2) == pytest.approx((0.0, 0.0), abs=1e-12)
     assert s[5] == pytest.approx(speed * MACHINE.lift_m_per_rad)
     assert math.copysign(1.0, s[4]) == -math.copysign(1.0, speed)  # the sheave turns backward while hoisting
-
-
-@pytest.mark.parametrize(
-    ("speed", "level", "sign"), [(100.0, "F_up", -1.0), (-100.0, "F_dn", 1.0)], ids=["hoisting", "lowering"]
-)
-def test_guide_friction_opposes_the_motion_with_its_own_level(speed, level, sign):
-    p = values()
-    still, moving = outputs(even(0.0), 0.0, p), outputs(even(speed), 0.0, p)
-    v = even(speed)[5]
-    push = (moving["acceleration_carriage_m_s2"] - still["acceleration_carriage_m_s2"]) * (p.m_c + p.m_p)
-    assert push == pytest.approx(sign * getattr(p, level) * 2.0 / math.pi * math.atan(p.slope * abs(v)), rel=1e-9)
-    assert moving["force_guide_n"] == pytest.approx(-push)
-
-
-@pytest.mark.parametrize("speed", [100.0, -100.0])
-def test_pin_friction_brakes_drum_and_sheave_by_its_closed_form(speed):
-    p = values()
-    smooth = SimpleNamespace(**{**vars(p), "mu": 0.0})
-    s = even(speed)
-    rough, free = rates(s, 600.0, p), rates(s, 600.0, smooth)
-    shown = outputs(s, 600.0, p)
-    J = p.n_m * p.J_m + p.J_w / p.ratio**2
-    drum = p.mu * (p.m_w * p.g + shown["tension_drum_n"]) * p.Dp_w / 2.0 / p.ratio
-    assert J * (rough[3] - free[3]) == pytest.approx(-math.copysign(drum, speed), rel=1e-9)
-    line = 7850.0 * p.A * p.g
-    bottom = 2.0 * shown["tension_min_n"] - 0.5 * line * (2.0 * p.L - p.D_w / 2.0 / p.ratio * s[0])
-    sheave = p.mu * (bottom - p.m_s * (p.g + shown["acceleration_carriage_m_s2"])) * p.Dp_s / 2.0
-    assert p.J_s * (rough[4] - free[4]) == pytest.approx(math.copysign(sheave, speed), rel=1e-9)  # it turns backward
-
-
-def test_more_torque_than_holds_hoists_and_less_lowers():
-    p = values()
-    s = even(0.0)
-    _, hold = HOIST.equilibrium(10.0, p)
-    J = p.n_m * p.J_m + p.J_w / p.ratio**2
-    assert rates(s, hold + 10.0, p)[3] == pytest.approx(10.0 / J)
-    assert rates(s, hold - 10.0, p)[3] == pytest.approx(-10.0 / J)
 
 
 @given(st.floats(0.0, 24.0), st.sampled_from(PAYLOADS), st.floats(-100.0, 100.0))

@@ -90,25 +90,6 @@ def test_the_torque_of_a_sine_is_that_of_the_closed_form(share):
     assert torque == pytest.approx(-(w**2) * felt * angle, abs=2e-3 * w**2 * abs(felt) * 0.01)
 
 
-def test_at_the_resonance_the_motor_swings_without_torque():
-    t = np.linspace(0.0, 5.0 / RESONANCE_HZ, 4001)
-    w = 2.0 * math.pi * RESONANCE_HZ
-    angle = 0.01 * np.sin(w * t)
-    torque = driven({"hz": RESONANCE_HZ}, t, angle, 0.01 * w * np.cos(w * t), -(w**2) * angle)
-    assert np.max(np.abs(torque)) < 2e-3 * w**2 * 0.02 * 0.01
-
-
-def test_the_load_swings_at_the_anti_resonance_while_the_motor_is_held():
-    t = np.linspace(0.0, 0.5, 2001)
-    rest = np.zeros(2001)
-    p = np.array([[FREE[name]] for name in PLANT.parameters])
-    out = kernels.driven(
-        PLANT, p, t[:, None], rest[:, None], rest[:, None], rest[:, None], np.array([[0.01], [0.0]]),
-        np.array([[1.0], [1.0]]), tolerance=1e-8, threads=1,
-    )  # fmt: skip
-    assert out[:, 1, 0] == pytest.approx(0.01 * np.cos(2.0 * math.pi * LOAD_HZ * t), abs=2e-5)
-
-
 @given(p=parameters, x=angles)
 def test_the_holding_input_holds_with_play_and_without(p, x):
     q, hold = PLANT.equilibrium(x, p)

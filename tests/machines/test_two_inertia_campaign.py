@@ -44,10 +44,6 @@ def test_identification_finds_load_and_coupling_within_their_errors(campaign: Pa
     assert identified.before.residual_rms_moving > 10.0 * identified.before.noise_rms
 
 
-def test_its_runs_are_fit_for_a_diagnosis(campaign: Path):
-    assert [text for text in check_runs(read_campaign(campaign)) if "machine" in text] == []
-
-
 def test_a_load_side_that_turns_the_other_way_is_refused(runs: list[Run], tmp_path: Path):
     flipped = [replace(run, signals={**run.signals, "angle_load_rad": -run["angle_rad"]}) for run in runs]
     folder = write(tmp_path / "flipped", NOMINAL, flipped)

@@ -23,7 +23,7 @@ NEVER = 1e30
 P = SimpleNamespace(
     n_m=2.0, T_nominal=480.0, T_hold=600.0, share=0.5, share_failed=1.0, t_fail=NEVER, before=1.0,
     x_low=0.0, x_high=25.0, w_nominal=157.1, W_break=0.0, D_w=0.6, ratio=31.0,
-    **loop.overload_numbers(Drive(overload=1.6, overload_time_s=10.0, overload_period_s=300.0)),
+    **loop.overload_numbers(Drive(overload=1.6, overload_time_s=2.0, overload_period_s=60.0)),
 )  # fmt: skip
 CALM: dict[str, float] = {
     "torque_motor_nm": 600.0,
@@ -81,7 +81,7 @@ STOP = np.where(np.arange(300) * DT < 2.0, 10.0, 0.0)
 # 1 s behind by 2 rad/s, then caught up by half before the stop and wholly after it.
 BEHIND = STOP - np.where(np.arange(300) * DT < 1.0, 2.0, -1.0)
 SAW = np.cumsum(np.where(np.arange(200) % 5 == 4, -150.0, 100.0))  # up to and down again, in saw teeth
-OVER, REST = np.full(1000, 1.6 * 960.0), np.full(29_000, 960.0)  # 160 % of nominal for 10 s, then nominal for 290 s
+OVER, REST = np.full(200, 1.6 * 960.0), np.full(5800, 960.0)  # 160 % of nominal for 2 s, then nominal for 58 s
 
 # (metric, its closed form, signals, parameters that are other)
 CASES: list[tuple[str, float, dict[str, Any], dict[str, float]]] = [
@@ -117,8 +117,8 @@ CASES: list[tuple[str, float, dict[str, Any], dict[str, float]]] = [
     *(("peak_speed_percent", 100.0 * 160.0 / P.w_nominal, {"speed_motor_rad_s": with_peak(peak, calm=20.0)}, {})
       for peak in (160.0, -160.0)),
     *(("overload_use_percent", use, {"torque_motor_nm": torque}, {})
-      for use, torque in ((100.0, OVER), (50.0, OVER[:500]), (100.0, np.concatenate([OVER, REST, OVER])),
-                          (150.0, np.concatenate([OVER, OVER[:500]])), (0.0, REST))),
+      for use, torque in ((100.0, OVER), (50.0, OVER[:100]), (100.0, np.concatenate([OVER, REST, OVER])),
+                          (150.0, np.concatenate([OVER, OVER[:100]])), (0.0, REST))),
     *(("peak_carriage_acceleration_m_s2", 1.5, {"acceleration_carriage_m_s2": with_peak(peak, calm=0.2)}, {})
       for peak in (1.5, -1.5)),
     *(("rail_margin_m", margin, {"position_carriage_m": with_peak(height, calm=10.0)}, {})
@@ -185,11 +185,6 @@ def test_without_a_breaking_load_there_is_no_safety_factor():
     assert {m.name for m in observer().metrics if m.optional} == {"wire_safety_factor"}
 
 
-def test_sums_that_several_metrics_read_are_kept_once():
-    starts = {id(m.accumulators): len(m.accumulators.start) for m in observer().metrics}
-    assert observer().size == sum(starts.values()) < sum(len(m.accumulators.start) for m in observer().metrics)
-
-
 def test_every_metric_has_a_unit_in_its_name_and_a_sentence():
     endings: dict[str, str | tuple[str, ...]] = {
         "N m": "_nm", "%": "_percent", "rad/s": "_rad_s", "N": "_n", "s": "_s", "J": "_j", "m/s²": "_m_s2",
@@ -252,12 +247,3 @@ def test_in_the_compiled_loop_the_breaking_load_gives_its_factor():
     factor = lifted(**{"wire.breaking_load_n": 5e5})
     assert factor["wire_safety_factor"] == pytest.approx(5e5 / factor["max_wire_tension_n"])
     assert lifted()["wire_safety_factor"] == pytest.approx(547e3 / factor["max_wire_tension_n"])
-
-
-def test_peak_power_of_a_lift_is_near_hold_torque_times_speed():
-    metrics = lifted()
-    assert metrics["peak_power_motoring_kw"] > 1.2 * 60.0 * (12500 * 9.81 * LIFT) / 1000.0
-    # The speed swings below rest at the stop: the weight drives the motors back for a moment.
-    assert 0.0 < metrics["peak_power_regenerating_kw"] < 0.3 * metrics["peak_power_motoring_kw"]
-    assert 0.0 < metrics["settling_time_s"] < 1.9
-    assert metrics["speed_overshoot_rad_s"] > 0.0

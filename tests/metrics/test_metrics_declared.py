@@ -20,7 +20,6 @@ from workbench.core.errors import InputError
 from workbench.dashboard.desk import START
 from workbench.machines import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
-from workbench.metrics.metric import largest
 from workbench.study.conclude import sentences
 from workbench.study.load import plan_study
 from workbench.study.rows import Row
@@ -188,21 +187,3 @@ def test_a_misspelt_metric_of_a_row_is_answered_with_the_nearest_one() -> None:
     with pytest.raises(InputError, match=r"r1: no metric 'peak_torque'; did you mean 'peak_torque_percent'\?"):
         row["peak_torque"]
     assert np.isnan(row["move_time_s"]) and np.isnan(row.get("no_such_metric"))
-
-
-def test_an_unknown_metric_is_answered_with_the_nearest_one() -> None:
-    with pytest.raises(InputError, match=r"unknown metric 'slack_tim'; did you mean 'slack_time_s'\?"):
-        find("slack_tim")
-
-
-def test_sums_of_a_declaration_run_on_a_trace() -> None:
-    from workbench.metrics.metric import Observer, as_summed
-
-    fastest = LoopMetric(
-        name="fastest_rad_s", unit="rad/s", label="largest motor speed", better=None, visible=1e-3,
-        definition="largest speed of the motor", finish=as_summed(0),
-        accumulators=largest(lambda s, p: s["speed_motor_rad_s"]),
-    )  # fmt: skip
-    assert measure(trace(speed_motor_rad_s=np.linspace(1.0, 7.0, 100)), P, Observer([fastest], ())) == {
-        "fastest_rad_s": 7.0
-    }

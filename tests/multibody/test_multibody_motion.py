@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.machines import Hoist, default_hoist, with_values
-from workbench.machines.multibody import Driven, MotionResult, Outcome, Shaft, Switches, hang, move, sampled
+from workbench.machines.multibody import Driven, MotionResult, Outcome, Shaft, Switches, move, sampled
 
 MACHINE = default_hoist()
 SMOOTH = with_values(
@@ -293,17 +292,6 @@ def test_an_arm_too_soft_for_its_load_ends_at_once_with_height_and_payload():
     assert time.process_time() - began < 5.0  # it took minutes
 
 
-def test_what_a_drive_raises_comes_through():
-    def broken(hold: float) -> Driven:
-        def driven(shaft: Shaft, until: float) -> tuple[float, float]:
-            raise KeyError("the drive's own")
-
-        return driven
-
-    with pytest.raises(KeyError, match="the drive's own"):
-        move(MACHINE, 4500.0, 9.0, broken, 0.2)
-
-
 def test_a_run_that_starts_in_motion_goes_on_evenly():
     """With the torque that holds, less what friction takes, the speed hardly changes at first."""
     result = move(SMOOTH, 4500.0, 9.0, torque(lambda t: 0.0), 1.0, step_s=0.004, start_speed_rad_s=50.0)
@@ -318,23 +306,3 @@ def test_heave_weighs_on_the_wire():
     swing = np.ptp(run["tension_dead_line_n"][run.time_s > 6.5]) / 2.0
     mass = (MACHINE.carriage.mass_kg + 9000.0) / 2.0
     assert swing == pytest.approx(mass * 0.3, rel=0.15)
-
-
-def test_an_arm_drawn_in_during_the_run_ends_at_rest_as_one_that_always_was_there():
-    """From 2.5 to 1.5 m over 2 s, no friction, the drum held: rollers and cylinders carry then what statics says at
-    1.5 m, and the head has moved on a level line, so the wire carries what it did.
-    The pipe swings on; means of the last 3 s."""
-
-    def reach(t: float) -> float:
-        share = min(t / 2.0, 1.0)
-        return 2.5 - share**2 * (3.0 - 2.0 * share)
-
-    done = move(SMOOTH, 4500.0, 10.0, regulated(0.0), 9.0, step_s=0.002, record_every=10, reach_m=reach)
-    assert done.outcome is Outcome.COMPLETED
-    still = hang(with_values(SMOOTH, {"arm.reach_m": 1.5}), 4500.0, 10.0)
-    for name, force in still.normal_n.items():
-        assert np.mean(done.run[f"force_roller_{name}_n"][-150:]) == pytest.approx(force, rel=0.01)
-    assert np.mean(done.run["force_cylinder_n"][-150:]) == pytest.approx(still.cylinder_n, rel=0.01)
-    assert np.mean(done.run["tension_dead_line_n"][-150:]) == pytest.approx(still.tension_dead_line_n, rel=0.002)
-    with pytest.raises(InputError, match=r"reach_m: 3.4 m at 0.002 s, expected 0.8 to 3.3 m"):
-        move(SMOOTH, 4500.0, 10.0, regulated(0.0), 0.1, step_s=0.002, reach_m=lambda t: 3.4)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from workbench.core.errors import InputError
@@ -76,7 +76,6 @@ positive = st.floats(0.05, 5.0)
 distances = st.one_of(st.floats(0.01, 40.0), st.floats(-40.0, -0.01))
 
 
-@settings(max_examples=150, deadline=None)
 @given(distances, positive, positive, positive)
 def test_equal_time_takes_as_long_as_the_trapezoid(distance: float, v: float, a: float, j: float) -> None:
     limits = Limits(v, a, j)
@@ -85,7 +84,6 @@ def test_equal_time_takes_as_long_as_the_trapezoid(distance: float, v: float, a:
     assert duration("ruckig", distance, limits) >= wanted - 1e-9
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.sampled_from(WITHOUT_A_MACHINE), distances, positive, positive, positive)
 def test_no_limit_is_exceeded_and_the_distance_is_gone(
     kind: str, distance: float, v: float, a: float, j: float
@@ -181,11 +179,6 @@ def test_a_move_that_cannot_be_made_is_named_by_its_step(steps: tuple[Step, ...]
         plan_motion("ruckig", steps, 4.0, LIMITS, RAIL)
 
 
-def test_a_misspelt_reference_is_told_its_nearest_name() -> None:
-    with pytest.raises(InputError, match="unknown reference 'rukig'; did you mean 'ruckig'"):
-        plan_motion("rukig", (Step(by_m=1.0),), 4.0, LIMITS, RAIL)
-
-
 def test_a_start_off_the_rail_is_named() -> None:
     with pytest.raises(InputError, match="start_position_m: 30 m is off the rail"):
         plan_motion("ruckig", (Step(by_m=1.0),), 30.0, LIMITS, RAIL)
@@ -197,12 +190,6 @@ def test_a_step_that_says_nothing_or_two_things_is_refused(fields: dict[str, flo
         Step(**fields)
 
 
-def test_jerk_limited_reference_without_a_jerk_limit_is_refused() -> None:
-    with pytest.raises(InputError, match="needs a finite jerk limit"):
-        plan_motion("ruckig", (Step(by_m=1.0),), 4.0, Limits(0.7, 0.5), RAIL)
-
-
-@settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(0.0, 25.0), min_size=1, max_size=6), st.sampled_from(WITHOUT_A_MACHINE))
 def test_any_list_of_heights_on_the_rail_is_reached_in_order(heights: list[float], kind: str) -> None:
     here = 12.0

@@ -22,10 +22,8 @@ from workbench.references import (
     Limits,
     Move,
     PlannedKind,
-    RecordedKind,
     Shape,
     add,
-    by_name,
     forget_added,
     motion_time_s,
     move_shape,
@@ -41,7 +39,6 @@ from workbench.references.shape import shortest_move, shortest_ramp
 from workbench.study.scenario import json_schema
 from workbench.study.store import read_finished
 from workbench.view.study import conclusions
-from workbench.view.style import label, line
 
 LIMITS = Limits(0.7, 0.5, 1.0)
 RAIL = (0.0, 25.0)
@@ -112,14 +109,6 @@ def test_a_scenario_runs_it_and_all_that_shows_a_study_shows_it(tmp_path: Path) 
 
 
 @pytest.mark.usefixtures("declared")
-def test_its_name_is_suggested_and_its_label_and_line_are_its_own(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"unknown reference 'half_accelration'; did you mean 'half_acceleration'\?"):
-        study_of(tmp_path, "", "[trapezoid, ruckig]", "[trapezoid, half_accelration]")
-    assert label("half_acceleration") == "half acceleration"
-    assert (line("half_acceleration")["color"], line("half_acceleration")["dash"]) == ("#CC79A7", "4px,2px")
-
-
-@pytest.mark.usefixtures("declared")
 def test_the_schema_and_the_docs_name_it() -> None:
     assert '"half_acceleration"' in str(json_schema("scenario")).replace("'", '"')
     assert "| `half_acceleration` | half acceleration | a trapezoid under half" in made_pages().references_page()
@@ -159,26 +148,9 @@ def test_a_kind_may_take_the_time_of_any_other(declared: PlannedKind) -> None:
     assert move_time_s(as_long, 12.0, LIMITS) == pytest.approx(wanted, abs=1e-9)
 
 
-def test_a_recorded_kind_is_declared_in_the_same_way(tmp_path: Path) -> None:
-    add(RecordedKind(name="averaged", label="averaged", definition="a run, averaged", smoothed=True))
-    try:
-        text = "[{kind: averaged, campaign: none, run: a}]"
-        with pytest.raises(InputError, match="smoothing_s belongs to kind s_curve, averaged, and to those only"):
-            study_of(tmp_path, "", "[trapezoid, ruckig]", text)
-    finally:
-        forget_added()
-
-
 def test_a_name_is_taken_once() -> None:
     with pytest.raises(InputError, match="the reference name 'ruckig' is taken"):
         add(planned_kind("ruckig"))
-
-
-@pytest.mark.parametrize("name", sorted(by_name()))
-def test_every_kind_has_a_label_a_definition_and_a_docs_line(name: str) -> None:
-    kind = by_name()[name]
-    assert kind.label and len(kind.definition.split()) > 3
-    assert f"| `{name}` | {kind.label} |" in made_pages().references_page()
 
 
 @pytest.mark.parametrize("name", sorted(name for name, kind in planned_kinds().items() if not kind.needs_load))

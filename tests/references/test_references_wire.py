@@ -21,7 +21,6 @@ from workbench.references import (
     plan_motion,
     planned_kind,
     planned_kinds,
-    ramp_shape,
 )
 from workbench.references.least_peak import least_peak_limits, peak_force_n
 from workbench.references.library.wire import EI, ZV, ZVD, impulses
@@ -82,13 +81,6 @@ def test_a_shaped_move_is_continuous_and_arrives(name: str):
     assert np.max(np.abs(np.diff(position))) <= 0.7 * (t[1] - t[0]) * (1.0 + 1e-6)
     assert speed.max() <= 0.7 + 1e-9 and np.abs(acceleration).max() <= 0.6 + 1e-9
     np.testing.assert_allclose(np.gradient(position, t)[5:-5], speed[5:-5], atol=2e-4)
-
-
-def test_a_shaped_ramp_ends_at_the_speed():
-    ramp = ramp_shape(planned_kind("zv"), 0.0, 0.5, LIMITS, RINGING)
-    assert ramp.end_speed_m_s == 0.5
-    p, v, _ = ramp.at(np.array([ramp.duration_s - 1e-9]))
-    assert v[0] == pytest.approx(0.5, abs=1e-6) and p[0] == pytest.approx(ramp.distance_m, abs=1e-6)
 
 
 def test_a_load_that_hardly_swings_is_not_shaped():

@@ -9,7 +9,6 @@ from tests.support.axes import CASCADE, emps, followed, ideal_axis, there_and_ba
 from workbench.control import AxisFeedForward, LinearCascade, RotaryCascade
 from workbench.machines import with_values
 from workbench.machines.kinds.axis import LINEAR_DRIVES
-from workbench.metrics import measure, set_of
 from workbench.references import Limits, Step, plan_motion
 from workbench.simulate.loop import LoopCase, Outcome, simulate_loop
 
@@ -150,14 +149,3 @@ def test_a_load_on_its_coupling_swings_at_its_own_frequency_after_the_motor_has_
     free = np.sqrt(20.0 * (1 / 0.002 + 1 / 0.003)) / (2.0 * np.pi)
     held = np.sqrt(20.0 / 0.003) / (2.0 * np.pi)
     assert 0.95 * held < measured < free
-
-
-def test_what_a_log_of_an_axis_says_is_measured_by_the_same_metrics():
-    """The observer's sums over a run's signals are those of the compiled loop."""
-    from types import SimpleNamespace
-
-    result = followed(ideal_axis(), CASCADE, there_and_back())
-    p = SimpleNamespace(hold=0.0, before=1.0, settled=2e-4, v_scale=0.5, u_limit=1e30, u_nominal=1e30)
-    again = measure(result.run, p, set_of("axis-linear").observer)
-    for name, value in again.items():
-        assert result.metrics[name] == pytest.approx(value, rel=1e-9, abs=1e-12), name

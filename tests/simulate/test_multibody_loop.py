@@ -15,13 +15,10 @@ from tests.support.ideal import ideal_hoist
 from workbench.control import PI, Events, PiSettings, full_pi, loop_values
 from workbench.control.settings import FeedForward
 from workbench.core.errors import InputError
-from workbench.core.run import Run
-from workbench.engine.stepped import Step, observe
+from workbench.engine.stepped import Step
 from workbench.machines import HOIST, with_values
 from workbench.machines.multibody import motion
 from workbench.machines.multibody.statics import hang
-from workbench.metrics import observer
-from workbench.metrics.registry import measure
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, case_limits, simulate_loop
 from workbench.simulate.models import compare_models
 from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
@@ -91,24 +88,6 @@ def test_the_compiled_step_is_the_controllers_own(settings: PiSettings):
         measured = SimpleNamespace(t=t, speed_motor_rad_s=w, angle_motor_rad=0.3 * k)
         wanted, memory = controller.step(p, memory, reference, measured, 0.004)
         assert step(r, t, w, 0.3 * k) == pytest.approx(float(wanted), rel=1e-9, abs=1e-9)
-
-
-def test_the_compiled_metrics_are_those_of_a_log(pair):
-    run, one = pair[1].run, case()
-    p = SimpleNamespace(
-        **vars(HOIST.plant.values(one.machine, 4500.0)),
-        **loop_values(SETTINGS, one.machine.drive, 597.0),
-        **case_limits(one),
-    )
-    seen = {name: run[name] for name in run.signals}
-    sums = observe(observer(), p, {**seen, "time_s": run.time_s}, 0.004)
-    metrics = observer().finish(sums, p, 0.004 * len(run.time_s))
-    short = Run("short", run.time_s[:400], {name: values[:400] for name, values in seen.items()}, 4500.0, 9.0)
-    some = observe(observer(), p, {**dict(short.signals), "time_s": short.time_s}, 0.004)
-    by_log = measure(short, p)
-    for name, value in observer().finish(some, p, 0.004 * 400).items():
-        assert value == pytest.approx(by_log[name], rel=1e-6, abs=1e-9), name
-    assert metrics["energy_motoring_j"] > 0.0
 
 
 def test_an_arm_that_moves_during_a_run_ends_with_the_forces_of_one_that_hangs_there():

@@ -114,14 +114,6 @@ def test_a_replay_of_a_run_s_own_torque_gives_its_own_speed(runs):
     assert replay.residual_rms < 0.2
 
 
-def test_the_figures_over_all_runs_pool_those_of_each(runs):
-    result = replay_runs(MACHINE, runs)
-    n = np.array([len(run.time_s) for run in runs])
-    of_runs = np.array([r.speed_rmse_percent for r in result.runs])
-    assert result.speed_rmse_percent == pytest.approx(np.sqrt(np.sum(n * of_runs**2) / np.sum(n)))
-    assert [r.name for r in result.runs] == ["fast", "slow"]
-
-
 def test_drift_fools_the_open_loop_and_not_the_restarted_replay(runs):
     biased = replay_runs(MACHINE, sensed(runs, 1.0, 10.0))
     assert biased.speed_rmse_percent > 3.0 * biased.speed_rmse_percent_restarted_2s

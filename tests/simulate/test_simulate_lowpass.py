@@ -125,11 +125,3 @@ def test_the_ends_of_a_travel_are_not_stirred_by_how_far_apart_they_are():
     far = lowpass(TIME, travel, 2.0) - 0.5 * TIME
     near = lowpass(TIME, travel - 0.5 * TIME, 2.0)
     assert far == pytest.approx(near, abs=1e-9)
-
-
-@pytest.mark.parametrize("regular", [True, False])
-def test_a_table_without_columns_has_none_behind_the_filter(regular: bool):
-    time = np.linspace(0.0, 10.0, 500) + (0.0 if regular else 0.01 * np.sin(np.arange(500.0)))
-    table = np.random.default_rng(1).normal(size=(500, 2))
-    assert lowpass(time, table[:, :0], 5.0).shape == (500, 0)
-    assert np.allclose(lowpass(time, table, 5.0)[:, 0], lowpass(time, table[:, 0], 5.0))

@@ -14,7 +14,7 @@ from workbench.study.conclude import sentences
 from workbench.study.decide import decisions, take_sentences
 from workbench.study.load import load_study
 from workbench.study.run import StudyResult, peak_limit, run_study
-from workbench.view.study import decision_table, run_table, runs_figure, start_figure
+from workbench.view.study import decision_table, run_table
 
 TEXT = """
 name: axis
@@ -70,14 +70,6 @@ def test_tables_and_verdict_of_an_axis_are_in_newtons_and_millimetres():
     assert said.startswith("Take ") and " N, " in said and "N m" not in said
     text = " ".join(sentences(rows, peak_limit(result().study.machine)))
     assert "kg" not in text and "largest force peak is" in text
-
-
-def test_figures_show_position_error_speed_and_force():
-    whole, start = runs_figure(result()), start_figure(result())
-    assert [whole.layout[f"yaxis{n}"].title.text.split("<br>")[0] for n in ("", 2, 3, 4)] == [
-        "position", "tracking error", "velocity", "force",
-    ]  # fmt: skip
-    assert len(start.data) == len(whole.data)
 
 
 def test_a_rotary_axis_moves_in_radians_and_sweeps_them(tmp_path: Path):

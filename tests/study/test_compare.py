@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -22,7 +21,6 @@ from workbench.study.compare import (
     parse_limits,
     percent,
     regressions,
-    why_unmatched,
 )
 from workbench.study.rows import Row, index_table
 
@@ -152,26 +150,6 @@ def test_results_without_a_common_run_are_bad_input(folders: tuple[Path, Path], 
         called(folders, *words)
 
 
-KP = "sweep.controller.kp_nm_s_per_rad"
-
-
-@pytest.mark.parametrize(
-    ("other", "why"),
-    [
-        ({"payload_kg": 100.0}, "payload is 9000 kg in A and 100 kg in B"),
-        ({"reference": "trapezoid"}, "reference is ruckig in A and trapezoid in B"),
-        ({"assigned": {KP: 40.0}}, "kp is 30 N m s/rad in A and 40 N m s/rad in B"),
-        ({"assigned": {}}, "kp is 30 N m s/rad in A and not varied in B"),
-        ({"assigned": {KP: 30.0, "sweep.limits.jerk_m_s3": 1.0}}, "jerk is not varied in A and 1 m/s³ in B"),
-        ({"assigned": {KP: 30.0}}, "their ids differ"),
-    ],
-)
-def test_why_no_run_matches_is_said_by_what_differs(other: dict[str, Any], why: str) -> None:
-    ours = [replace(row("a"), assigned={KP: 30.0}), replace(row("b"), assigned={KP: 30.0})]
-    theirs = [replace(of_run, run_id=f"new_{of_run.run_id}", **other) for of_run in ours]
-    assert why_unmatched(ours, theirs).startswith(why)
-
-
 def test_what_nobody_can_notice_has_no_per_cent() -> None:
     """An end position that goes from 0.1 to 59 micrometres is no change of 59,000 per cent."""
     end = "position_error_end_m"
@@ -182,22 +160,6 @@ def test_what_nobody_can_notice_has_no_per_cent() -> None:
     assert regressions(comparison, parse_limits([f"{end}=5%"], fixed_columns())) == []
     assert percent(end, 1e-7, 2e-3) == float("inf")  # from nothing to 2 mm is worse
     assert percent(end, 1e-3, 2e-3) == pytest.approx(100.0)
-
-
-def test_long_ids_are_wrapped_and_what_hardly_moves_is_named_below(folders: tuple[Path, Path]) -> None:
-    ids = [f"9000kg_ruckig_acceleration_m_s2_0.2_jerk_m_s3_{k}" for k in range(4)]
-    for folder, shift in zip(folders, (0.0, 1.0), strict=True):
-        rows = [
-            row(name, k, energy_motoring_j=1.5e6 + 1e5 * shift * k, position_error_end_m=1e-6 * shift)
-            for k, name in enumerate(ids)
-        ]
-        pq.write_table(index_table(rows), folder / "index.parquet")
-    said = called(folders).output
-    assert max(map(len, said.splitlines())) <= 100
-    assert "e+0" not in said
-    assert "and these change by next to nothing: position_error_end_m." in " ".join(said.split())
-    assert f"{ids[3]} 1500000 → 1800000" in said
-    assert "+10.00" in said  # per cent of the mean, 1.5 MJ to 1.65 MJ
 
 
 def test_json_holds_the_figures_and_no_infinity(folders: tuple[Path, Path], tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import time
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from workbench.analysis.tune import Goal
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.effects import of
-from workbench.machines import Hoist, default_hoist, with_correction, with_values
+from workbench.machines import Hoist, default_hoist, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.study.consequences import (
@@ -29,7 +28,7 @@ from workbench.study.consequences import (
     without,
 )
 from workbench.study.load import load_study
-from workbench.study.run import run_specs, run_study
+from workbench.study.run import run_study
 from workbench.view.diagnosis_figures import consequences as before_and_after
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -198,17 +197,6 @@ def test_what_the_nominal_machine_knows_already_is_not_counted_as_new():
     assert changes.effects == ("friction_viscous",)
 
 
-def test_a_measured_correction_is_new_too_and_its_friction_is_in_the_runs():
-    levels = (4000.0, 4000.0, 4000.0)
-    table = with_correction(default_hoist(), "position_carriage_m", "guide", (2.0, 8.0, 20.0), levels, levels)
-    changes = consequences_for(table)
-    assert changes.effects == ("measured_correction",)
-    level = 4000.0 * default_hoist().lift_m_per_rad / 2.0  # seen by one of two motors
-    for row in (row for row in changes.rows if row.reference == "ruckig"):
-        more = row.after["peak_torque_motor_nm"] - row.before["peak_torque_motor_nm"]
-        assert 0.9 * level < more < 1.4 * level
-
-
 def test_an_unchanged_axis_has_no_changes_and_its_own_units():
     changes, why = consequences_of(linear_axis(), linear_axis())
     assert changes is not None and why == ""
@@ -287,27 +275,6 @@ def test_moves_of_a_campaign_at_the_ends_of_the_rail_stay_on_it():
     assert all(row.ok for row in changes.rows)
 
 
-def test_it_takes_less_than_three_seconds_of_computing_once_warm(heavier: Consequences):
-    machine = with_effects(friction_viscous={"viscous_n_s_per_m": 4000.0}, gearbox_inertia={"inertia_kg_m2": 0.3})
-    begun = time.process_time()
-    consequences_of(default_hoist(), machine, payloads_kg=(0.0, 4500.0, 9000.0))
-    assert time.process_time() - begun < 3.0
-
-
-def test_the_figure_shows_the_rows_and_marks_what_failed(overloaded: Consequences):
-    figure = before_and_after(overloaded)
-    assert figure.data[1].text[-1] == "failed"
-    assert figure.data[0].y[0] == pytest.approx(overloaded.rows[0].before["peak_torque_motor_nm"])
-
-
-def test_the_table_has_a_line_for_each_case_and_dashes_for_failed_runs(overloaded: Consequences):
-    lines = consequences_table(overloaded).rows
-    assert len(lines) == 4
-    assert lines[-1][:2] == ["9000", "ruckig"]
-    assert lines[-1][3:5] == ["–", "–"]
-    assert lines[0][4] == "+0.0"
-
-
 def test_the_effects_own_consequence_leaves_out_what_the_refit_moved():
     """The refit's 5 % of carriage mass is in both; what is taken out and put back is the viscous friction alone."""
     heavier = with_values(default_hoist(), {"carriage.mass_kg": 1.05 * default_hoist().carriage.mass_kg})
@@ -325,14 +292,6 @@ def test_the_effects_own_consequence_leaves_out_what_the_refit_moved():
     heads = [column.head.replace("\n", " ") for column in table.columns]
     assert heads[2:6] == ["peak given", "peak refitted", "peak corrected", "peak effects"]
     assert all(row["refitted"]["peak_torque_motor_nm"] for row in as_json(changes)["rows"])
-
-
-def test_an_effect_deleted_from_the_corrected_machine_by_hand_gives_the_stated_difference():
-    corrected = with_effects(friction_viscous={"viscous_n_s_per_m": 4000.0}, gearbox_inertia={"inertia_kg_m2": 0.3})
-    changes = consequences_for(corrected)
-    by_hand = [run for run, _ in run_specs(changes.study.specs(with_effects()))]
-    for row, run in zip(changes.rows, by_hand, strict=True):
-        assert row.before["peak_torque_motor_nm"] == run["peak_torque_motor_nm"]
 
 
 def test_a_users_scenario_lends_its_moves_controller_payloads_and_references():

@@ -67,7 +67,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("mangled")
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(st.data())
 def test_any_value_in_any_place_is_read_or_refused(folder: Path, data: Any) -> None:
     plain = loads(FULL, "scenario.yaml").data
@@ -75,7 +75,7 @@ def test_any_value_in_any_place_is_read_or_refused(folder: Path, data: Any) -> N
     read_or_refused(write(folder, dumps(replaced(plain, place, data.draw(wild)))))
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.sampled_from(
         ["sweep", "sample", "machine_overrides", "effects", "events", "extends", "references", "moves", "drive"]
@@ -88,7 +88,7 @@ def test_any_content_of_a_block_is_read_or_refused(folder: Path, block: str, con
     read_or_refused(write(folder, dumps({**plain, block: content})))
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(st.integers(0, len(FULL)), st.integers(0, 30), st.text(max_size=6))
 def test_any_cut_or_insertion_in_the_text_is_read_or_refused(folder: Path, at: int, cut: int, text: str) -> None:
     mangled = FULL[:at] + text + FULL[at + cut :]

@@ -84,12 +84,6 @@ def test_a_recording_where_the_rail_ends_is_refused(folder: Path) -> None:
         study_in(folder)
 
 
-def test_a_run_that_is_not_in_the_campaign_is_named(folder: Path) -> None:
-    write(folder, SCENARIO.replace("run: up,", "run: pu,"))
-    with pytest.raises(InputError, match=r"no run 'pu'.*up"):
-        study_in(folder)
-
-
 def test_two_of_a_kind_need_names(folder: Path) -> None:
     write(folder, SCENARIO.replace("kind: s_curve", "kind: recorded").replace(", smoothing_s: 0.5", ""))
     with pytest.raises(InputError, match="reference recorded stands there twice"):

@@ -48,7 +48,6 @@ def test_without_sweep_and_sample_each_payload_runs_with_each_reference() -> Non
 values = st.lists(st.floats(0.05, 50.0), min_size=1, max_size=5, unique=True)
 
 
-@settings(max_examples=60, deadline=None)
 @given(values, values, st.integers(1, 4), st.data())
 def test_a_grid_holds_every_combination_once(kp: list[float], jerk: list[float], together: int, data: Any) -> None:
     unlike = st.lists(st.floats(0.0, 3.0), min_size=together, max_size=together, unique=True)

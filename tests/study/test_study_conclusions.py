@@ -9,13 +9,13 @@ import pytest
 
 from workbench.metrics import fixed_columns, metrics
 from workbench.study.conclude import rank_correlations, sentences
-from workbench.study.labels import drawn_columns, field_label, metric_label, run_in_words, swept_axes
+from workbench.study.labels import drawn_columns, metric_label, swept_axes
 from workbench.study.load import changed, load_study, plan_study
 from workbench.study.rows import Row
 from workbench.study.run import run_study
 from workbench.study.scenario import MoveBlock
 from workbench.view import study as tables
-from workbench.view.study import conclusions, run_table
+from workbench.view.study import conclusions
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -31,23 +31,6 @@ def row(assigned: dict[str, float | str], payload: float = 9000.0, kind: str = "
     }  # fmt: skip
     name = "_".join([f"{payload:g}kg", kind, *(f"{value}" for value in assigned.values())])
     return Row(name, "s", "ok", "", payload, kind, metrics | changes, assigned)
-
-
-@pytest.mark.parametrize(
-    ("column", "words", "unit"),
-    [
-        ("sweep.limits.jerk_m_s3", "jerk", "m/s³"),
-        ("sweep.limits.lowering.acceleration_m_s2", "lowering acceleration", "m/s²"),
-        ("sweep.controller.kp_nm_s_per_rad", "kp", "N m s/rad"),
-        ("sweep.moves[0].by_m", "move 1 distance", "m"),
-        ("sample.machine.wire.damping_time_s", "wire damping time", "s"),
-        ("sample.machine.sensors.payload_scale", "payload scale", ""),
-        ("sample.machine.carriage.mass_kg", "carriage mass", "kg"),
-        ("sweep.events.brake_release_s", "brake release", "s"),
-    ],
-)
-def test_a_field_is_said_in_words_with_its_unit(column, words, unit):
-    assert (field_label(column).words, field_label(column).unit) == (words, unit)
 
 
 def test_every_metric_of_the_loop_has_words_and_its_declared_unit():
@@ -92,39 +75,12 @@ def test_an_axis_is_said_from_end_to_end_and_its_extreme_between_them():
     )
 
 
-def test_an_axis_without_effect_is_said_to_have_none():
-    rows = [row({"sweep.controller.anti_windup": w}) for w in ("none", "conditional")]
-    assert any(sentence.startswith("Anti windup makes no difference at 9000 kg") for sentence in sentences(rows, LIMIT))
-
-
 def test_a_sweep_is_judged_on_the_references_that_read_it():
     """A trapezoid knows no jerk: its peak, the worst of all, hides nothing of what the jerk does to ruckig."""
     rows = [row({JERK: j}, peak_torque_motor_nm=400.0 + 50.0 * j) for j in (1.0, 2.0)]
     rows += [row({JERK: j}, kind="trapezoid", peak_torque_motor_nm=600.0) for j in (1.0, 2.0)]
     (text,) = [sentence for sentence in sentences(rows, LIMIT) if sentence.startswith("Jerk ")]
     assert "the torque peak per motor goes from 450 to 500 N m" in text
-
-
-FORWARD = tuple(f"sweep.controller.feed_forward.{name}" for name in ("inertia", "weight", "friction", "wire"))
-
-
-def forward_rows(**peaks: tuple[float, float, float]) -> list[Row]:
-    """Without feed-forward, with that of a stiff machine, with one that knows the wire; peaks above static by kind."""
-    points = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
-    return [
-        row(dict(zip(FORWARD, (stiff, stiff, stiff, wire), strict=True)), kind=kind, peak_torque_above_static_nm=peak)
-        for kind, own in peaks.items()
-        for (stiff, wire), peak in zip(points, own, strict=True)
-    ]
-
-
-def test_every_axis_of_a_sweep_has_a_column_and_fields_of_one_value_are_said_together():
-    rows = forward_rows(ruckig=(300.0, 290.0, 280.0))
-    heads = " ".join(run_table(rows).heads).replace("\n", " ")
-    assert "inertia" in heads and "wire" in heads
-    assert len({tuple(line[2:5]) for line in run_table(rows).rows}) == 3
-    stiff = run_in_words(rows[1], swept_axes(rows))
-    assert stiff == "9000 kg, ruckig, feed forward inertia, weight and friction 1, feed forward wire 0"
 
 
 def sample_rows(n: int = 200) -> list[Row]:
@@ -166,21 +122,6 @@ def test_quantiles_are_of_each_payload_and_reference_and_failures_are_counted():
     assert len(lines) == 10
     assert lines[0][:3] == ["9000", "a", "100 + 1 failed"]
     assert [line[4] for line in lines[5:]] == ["400", "405", "450", "495", "500"]
-
-
-def test_extremes_name_the_run_in_words():
-    rows = [row({JERK: float(j)}, peak_torque_motor_nm=400.0 + j) for j in range(50)]
-    lines = tables.extremes_table(rows, swept_axes(rows)).rows
-    assert [line[:2] for line in lines] == [
-        ["highest torque peak", "9000 kg, ruckig, jerk 49 m/s³"],
-        ["lowest torque peak", "9000 kg, ruckig, jerk 0 m/s³"],
-    ]
-
-
-def test_a_carriage_that_ends_elsewhere_is_told_with_by_how_much():
-    rows = [row({JERK: float(j)}, position_error_end_m=-j) for j in range(3)]
-    (text,) = [sentence for sentence in sentences(rows, LIMIT) if "does not end" in sentence]
-    assert text.endswith("at most 2.00 m below it, 9000 kg, ruckig, jerk 2 m/s³.")
 
 
 def test_where_each_run_has_its_own_torque_limit_none_is_said_to_be_reached():

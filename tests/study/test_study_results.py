@@ -91,14 +91,6 @@ def test_move_times_are_those_of_the_references(result: StudyResult, study: Stud
     assert by_kind["ruckig"] > 2 * one
 
 
-def test_jerk_limit_lowers_the_torque_peak_under_the_same_limits(result: StudyResult) -> None:
-    rows = {(row.payload_kg, row.reference): row for row in result.rows}
-    for payload in (0.0, 9000.0):
-        smooth, hard = rows[payload, "ruckig"], rows[payload, "trapezoid"]
-        assert smooth["peak_torque_above_static_nm"] < hard["peak_torque_above_static_nm"]
-        assert smooth["speed_error_max_rad_s"] < hard["speed_error_max_rad_s"]
-
-
 def written(study: Study, folder: Path) -> Path:
     run_batch(study, place_for(study, folder), extras={"study.html": save_study_page})
     return folder
@@ -254,40 +246,6 @@ def test_slack_and_the_torque_limit_are_said_when_they_occur() -> None:
     assert "The torque limit of 768 N m per motor is reached: 0 kg, ruckig." in said
     assert "The wire goes slack: 0 kg, ruckig; at most 0.31 s, 0 kg, ruckig" in said
     assert "slack" not in " ".join(sentences([row(0.0, "ruckig")], 768.0))
-
-
-def test_swept_values_stand_in_the_table_and_the_extremes_in_the_conclusions() -> None:
-    rows = [
-        replace(row(0.0, "ruckig", peak_torque_motor_nm=peak), run_id=f"r{kp:g}", assigned={"sweep.controller.kp": kp})
-        for kp, peak in ((20.0, 300.0), (30.0, 200.0), (40.0, 400.0))
-    ]
-    assert run_table(rows).heads[:3] == ("payload kg", "reference", "kp")
-    assert [line[2] for line in run_table(rows).rows] == ["20", "30", "40"]
-    said = sentences(rows, 768.0)
-    assert said[0].startswith(
-        "Kp from 20 to 40: at 0 kg the torque peak per motor goes from 300 to 400 N m, with its least, 200 N m, at 30"
-    )
-
-
-def test_many_failures_are_counted_and_not_all_listed() -> None:
-    lost = [replace(row(k, "ruckig"), run_id=f"r{k}", status="failed", reason="ran away") for k in range(9)]
-    (said,) = sentences(lost, 768.0)
-    assert said.startswith("r0 failed: ran away. r1 failed: ran away.") and said.count("ran away") == 3
-    assert said.endswith("6 more of 9 runs failed; the index says why.")
-
-
-def test_command_prints_table_conclusion_and_where_things_lie_within_100_columns(
-    scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(command, [str(scenario)], catch_exceptions=False)
-    assert done.exit_code == 0
-    lines = done.output.splitlines()
-    assert [line.split()[:2] for line in lines[3:5]] == [["0", "trapezoid"], ["0", "ruckig"]]
-    assert max(len(line) for line in lines[:12]) <= 100
-    assert "Take " in done.output and "the gain is not worth it where" in done.output.replace("\n", " ")
-    assert "Figure: results/small/study.html" in done.output
-    assert Path("results/small/index.parquet").is_file()
 
 
 def test_command_says_that_this_very_study_is_there_and_runs_nothing(

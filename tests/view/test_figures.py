@@ -17,17 +17,15 @@ from workbench.core.whole_folder import whole_file
 from workbench.machines import default_hoist
 from workbench.references import planned_kinds
 from workbench.simulate.replay import replay_runs
-from workbench.study.run import peak_limit
 from workbench.view.identify import correlation_matrix
 from workbench.view.page import Section, save_page
 from workbench.view.panels import PASSES, STRAIGHT, straightened, thin
-from workbench.view.replay import inputs, speeds, torque_residual
+from workbench.view.replay import inputs, speeds
 from workbench.view.study_figures import harder_worked_nm, over_time, peak_torque_over_payload, slack_stretches
 from workbench.view.style import LINES
 
 TIME = np.linspace(0.0, 40.0, 4001)
 HOIST = default_hoist()
-NOMINAL, LIMIT = HOIST.motor.nominal_torque_nm, peak_limit(HOIST)
 
 
 def loop_run(payload_kg: float, peak_nm: float = 500.0, slack: tuple[float, float] | None = None) -> Run:
@@ -95,42 +93,6 @@ def test_a_straightened_line_runs_within_its_tolerance_of_every_point(n: int, se
         assert np.max(off) < PASSES * STRAIGHT + 1e-12
 
 
-def test_straight_stretches_lose_points_and_corners_gaps_and_noise_keep_them() -> None:
-    x = np.linspace(0.0, 1.0, 1601)
-    assert len(straightened(x, 2.0 * x)[0]) == 101
-    corner = np.abs(x - 0.5)
-    assert 0.0 in straightened(x, corner)[1]
-    gap = np.where((x > 0.4) & (x < 0.6), np.nan, x)
-    assert np.isnan(straightened(x, gap)[1]).sum() == np.isnan(gap).sum()
-    noisy = np.random.default_rng(1).normal(size=1601)
-    assert len(straightened(x, noisy)[0]) > 1500
-
-
-def test_overview_has_a_column_a_payload_with_error_limits_and_nominal() -> None:
-    runs = [(kind, loop_run(payload)) for payload in (0.0, 9000.0) for kind in planned_kinds()]
-    figure = over_time(runs, HOIST)
-    # Four quantities, two payloads, every reference; set points once per run.
-    count = len(planned_kinds())
-    assert len(figure.data) == 4 * 2 * count + 2 * count
-    assert {a.text for a in figure.layout.annotations} >= {"<b>payload 0 kg</b>", "<b>payload 9000 kg</b>"}
-    levels = {shape.y0 for shape in figure.layout.shapes if shape.type == "line"}
-    assert levels == {NOMINAL, LIMIT}
-    error = traces(figure, "trapezoid")[1]
-    np.testing.assert_allclose(error.y.max(), (100 * (np.sin(TIME) - np.sin(TIME + 0.01))).max(), rtol=1e-5)
-    torque = traces(figure, "trapezoid")[2]
-    assert torque.y.max() == pytest.approx(500.0)
-
-
-def test_every_panel_shares_the_time_axis() -> None:
-    layout = over_time([("ruckig", loop_run(p)) for p in (0.0, 4500.0, 9000.0)], HOIST).layout.to_plotly_json()
-    axes = {key: value for key, value in layout.items() if key.startswith("xaxis")}
-    assert list(axes) == ["xaxis10", "xaxis11", "xaxis12"]  # one a column, below its four rows
-    assert [axis.get("matches") for axis in axes.values()] == [None, "x10", "x10"]
-    rows = {key: value["anchor"] for key, value in layout.items() if key.startswith("yaxis")}
-    assert len(rows) == 12 and set(rows.values()) == {"x10", "x11", "x12"}
-    assert layout["yaxis"]["title"]["text"].endswith("(rad/s)")
-
-
 def test_a_reference_keeps_its_colour_in_every_figure() -> None:
     shown = over_time([(kind, loop_run(0.0)) for kind in reversed(list(planned_kinds()))], HOIST)
     peaks = peak_torque_over_payload(
@@ -141,27 +103,6 @@ def test_a_reference_keeps_its_colour_in_every_figure() -> None:
         assert {t.line.color for t in traces(figure, "ruckig, same limits")} == {planned_kinds()["ruckig"].colour}
     looks = list(LINES.values())
     assert len(set(looks)) == len(looks)
-
-
-def test_legend_names_each_line_once() -> None:
-    figure = over_time([(kind, loop_run(p)) for p in (0.0, 4500.0) for kind in planned_kinds()], HOIST)
-    named = [trace.name for trace in figure.data if trace.showlegend]
-    assert sorted(named) == sorted(set(named))
-    assert len(named) == len(planned_kinds()) + 1  # and the set points
-
-
-def test_many_payloads_are_drawn_as_three_columns_and_the_title_says_so() -> None:
-    figure = over_time([("ruckig", loop_run(p)) for p in np.linspace(0, 9000, 11)], HOIST)
-    headings = [a.text for a in figure.layout.annotations if a.text.startswith("<b>payload")]
-    assert headings == ["<b>payload 0 kg</b>", "<b>payload 4500 kg</b>", "<b>payload 9000 kg</b>"]
-    assert "3 of 11 payloads" in figure.layout.title.text
-
-
-def test_a_window_draws_only_its_stretch() -> None:
-    figure = over_time([("ruckig", loop_run(0.0))], HOIST, window_s=(10.0, 12.0), quantities=("torque",))
-    (torque,) = traces(figure, "ruckig, same limits")
-    assert torque.x.min() == pytest.approx(10.0)
-    assert torque.x.max() == pytest.approx(12.0)
 
 
 def test_slack_is_shaded_from_its_start_to_its_end() -> None:
@@ -192,19 +133,6 @@ def test_a_replays_figures_are_in_parts_of_nominal_torque_and_in_per_cent_of_nom
     expected = 100.0 / machine.motor.nominal_speed_rad_s * float(np.max(simulated))
     assert traces(figure, "simulated")[0].y.max() == pytest.approx(expected)
     assert figure.layout.annotations[0].text == f"<b>run a</b>, RMSE {result.runs[0].speed_rmse_percent:.2f} %<b></b>"
-
-
-def test_residual_figure_shows_noise_band_and_windows() -> None:
-    figure = torque_residual(["a"], [TIME], [np.sin(TIME)], "N", 0.5, windows=[[(3.0, 9.0)]])
-    levels = sorted(shape.y0 for shape in figure.layout.shapes if shape.type == "line")
-    assert levels == [-1.0, 1.0]
-    assert [(s.x0, s.x1) for s in figure.layout.shapes if s.type == "rect"] == [(3.0, 9.0)]
-    assert "force residual (N)" in figure.layout.yaxis.title.text
-
-
-def test_correlation_matrix_writes_its_numbers() -> None:
-    figure = correlation_matrix(["a", "b"], np.array([[1.0, -0.25], [-0.25, 1.0]]))
-    assert figure.data[0].z[0][1] == -0.25 and figure.data[0].texttemplate == "%{z:.2f}"
 
 
 def test_page_needs_no_network_and_has_the_same_bytes_each_time(tmp_path: Path) -> None:

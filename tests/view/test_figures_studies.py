@@ -11,7 +11,6 @@ from workbench.study.conclude import Correlation
 from workbench.study.front import fronts
 from workbench.study.labels import swept_axes
 from workbench.study.rows import Row
-from workbench.view.panels import LEGEND_LINE, Panels
 from workbench.view.study_figures import (
     changing,
     envelope_nm,
@@ -61,20 +60,6 @@ def test_a_front_joins_the_runs_that_none_beats_and_rings_its_knee():
     assert len(one(figure, "ruckig, same limits").x) == 5
 
 
-def test_forces_are_drawn_in_kilonewtons():
-    rows = [row({JERK: float(j)}, move_time_s=30.0 + j, wire_tension_swing_n=9e3 - 1e3 * j) for j in range(3)]
-    figure = pareto(rows, fronts(rows, "wire_tension_swing_n"), swept_axes(rows), "wire_tension_swing_n")
-    np.testing.assert_allclose(one(figure, "front: beaten by no run").y, [9, 8, 7])
-    assert figure.layout.yaxis.title.text == "wire tension swing (kN)"
-
-
-def test_a_huge_cloud_is_drawn_with_fewer_points_and_the_text_of_each():
-    rows = [row({JERK: float(j)}, move_time_s=30.0 + j, peak_torque_motor_nm=400.0 + j % 7) for j in range(4000)]
-    cloud = one(pareto(rows, fronts(rows), swept_axes(rows), PEAK), "ruckig, same limits")
-    assert len(cloud.x) == len(cloud.text) <= 1500
-    assert f"jerk {cloud.x[7] - 30.0:.4g} m/s³" in cloud.text[7]
-
-
 def test_over_an_axis_the_worst_of_the_other_runs_is_the_line():
     rows = [row({JERK: j, KP: k}, peak_torque_motor_nm=100.0 * j + k) for j in (1.0, 2.0) for k in (10.0, 30.0)]
     (jerk, _) = swept_axes(rows)
@@ -100,14 +85,6 @@ def test_only_metrics_that_change_along_the_axis_are_drawn():
     assert changing(rows, kp) == []
 
 
-def test_values_in_equal_ratios_stand_on_a_logarithmic_axis_and_words_at_even_distances():
-    rows = [row({JERK: 0.2 * 2**k}, peak_torque_motor_nm=400.0 + k) for k in range(5)]
-    assert metrics_over_axis(rows, swept_axes(rows)[0], 480.0, 768.0).layout.xaxis.type == "log"
-    rows = [row({"sweep.controller.anti_windup": w}, speed_error_max_rad_s=e) for w, e in (("none", 9.0), ("x", 5.0))]
-    axis = metrics_over_axis(rows, swept_axes(rows)[0], 480.0, 768.0).layout.xaxis
-    assert list(axis.ticktext) == ["none", "x"]
-
-
 def sample() -> list[Row]:
     return [row({"sample.x_s": float(k)}, peak_torque_motor_nm=500.0 + k) for k in range(101)]
 
@@ -118,11 +95,6 @@ def test_the_distribution_ends_at_a_hundred_per_cent_and_marks_its_quantiles():
     assert distribution.y[-1] == pytest.approx(100.0)
     np.testing.assert_allclose(marks.x, [505.0, 550.0, 595.0])
     np.testing.assert_allclose(histogram.y[1:-1:2].sum(), 100.0, rtol=1e-6)
-
-
-def test_each_metric_of_a_spread_has_a_horizontal_axis_of_its_own():
-    layout = spread(sample(), (PEAK, "speed_error_max_rad_s")).layout
-    assert [layout[f"xaxis{n}"].matches for n in ("", "2", "3", "4")] == ["x", "x2", "x", "x2"]
 
 
 def test_a_tornado_has_its_strongest_bar_on_top_and_its_sign_in_its_colour():
@@ -147,14 +119,3 @@ def test_the_plane_keeps_the_corners_of_a_long_path():
     assert len(path.x) < 2000
     assert path.y.max() == pytest.approx(900.0)
     assert path.x.max() == pytest.approx(145.0, rel=1e-4)
-
-
-def test_a_legend_of_several_lines_has_room_above_the_panels():
-    heights = []
-    for names in (("a", "b"), [f"brake release {k} s, conditional" for k in range(6)]):
-        panels = Panels("t", ["y"])
-        for name in names:
-            panels.line(0, 0, np.arange(2.0), np.arange(2.0), name, {})
-        figure = panels.figure(400)
-        heights.append((figure.layout.height, figure.layout.margin.t))
-    assert heights[1][0] - heights[0][0] == heights[1][1] - heights[0][1] > LEGEND_LINE

@@ -422,17 +422,3 @@ def test_a_state_of_another_machine_or_of_other_rules_is_refused(tmp_path: Path)
     (tmp_path / "bad" / "watch.sqlite").write_text("no store" * 100)
     with pytest.raises(InputError, match="file is not a database"):
         Store(tmp_path / "bad", HOIST, FEW)
-
-
-@pytest.mark.parametrize(
-    ("option", "said"),
-    [
-        (("--limit", "guide.coulomb_hoistin_n=1"), "did you mean 'guide.coulomb_hoisting_n'"),
-        (("--limit", "heavy"), "expected KEY=VALUE"),
-    ],
-)
-def test_a_limit_that_cannot_be_is_one_line(
-    option: tuple[str, str], said: str, arrived: Path, tmp_path: Path, commands: Commands
-):
-    done = commands(*words(arrived, tmp_path / "state", *option))
-    assert done.status == 2 and said in done.err and len(done.err.strip().splitlines()) == 1
