@@ -371,6 +371,8 @@ def test_a_narrow_page_cuts_nothing_and_leads_to_every_other(
             visit.go(title)
             visit.drawn(figures)
             assert visit.page.evaluate(CUT) == [], title
+            for value in visit.page.get_by_test_id("stMetricValue").all_inner_texts():  # no more digits than are read
+                assert re.fullmatch(r"\N{MINUS SIGN}?(\d{1,4}|\d{1,2}\.\d{1,3}|\d{3}\.\d)( .{1,4})?", value), value
         if width < 768:
             visit.page.get_by_test_id("stExpandSidebarButton").click()
         else:

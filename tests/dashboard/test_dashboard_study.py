@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 import os
 import re
 import signal
@@ -365,6 +366,17 @@ def test_a_difference_has_the_colour_of_its_metric(metric: str, value: float, ba
     assert f":{colour}[" in difference(value, base, declared)
     for invisible in (0.0, 0.9 * declared.visible * declared.scale):
         assert difference(base + invisible, base, declared) == " (=)"
+
+
+def test_a_number_has_three_digits_that_are_right_whatever_its_size():
+    for value in [*np.geomspace(1e-9, 9e6, 97), *-np.geomspace(1e-9, 9e6, 97)]:
+        said = widgets.text(float(value))
+        mantissa, _, raised = said.replace("\N{MINUS SIGN}", "-").partition("·10")
+        power = raised.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))
+        assert float(mantissa) * 10.0 ** int(power or 0) == pytest.approx(value, rel=5.1e-3), said
+        digits = mantissa.lstrip("-0.").replace(".", "")
+        assert len(digits) <= 3 or "." not in mantissa, said
+    assert widgets.text(math.nan) == "–" and widgets.text(0.0) == "0"
 
 
 def test_an_error_shows_the_files_name_and_no_markdown():

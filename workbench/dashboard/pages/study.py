@@ -260,21 +260,21 @@ def _numbers(result: StudyResult) -> None:
 
 def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
     """The stretch of time that is drawn, which stays while sliders move; None for all of it."""
-    choice, first, last = st.columns([2.6, 1.0, 1.0], vertical_alignment="center")
-    stretch = choice.segmented_control(
-        "Stretch of time", (WHOLE, RAMP, OWN), key=held("study stretch", WHOLE), label_visibility="collapsed",
-        required=True,
-    )  # fmt: skip
-    if stretch == WHOLE:
-        return None
-    usual = view.start_of_move(result)
-    if stretch == RAMP:
-        return usual
-    start, end = (
-        column.number_input(words_, 0.0, None, value, 0.5, key=f"study {words_}", format="%.4g",
+    with st.container(horizontal=True, vertical_alignment="center"):  # they wrap where the page is narrow
+        stretch = st.segmented_control(
+            "Stretch of time", (WHOLE, RAMP, OWN), key=held("study stretch", WHOLE), label_visibility="collapsed",
+            required=True,
+        )  # fmt: skip
+        if stretch == WHOLE:
+            return None
+        usual = view.start_of_move(result)
+        if stretch == RAMP:
+            return usual
+        start, end = (
+            st.number_input(words_, 0.0, None, value, 0.5, key=f"study {words_}", format="%.4g", width=160,
                             persist_state="session", label_visibility="collapsed", icon=f":material/{icon}_page:")
-        for column, words_, value, icon in ((first, "from (s)", usual[0], "first"), (last, "to (s)", usual[1], "last"))
-    )  # fmt: skip
+            for words_, value, icon in (("from (s)", usual[0], "first"), ("to (s)", usual[1], "last"))
+        )  # fmt: skip
     if not start < min(end, end_s):
         problem(InputError(f"{start:g} to {end:g} s, expected a stretch of the run's {end_s:.4g} s", place="from … to"))
         return None
