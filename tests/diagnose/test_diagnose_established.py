@@ -5,6 +5,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -18,7 +19,7 @@ from workbench.core.run import Array
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.gap import delivered_of
 from workbench.diagnose.hypotheses.fit import estimates, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import base_parameters
+from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, base_parameters
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
@@ -27,7 +28,7 @@ from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.readiness.noise import motion_noise
 from workbench.diagnose.verdict.answer import Hypothesis, shared
 from workbench.diagnose.verdict.constancy import constancies
-from workbench.diagnose.verdict.judge import judged_to_help
+from workbench.diagnose.verdict.judge import judged_to_help, smooths
 from workbench.effects import find
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
@@ -45,7 +46,9 @@ def bump(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, SearchResu
 
 
 def broken(search: SearchResult, name: str) -> bool:
-    return any(one.broken for one in constancies(search.problem, search.within_tolerances, search.fits[name,]))
+    return any(
+        one.broken for one in constancies(search.problem, search.base, search.within_tolerances, search.fits[name,])
+    )
 
 
 def test_a_true_law_has_one_amount_everywhere_and_a_mimic_has_not(bump: tuple[Campaign, SearchResult]):
@@ -192,6 +195,29 @@ def test_a_motion_logged_three_samples_late_is_a_delay_and_no_play(shared_data: 
     campaign = late(replace(whole, runs=(train, *cut(whole.machine, pulses, 3))), 0.003)
     assert Problem(campaign.machine, campaign.runs).struck
     assert diagnose(campaign, quick=True).verdict.effects == ("speed_delay",)
+
+
+def test_a_gain_that_base_values_could_be_is_sought_beside_what_the_axis_leaves_itself(
+    shared_data: Path, tmp_path: Path
+):
+    """A ripple takes thousands of chi^2 of that and is no cause; the gain relieves mass, friction and gain by 30."""
+    (tmp_path / "machine.yaml").write_text(EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089"))
+    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
+    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    campaign = read_campaign(tmp_path)
+    gain = of(campaign.machine, {"torque_scale": {"gain": 1.08}})
+    runs = tuple(logged(part, gain) for run in campaign.runs for part in cut(campaign.machine, run, 4))
+    assert diagnose(replace(campaign, runs=runs), quick=True).verdict.effects == ("torque_scale",)
+
+
+@pytest.mark.parametrize(("late_s", "smoother"), [(0.007, True), (0.001, False), (0.02, False)])
+def test_a_filter_whose_lag_a_late_motion_undoes_is_no_filter(shared_data: Path, late_s: float, smoother: bool):
+    campaign = read_campaign(shared_data / "axes" / "17")
+    problem = Problem(campaign.machine, campaign.runs)
+    setting = {"torque_filter__time_constant_s": 0.0066, LOG_TIMING: 0.0005, problem.late: late_s - 0.0005}
+    fit = SimpleNamespace(effects=("speed_delay", "torque_filter"), setting=setting)
+    assert smooths(problem, cast(Any, fit)) == smoother
+    assert not smooths(problem, cast(Any, SimpleNamespace(effects=("speed_delay",), setting=setting)))
 
 
 def test_a_play_is_heard_in_a_late_log(shared_data: Path):

@@ -397,10 +397,11 @@ class Search:
             name
             for k, name in enumerate(order)
             if k < ALWAYS or name in strained or (k < refitted and promised[name].evidence > HOPELESS)
-        ]
+            or self._worth_alone(near, promised[name]) > 0.0
+        ]  # fmt: skip
         order = [name for name in order if (name,) not in self.fits]
         for k, name in enumerate(order):
-            if k >= ALWAYS and self._hopeless(near, promised[name].gain, name):
+            if k >= ALWAYS and self._hopeless(promised[name].gain, name):
                 continue
             self._tell(Progress(Stage.SEARCH, Task.SINGLE, k + 1, len(order), (name,)))
             self._try((name,), lambda promise=promised[name]: self._fit_with(near, promise))  # type: ignore[misc]
@@ -409,7 +410,7 @@ class Search:
                 if (name,) not in self.fits or float(white @ white) + found.prior < self.fits[name,].objective:
                     self._try((name,), lambda found=found: self._again(found))  # type: ignore[misc]
         if np.any(near.z != base.z):
-            self._from_base(base, [n for n in order[:FEW] if not self._hopeless(near, promised[n].gain, n)])
+            self._from_base(base, [n for n in order[:FEW] if not self._hopeless(promised[n].gain, n)])
         self._in_place(base)
         self._step_play()
         self._finish(base, [(name,) for name in order])
@@ -440,13 +441,16 @@ class Search:
                 strained[name] = strained.get(name, 0.0) + float(np.sum(off**2))
         return strained
 
-    def _hopeless(self, near: Fitted, promise: float, name: str) -> bool:
-        """Whether the best single effect so far explains so much that one with this linear promise cannot compete.
+    def _hopeless(self, promise: float, name: str) -> bool:
+        """Whether the best single effect so far explains so much, beyond what may be model error, that one with this
+        linear promise cannot compete.
 
         One that the base fit has in part, as its nuisance, may gain much more than what it promises beside that.
         """
-        best = max((near.objective - fit.objective for names, fit in self.fits.items() if len(names) == 1), default=0.0)
-        most = promise + IN_PART * self._strained(self.base_fit()).get(name, 0.0) + SLACK
+        base, alone = self.base_fit(), [fit for names, fit in self.fits.items() if len(names) == 1]
+        gains = [beyond_model_error(self.problem, base, fit, base.objective - fit.objective) for fit in alone]
+        best = max(gains, default=0.0)
+        most = promise + IN_PART * self._strained(base).get(name, 0.0) + SLACK
         return most < OUT_OF_REACH * best
 
     def _place_of(self, wanted: FreeParameter) -> slice:
@@ -468,7 +472,7 @@ class Search:
         """An effect in place of its nuisance, where a fit has taken that far beyond its tolerance; a delay in place of
         the log's timing. That fit has the effect's values already, and nothing is left for a linear estimate."""
         strained = set(self._strained(at)) & set(self.effects) - set(at.effects)
-        strained = {name for name in strained if at.effects or not self._hopeless(at, 0.0, name)}
+        strained = {name for name in strained if at.effects or not self._hopeless(0.0, name)}
         late = self.base.get(LOG_TIMING)
         if late is not None and float(at.z[self._place_of(late)][0]) > TOLERANCES * late.std:
             strained |= {e.id for e in self.effects.values() for r in self._ranges(e) if r.symbol == self.problem.late}
@@ -641,6 +645,13 @@ class Search:
         value, sizes = likeliest(self.problem, left)
         data = likeliest(self.problem, at.residual)[0] - value
         return discounted(self.problem, (promise.signature.effect.id,), data, at.residual, left, sizes, not at.effects)
+
+    def _worth_alone(self, near: Fitted, promise: Promise) -> float:
+        """The evidence of one effect by its linear estimate, less what may be model error: what relieves the tolerances
+        counts beside effects that take much of a remainder."""
+        if promise.evidence <= 0.0:
+            return promise.evidence
+        return promise.evidence - promise.data + self._beyond(near, promise)
 
     def _beside(self, at: Fitted, promise: Promise) -> Array:
         """(samples,) what a fit leaves beside a promised effect, its own parameters refitted linearly."""

@@ -32,6 +32,7 @@ VARIES = 0.08  # share: a true cause has shown 0.076 at most (a lag), mimics 0.0
 RESTS = 0.25  # rest: 0.2 at most, and 0.4 and more
 FORETOLD = 0.1  # of what is left: so much a curve, a change of amount or the base parameters take up by chance
 UNDONE = 0.4  # logarithm of energies: as far two causes undo each other by chance; of 30 true pairs two did by 0.5
+SMOOTHED = 0.2  # of a filter's lag: as far the delays of two causes agree by chance in one of ten
 HALF = 0.5  # of the best one's evidence: what a part of it has to have
 
 # An unknown cause

@@ -30,7 +30,7 @@ OWN = {
     "low_speed": ("speed",),
     "all": ("load", "position"),
 }  # regime of an effect -> of its variables, where it differs
-SENSED = ("load",)  # of a sensor that errs everywhere: it knows no place
+SENSED = ("load",)  # of a sensor that errs everywhere: it knows no place, speed or time
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,9 @@ class Constancy:
         return self.share > settings.VARIES or self.rest > settings.RESTS
 
 
-def constancies(problem: Problem, near: Fitted, fit: Fitted) -> tuple[Constancy, ...]:
-    """Of each effect of a fit, for the own variable that it is least constant over. near: the fit without effects.
+def constancies(problem: Problem, base: Fitted, near: Fitted, fit: Fitted) -> tuple[Constancy, ...]:
+    """Of each effect of a fit, for the own variable that it is least constant over. base, near: the fits without
+    effects, as far as they go and within the tolerances.
 
     Not of a play with impacts: its own law is not looked at in the residual.
     """
@@ -57,7 +58,7 @@ def constancies(problem: Problem, near: Fitted, fit: Fitted) -> tuple[Constancy,
     on_top = OnTop(problem, left, free_of(problem, fit))
     energy, before = (float(weight @ rows[: problem.inputs] ** 2) for rows in (left, near.residual))
     taken = max(before - energy, LEAST * energy)
-    by_tolerances = near.prior - fit.prior > near.chi2 - fit.chi2
+    by_tolerances = base.prior - fit.prior > base.chi2 - fit.chi2
     found = []
     for name, part in zip(fit.effects, parts_of(problem, fit, [(name,) for name in fit.effects]), strict=True):
         rows, effect = part[: problem.inputs], problem.effect(name)
@@ -69,7 +70,7 @@ def constancies(problem: Problem, near: Fitted, fit: Fitted) -> tuple[Constancy,
         own_regimes = SENSED if sensor and regime == "all" else OWN.get(regime, (regime,))
         tested, scale = [], max(taken, own) if by_tolerances else taken
         for variable in variables(problem, left):
-            mine = variable.regime in own_regimes or regime in EVERYWHERE
+            mine = variable.regime in own_regimes or (regime in EVERYWHERE and not sensor)
             if mine or variable.regime in EVERYWHERE:
                 shape, bend = hats(variable)
                 changing = energy - float(weight @ on_top.after(rows[:, None] * shape, bend) ** 2)

@@ -26,17 +26,19 @@ from workbench.diagnose.hypotheses.evidence import (
     weigh,
 )
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of
+from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, bounds_of
 from workbench.diagnose.hypotheses.held_out import significance
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
 from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of
+from workbench.effects import ranges_of
 
 SAME = 0.5  # evidence between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
 SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
+FILTER = "torque_filter"
 OTHER, BOUND = "the other effect", "a bound"  # what speaks against a fit that is none of its law
 
 
@@ -84,7 +86,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         search = replace(search, problem=problem)
     weighed, score = weigh(problem, search.base, near, search.fits, search.rivals)
     weighed = tuple(w for w in weighed if w.names not in barred)
-    best, mimics = established(problem, weighed, near)
+    best, mimics = established(problem, weighed, search.base, near)
     held, stands = near, best is not None and best.evidence > settings.calibration()["threshold"]
     if best is not None and stands:
         held, score = best.fit, best.score
@@ -171,14 +173,14 @@ def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
 
 
 def established(
-    problem: Problem, weighed: Sequence[Weighed], near: Fitted
+    problem: Problem, weighed: Sequence[Weighed], base: Fitted, near: Fitted
 ) -> tuple[Weighed | None, Mapping[Names, Constancy]]:
     """The best hypothesis all of whose effects hold as laws (`constancies`), None if there is none; and the hypotheses
     above the threshold that are not established, each with what speaks against it.
 
-    near: the fit without effects, within the tolerances. A hypothesis that leaves more than that fit, whose effects
-    undo each other, or that sits on a bound is not established either: the next about as good is looked at. Behind a
-    mimic only what it is made of is, for whatever else is about as good imitates the same cause.
+    base, near: the fits without effects, the latter within the tolerances. A hypothesis that leaves more than `near`,
+    whose effects undo each other, or that sits on a bound is not established either: the next about as good is looked
+    at. Behind a mimic only what it is made of is, for whatever else is about as good imitates the same cause.
     """
     mimics: dict[Names, Constancy] = {}
     listed = [w for w in weighed if not w.rival]
@@ -191,7 +193,7 @@ def established(
         as_good = not imitated and w.evidence > laws[0].evidence - settings.DECISIVE
         if not (part or as_good):
             continue
-        why = next((one for one in constancies(problem, near, w.fit) if one.broken), None)
+        why = next((one for one in constancies(problem, base, near, w.fit) if one.broken), None)
         if why is None:
             return w, mimics | no_laws
         imitated = True
@@ -207,9 +209,23 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     last, more = w.names[-1], w.fit.chi2 / max(near.chi2, 1e-300) - 1.0  # as weighed: near standstill no law is exact
     if more > 0.0 and not (problem.struck and PLAY in w.names):  # what a play leaves are the rebounds
         return Constancy(last, "residual", more)
-    if (undone := cancellation(problem, w.fit, len(near.z))) > settings.UNDONE:
-        return Constancy(last, OTHER, undone)
+    if (undone := cancellation(problem, w.fit, len(near.z))) > settings.UNDONE or smooths(problem, w.fit):
+        return Constancy(last, OTHER, max(undone, settings.UNDONE))
     return Constancy(last, BOUND, 1.0) if _on_bound(w.fit, len(near.z)) else None
+
+
+def smooths(problem: Problem, fit: Fitted) -> bool:
+    """Whether a filter of the input and a late motion undo each other's lag, to SMOOTHED of it: the prediction is made
+    smoother, not later. No causal sensor does that; it takes off what the motion holds and the input does not ask for,
+    as cogging or noise at high frequency."""
+    if FILTER not in fit.effects:
+        return False
+    (lag,) = (r.symbol for r in ranges_of(problem.effect(FILTER), problem.machine, problem.runs))
+    late, lag_s = (
+        sum(float(np.mean(fit.setting.get(symbol, 0.0))) for symbol in symbols)
+        for symbols in ((LOG_TIMING, problem.late), (lag,))
+    )
+    return abs(late - lag_s) < settings.SMOOTHED * lag_s
 
 
 def groups_of(problem: Problem, weighed: Sequence[Weighed]) -> tuple[tuple[Names, ...], ...]:
