@@ -61,8 +61,8 @@ def sized(visit: Visit) -> None:
 
 def imported(visit: Visit) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        sent = {"name": "lift.mf4", "mimeType": "application/octet-stream", "buffer": drive_file(Path(folder), ".mf4")}
-        visit.page.locator("input[type=file]").set_input_files(sent)
+        drive_file(Path(folder), ".mf4")
+        visit.page.locator("input[type=file]").set_input_files(Path(folder) / "log.mf4")
         visit.drawn(figures=1)
 
 

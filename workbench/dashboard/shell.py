@@ -17,7 +17,7 @@ from workbench.dashboard.widgets import ahead, is_dark
 # Less air than streamlit's own, so that the numbers and the first figure fit 1280 by 800.
 _STYLE = """<style>
 .stMainBlockContainer {padding-top: 4rem; padding-bottom: 2rem; padding-left: 2rem; padding-right: 2rem;}
-.st-key-ahead {display: none;}
+:has(> .st-key-ahead) {display: none;}
 @media (max-width: 900px) {.stMainBlockContainer {padding-left: 1rem; padding-right: 1rem;}}
 [class*="st-key-cards"] > * {flex: 1 1 10.5rem; min-width: 10.5rem;}
 @media (max-width: 500px) {[class*="st-key-cards"] > * {min-width: 100%;}}
