@@ -62,7 +62,7 @@ def drawn(seed: int, number: int, many: int, family: Family) -> Order:
     """The order of one campaign: causes of different subsystems, no two of them alike by nature."""
     rng, kind = np.random.default_rng([seed, many, number, 7]), kind_of(family)
     while True:
-        names = tuple(map(str, rng.choice(kind.usual(family), many, replace=False)))
+        names = tuple(map(str, rng.choice(kind.usual, many, replace=False)))
         if not any(len({*names} & group) > 1 for group in ALIKE):
             order = Order(number, (seed, many, number), "simulator", family.name, "singles", names)
             if len({cause.subsystem for cause in content_of(order).causes}) == many:

@@ -60,7 +60,7 @@ def main() -> None:
 
 def drawn(seed: int, number: int, family: str) -> Order:
     rng = np.random.default_rng([seed, number, 8])
-    name = str(rng.choice(kind_of(FAMILIES[family]).usual(FAMILIES[family])))
+    name = str(rng.choice(kind_of(FAMILIES[family]).usual))
     return Order(number, (seed, number), "simulator", family, "singles", (name,))
 
 

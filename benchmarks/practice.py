@@ -21,28 +21,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("campaigns", type=Path)
     parser.add_argument("--out", type=Path, required=True, help="folder for the answers; what is there is kept")
-    parser.add_argument("--withhold", action="store_true", help="take the labelled effect out of the library")
     parser.add_argument("--names", nargs="*", help="of the campaigns; all without it")
     parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()
-    for line in answered(given.campaigns, given.out, given.names, given.withhold, given.processes):
+    for line in answered(given.campaigns, given.out, given.names, given.processes):
         print(line, flush=True)
     rows = rows_of(given.campaigns, given.out)
     for table in (tables.sheet_table(rows), tables.amounts(rows), tables.confusion_table(rows), tables.misses(rows)):
         print(f"\n{table.markdown()}")
 
 
-def answered(campaigns: Path, out: Path, names: list[str] | None, withhold: bool, processes: int) -> Iterator[str]:
+def answered(campaigns: Path, out: Path, names: list[str] | None, processes: int) -> Iterator[str]:
     """Diagnoses what has no answer yet, a line each as it is done."""
     there = names or sorted(label.stem for label in (campaigns / "labels").glob("*.json"))
     left = [name for name in there if not (out / f"{name}.json").exists()]
     with mapped(processes) as over:
-        yield from over(partial(_one, campaigns, out, withhold), left)
+        yield from over(partial(_one, campaigns, out), left)
 
 
-def _one(campaigns: Path, out: Path, withhold: bool, name: str) -> str:
+def _one(campaigns: Path, out: Path, name: str) -> str:
     effects = _label(campaigns, name)["effects"]
-    given = answer(campaigns / name, effects if withhold else ())
+    given = answer(campaigns / name)
     save(text_of(given), out / f"{name}.json")
     return f"{name}: {'+'.join(effects) or 'none'} -> {given.word} {'+'.join(given.names)}; {given.cpu_s:.0f} s"
 

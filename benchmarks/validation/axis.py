@@ -14,10 +14,10 @@ from benchmarks.validation.axis_causes import (
     OF_A_LOAD,
     OF_NO_LOAD,
     UNLISTED,
+    USUAL,
     Scales,
     drawn_pair,
     scales_of,
-    usual,
 )
 from benchmarks.validation.axis_machines import KINDS as PROFILES
 from benchmarks.validation.axis_machines import MOTIONS, Drawn, drawn_axis, rebuilt
@@ -157,8 +157,8 @@ AXIS = Kind(
     listed=tuple(LISTED),
     unlisted=tuple(UNLISTED),
     events=tuple(EVENTS),
-    usual=lambda family: usual("axis"),
-    pair=lambda rng, family, first: drawn_pair(rng, "axis", first),
+    usual=USUAL,
+    pair=drawn_pair,
     drawn=drawn,
     rebuilt=rebuilt,
     plan=plan,

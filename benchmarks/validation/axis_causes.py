@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -234,6 +235,7 @@ LISTED: Mapping[str, AxisDraw] = {
     "speed_delay": _delay,
     "torque_ripple": _ripple,
 }
+USUAL = tuple(LISTED)
 OF_A_LOAD = ("friction_load_dependent", "gearbox_efficiency")  # nothing of them shows without one
 OF_NO_LOAD = ("backlash",)  # a load beyond friction keeps the teeth on one flank
 # Of two effects at once: these are alike by nature, or one hides the other, so no log says which of them it holds.
@@ -249,16 +251,10 @@ ALIKE = (
 )
 
 
-def usual(motion: str) -> tuple[str, ...]:
-    """Of linear axes, rotary ones, or of either (axis): both have all."""
-    return tuple(LISTED)
-
-
-def drawn_pair(rng: np.random.Generator, motion: str, first: str | None = None) -> tuple[str, str]:
+def drawn_pair(rng: np.random.Generator, first: str | None = None) -> tuple[str, str]:
     """Two effects that are not alike by nature."""
-    names = usual(motion)
     while True:
-        a, b = first or str(rng.choice(names)), str(rng.choice(names))
+        a, b = first or str(rng.choice(USUAL)), str(rng.choice(USUAL))
         if a != b and not any({a, b} <= group for group in ALIKE):
             return a, b
 
@@ -287,37 +283,23 @@ def _wave(rng: np.random.Generator, s: Scales) -> Cause:
     return _in_the_library("friction that comes and goes along the way", "friction_periodic", cause)
 
 
-def _plain(text: str, regime: str, cause: Cause) -> Cause:
-    return replace(cause, name=f"unlisted: {text}", regime=regime, library={})
+def _unlisted(
+    text: str, regime: str, truth: Numbers | None = None, log: Numbers | None = None, subsystem: str = "axis",
+    **more: Any,
+) -> Cause:  # fmt: skip
+    """A cause of no list, whose values are those of the truth or of the log's sensor."""
+    return Cause(f"unlisted: {text}", subsystem, regime, truth or log or {}, truth or {}, log or {}, **more)
 
 
-def _gain_by_direction(rng: np.random.Generator, s: Scales) -> Cause:
-    gain = {"gain_forward": either(rng, 0.02, 0.08)}
-    return _plain("the sensor's gain differs between the directions", "load", caused("", "", gain, log=gain))
+def _of_the_log(text: str, regime: str, name: str, draw: Callable[[np.random.Generator, Scales], float]) -> AxisDraw:
+    """One number of the log's sensor."""
+    return lambda rng, s: _unlisted(text, regime, log={name: draw(rng, s)})
 
 
 def _foreign_body(rng: np.random.Generator, s: Scales) -> Cause:
     numbers = {"body_F": s.force * about(rng, 0.04, 0.14), "body_tau": about(rng, 0.1, 2.0)}
-    cause = replace(caused("", "", numbers, numbers), per_run={"body_t": (1.5, 6.0)})
-    return _plain("friction that sets in at some moment of each run, as of a foreign body", "time", cause)
-
-
-def _walk(rng: np.random.Generator, s: Scales) -> Cause:
-    numbers = {"walk_per_sqrt_s": s.force * about(rng, 0.008, 0.03)}
-    return _plain("the force sensor wanders", "time", caused("", "", numbers, log=numbers))
-
-
-def _dead_band(rng: np.random.Generator, s: Scales) -> Cause:
-    numbers = {"dead_band": s.force * about(rng, 0.05, 0.15)}
-    text = "the force log keeps its last value until the force has changed by more than a dead band"
-    return _plain(text, "all", caused("", "", numbers, log=numbers))
-
-
-def _bend(rng: np.random.Generator, s: Scales) -> Cause:
-    numbers = {"bend": about(rng, 0.08, 0.25) * float(rng.choice([-1.0, 1.0])) / s.force}
-    return _plain(
-        "the force sensor is bent: an error with the force's square", "load", caused("", "", numbers, log=numbers)
-    )
+    text = "friction that sets in at some moment of each run, as of a foreign body"
+    return _unlisted(text, "time", numbers, per_run={"body_t": (1.5, 6.0)})
 
 
 def _spring(rng: np.random.Generator, s: Scales) -> Cause:
@@ -325,7 +307,7 @@ def _spring(rng: np.random.Generator, s: Scales) -> Cause:
         "spring_k": s.force / s.travel * about(rng, 0.06, 0.25),
         "spring_x": s.low + s.travel * rng.uniform(0.3, 0.7),
     }
-    return _plain("a cable chain pulls back like a spring", "position", caused("", "", numbers, numbers))
+    return _unlisted("a cable chain pulls back like a spring", "position", numbers)
 
 
 def _soft_load(rng: np.random.Generator, s: Scales) -> Cause:
@@ -335,60 +317,55 @@ def _soft_load(rng: np.random.Generator, s: Scales) -> Cause:
         "soft_w": TURN * rng.uniform(0.15, 0.6) / s.ramp_s,
         "soft_zeta": rng.uniform(0.01, 0.06),
     }
-    return _plain("a part of the load swings on a soft support", "acceleration", caused("", "", numbers, numbers))
+    return _unlisted("a part of the load swings on a soft support", "acceleration", numbers)
 
 
 def _chain_end(rng: np.random.Generator, s: Scales) -> Cause:
     x = s.low + s.travel * rng.uniform(0.35, 0.6)
     far = s.low + s.travel - x
     numbers = {"chain_k": s.force * about(rng, 0.06, 0.25) / far**2, "chain_x": x}
-    return _plain("a cable chain that pulls as it bends", "position", caused("", "", numbers, numbers))
+    return _unlisted("a cable chain that pulls as it bends", "position", numbers)
 
 
-def _blow(rng: np.random.Generator, s: Scales) -> Cause:
-    event, size = drawn_event(rng, 0.1, 0.6), s.force * either(rng, 0.1, 0.4)
-    cause = caused("", "", {"event_F": size, "length_s": event.length_s}, {"event_F": size})
-    return _plain("event: a blow against the load", "event", replace(cause, event=event))
+def _event(what: str, name: str, draw: Callable[[np.random.Generator, Scales], float], sensor: str = "") -> AxisDraw:
+    """An event in one run: `name` of the truth, or of the log's sensor where one is named."""
 
+    def drawn(rng: np.random.Generator, s: Scales) -> Cause:
+        event, size = drawn_event(rng, 0.1, 0.6), draw(rng, s)
+        values, acts = {name: size, "length_s": event.length_s}, {name: size}
+        truth, log = ({}, acts) if sensor else (acts, {})
+        return Cause(f"unlisted: event: {what}", sensor or "axis", "event", values, truth, log, event=event)
 
-def _body_once(rng: np.random.Generator, s: Scales) -> Cause:
-    event, size = drawn_event(rng, 0.1, 0.6), s.force * about(rng, 0.1, 0.4)
-    cause = caused("", "", {"event_rub": size, "length_s": event.length_s}, {"event_rub": size})
-    return _plain("event: a foreign body in the guide, once", "event", replace(cause, event=event))
-
-
-def _glitch(rng: np.random.Generator, s: Scales) -> Cause:
-    event, size = drawn_event(rng, 0.1, 0.6), s.force * either(rng, 0.1, 0.4)
-    cause = caused("", "", {"glitch": size, "length_s": event.length_s}, log={"glitch": size})
-    cause = replace(cause, event=event, subsystem="torque_sensor")
-    return _plain("event: the force sensor shows a bump that is none", "event", cause)
-
-
-def _slip(rng: np.random.Generator, s: Scales) -> Cause:
-    event, slip = drawn_event(rng, 0.1, 0.6), about(rng, 0.2, 0.6)
-    cause = caused("", "", {"slip": slip, "length_s": event.length_s}, log={"slip": slip})
-    cause = replace(cause, event=event, subsystem="speed_sensor")
-    return _plain("event: the encoder's coupling slips, and the speed is shown too low", "event", cause)
+    return drawn
 
 
 EVENTS: Mapping[str, AxisDraw] = {
-    "event_blow": _blow,
-    "event_body": _body_once,
-    "event_force_sensor": _glitch,
-    "event_encoder": _slip,
-}
+    "event_blow": _event("a blow against the load", "event_F", lambda rng, s: s.force * either(rng, 0.1, 0.4)),
+    "event_body": _event("a foreign body in the guide, once", "event_rub",
+                         lambda rng, s: s.force * about(rng, 0.1, 0.4)),
+    "event_force_sensor": _event("the force sensor shows a bump that is none", "glitch",
+                                 lambda rng, s: s.force * either(rng, 0.1, 0.4), "torque_sensor"),
+    "event_encoder": _event("the encoder's coupling slips, and the speed is shown too low", "slip",
+                            lambda rng, s: about(rng, 0.2, 0.6), "speed_sensor"),
+}  # fmt: skip
 UNLISTED: Mapping[str, AxisDraw] = {
     "quadratic_drag": _quadratic,
     "guide_step": _step,
     "friction_wave": _wave,
-    "gain_by_direction": _gain_by_direction,
+    "gain_by_direction": _of_the_log("the sensor's gain differs between the directions", "load", "gain_forward",
+                                     lambda rng, s: either(rng, 0.02, 0.08)),
     "foreign_body": _foreign_body,
-    "force_walk": _walk,
-    "dead_band": _dead_band,
-    "force_bend": _bend,
+    "force_walk": _of_the_log("the force sensor wanders", "time", "walk_per_sqrt_s",
+                              lambda rng, s: s.force * about(rng, 0.008, 0.03)),
+    "dead_band": _of_the_log(
+        "the force log keeps its last value until the force has changed by more than a dead band", "all", "dead_band",
+        lambda rng, s: s.force * about(rng, 0.05, 0.15),
+    ),
+    "force_bend": _of_the_log("the force sensor is bent: an error with the force's square", "load", "bend",
+                              lambda rng, s: about(rng, 0.08, 0.25) * float(rng.choice([-1.0, 1.0])) / s.force),
     "cable_chain": _spring,
     "soft_load": _soft_load,
     "chain_end": _chain_end,
     **EVENTS,
-}
+}  # fmt: skip
 IN_THE_LIBRARY = ("quadratic_drag", "guide_step", "friction_wave")  # where it goes beyond the format

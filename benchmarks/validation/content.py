@@ -62,7 +62,7 @@ def draw(
     if case == "mixed":
         case = str(of_causes.choice(CASES, p=list(MIXED.values())))
     if names is None:
-        names = _names(of_causes, case, kind, which)
+        names = _names(of_causes, case, kind)
     drawn = kind.drawn(of_machine, which, names)
     runs, logging = kind.plan(of_runs, drawn, which)
     scales = kind.scales(drawn, runs, logging)
@@ -70,12 +70,12 @@ def draw(
     return Content(case, which, drawn, causes, runs, kind.shown_by(logging, drawn, causes))
 
 
-def _names(rng: np.random.Generator, case: str, kind: Kind, family: Family) -> tuple[str, ...]:
+def _names(rng: np.random.Generator, case: str, kind: Kind) -> tuple[str, ...]:
     if case == "none":
         return ()
     if case == "singles":
-        return (str(rng.choice(kind.usual(family))),)
-    return (str(rng.choice(kind.unlisted)),) if case == "unknown" else kind.pair(rng, family, None)
+        return (str(rng.choice(kind.usual)),)
+    return (str(rng.choice(kind.unlisted)),) if case == "unknown" else kind.pair(rng, None)
 
 
 def scaled(cause: Cause, size: float, plant: str) -> Cause:

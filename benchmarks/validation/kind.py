@@ -98,7 +98,7 @@ class Kind:
     """record_s: step of the kernel's record. input, speed: its columns of torque or force and of the motion.
 
     drawn: nominal machine of (rng, family, effects' names); rebuilt: the same of plain data, machine.yaml's and its
-    other values. usual: effects that show on a family. pair: two of them,
+    other values. usual: effects that show. pair: two of them,
     the first given or drawn. plan: runs and logging of (rng, drawn machine, family, effects' names). causes: effect
     -> how it is drawn of (rng, scales); scales: of (drawn machine, runs, logging). truth: the true machine; ailing:
     with a cause at work; in_run: of one run; inertia: all that
@@ -114,8 +114,8 @@ class Kind:
     listed: tuple[str, ...]
     unlisted: tuple[str, ...]
     events: tuple[str, ...]
-    usual: Callable[[Family], tuple[str, ...]]
-    pair: Callable[[np.random.Generator, Family, str | None], tuple[str, str]]
+    usual: tuple[str, ...]
+    pair: Callable[[np.random.Generator, str | None], tuple[str, str]]
     drawn: Callable[[np.random.Generator, Family, Sequence[str]], Any]
     rebuilt: Callable[[Mapping[str, Any], Mapping[str, Any]], Any]
     plan: Callable[[np.random.Generator, Any, Family], tuple[tuple[RunPlan, ...], Logging]]

@@ -63,7 +63,7 @@ class _Turns:
     """A family's effects, each as often as the others."""
 
     def __init__(self, kind: Kind, family: Family, rng: np.random.Generator, only: Sequence[str]) -> None:
-        usual = tuple(name for name in kind.usual(family) if not only or name in only)
+        usual = tuple(name for name in kind.usual if not only or name in only)
         listed_too = tuple(name for name in kind.listed if name in only)  # what hardly shows, where it is asked for
         usual = tuple(dict.fromkeys([*usual, *listed_too]))
         favoured = tuple(name for name in family.favoured if not only or name in only)
@@ -82,11 +82,9 @@ class _Turns:
             return (next(liked if favoured and next(singles_so_far) % 2 == 0 else singles),)
 
         def pair() -> tuple[str, ...]:
-            return next(drawn for drawn in _pairs(kind, rng, family, firsts) if not only or set(drawn) <= {*only})
+            return next(drawn for drawn in _pairs(kind, rng, firsts) if not only or set(drawn) <= {*only})
 
-        trial = itertools.islice(
-            _pairs(kind, np.random.default_rng(0), family, itertools.cycle(usual)), 20 * len(usual)
-        )
+        trial = itertools.islice(_pairs(kind, np.random.default_rng(0), itertools.cycle(usual)), 20 * len(usual))
         self._pairs = bool(usual) and (not only or any(set(drawn) <= {*only} for drawn in trial))
         self._next: Mapping[str, Callable[[], tuple[str, ...]]] = {
             "none": tuple,
@@ -102,9 +100,9 @@ class _Turns:
         return self._next[case]()
 
 
-def _pairs(kind: Kind, rng: np.random.Generator, family: Family, firsts: Iterator[str]) -> Iterator[tuple[str, ...]]:
+def _pairs(kind: Kind, rng: np.random.Generator, firsts: Iterator[str]) -> Iterator[tuple[str, ...]]:
     for first in firsts:
-        yield kind.pair(rng, family, first)
+        yield kind.pair(rng, first)
 
 
 def mixed_cases(count: int) -> list[str]:

@@ -11,11 +11,12 @@ import pytest
 
 from tests.support.commands import Commands
 from tests.support.emps_campaign import RUNS
+from workbench.blind import make as making
 from workbench.blind.recorded import SINGLES, UNLISTED, bent, cases
 from workbench.blind.recording import Recording, cut, recording, rms
 from workbench.blind.seal import key_of, read_manifest, unseal
 from workbench.logs import read_campaign
-from workbench.machines import LinearAxis
+from workbench.machines import LinearAxis, kind_of
 
 MACHINE = """\
 kind: axis
@@ -83,6 +84,28 @@ def test_a_pendulum_logged_with_noise_is_identified_in_a_band_that_holds_its_ine
     assert known.machine.gravity.sine_nm == pytest.approx(3.56, rel=0.03)
 
 
+def test_a_cable_chain_pulls_with_the_height_alike_in_every_run(shared_data: Path):
+    known = known_of(shared_data / "campaigns" / "20")
+    found = bent("spring", SEED, known)
+    assert found is not None
+    made, kind = found[0], kind_of(known.machine)
+    pulls = [a["torque_motor_nm"] - b["torque_motor_nm"] for a, b in zip(made.runs, known.runs, strict=True)]
+    heights = [
+        kind.place_of(known.machine, run.start_position_m, motion.position)
+        for run, motion in zip(known.runs, known.bench.motions, strict=True)
+    ]
+    lines = np.array([np.polyfit(height, pull, 1) for height, pull in zip(heights, pulls, strict=True)])
+    assert np.ptp(lines, axis=0) == pytest.approx(0.0, abs=1e-6 * np.max(np.abs(lines)))
+
+
+def test_a_ripple_comes_again_on_the_way_of_the_machine(shared_data: Path):
+    known = known_of(shared_data / "real" / "geared_pendulum")
+    travel = max(float(np.ptp(motion.position)) for motion in known.bench.motions)
+    for seed in range(8):
+        found = bent("ripple", (seed, 1), known)
+        assert found is None or found[0].parameters["order_per_turn"] * travel > 0.99 * 2.0 * np.pi
+
+
 def test_what_the_machine_does_not_have_is_not_asked(emps: Path):
     known = known_of(emps)
     assert bent("payload", SEED, known) is None
@@ -117,8 +140,9 @@ def test_parts_of_a_run_are_the_run(emps: Path):
 
 
 def test_the_command_makes_campaigns_that_tell_nothing_of_the_truth(
-    emps: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    emps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
+    monkeypatch.setattr(making, "recording", known_of)  # what the other tests have identified
     out = tmp_path / "sealed"
     words = ("--source", "recorded", "--runs", emps, "--cases", "3", "--seed", "11", "--processes", "1")
     done = Commands(capsys)("blind", "make", "--out", out, *words)

@@ -16,7 +16,10 @@ from workbench.blind.measures import Share
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view import blind as tables
 
-EVIDENCE = dict.fromkeys(calibrate.EVIDENCE, 0.0)
+SPEAKS = "unknown_"
+EVIDENCE = {
+    name.removeprefix(SPEAKS): 0.0 for name in calibration() if name.startswith(SPEAKS) and name != f"{SPEAKS}bias"
+}
 GUIDE = {"subsystem": "guide", "regime": "speed"}
 
 
@@ -26,7 +29,6 @@ def made(
     names: Sequence[str] = (),
     *,
     alike: Sequence[str] = (),
-    withheld: Sequence[str] = (),
     size: float = 5.0,
     probability: float = 0.9,
     after: float = 0.55,
@@ -45,7 +47,7 @@ def made(
 ) -> dict[str, Any]:
     """An answer as it is kept: what the label told, and what was said."""
     return {
-        "folder": folder, "withheld": list(withheld), "word": word, "names": list(names), "alike": list(alike),
+        "folder": folder, "word": word, "names": list(names), "alike": list(alike),
         "label": {
             "effects": list(told), "where": [where], "torque_change_rms_nm": size, "parameters": truth or {},
             "family": family, "kind": family.partition("_")[0], "events": list(events), "alike": list(twins),
@@ -69,7 +71,6 @@ ANSWERS = [
     made([VISCOUS, OFFSET], "named", [VISCOUS], folder="008"),
     made(["unlisted: a fan"], "unknown", folder="009"),
     made(["unlisted: a fan"], "named", [VISCOUS], size=7.0, folder="010"),
-    made(["heave"], "unknown", withheld=["heave"], folder="011"),
     made(["heave"], "named", ["heave"], after=0.95, folder="012"),
 ]
 
@@ -87,14 +88,14 @@ def test_shares_are_of_the_campaigns_they_speak_of():
     assert share("pair_one") == (2, 2)
     assert share("false_alarm") == (1, 2)
     assert share("false_unknown") == (0, 2)
-    assert share("unknown_caught") == (1, 2)  # a withheld effect counts in none
+    assert share("unknown_caught") == (1, 2)
     assert share("pair_both", ANSWERS[:1]) == (0, 0)
 
 
 def test_cases_stand_with_others_of_their_size_over_the_noise():
     """The noise is 0.5 in all answers made here."""
     sized = {name: len(rows) for name, rows in measures.by_size(ANSWERS).items()}
-    assert sized == {"below the noise": 1, "10 and more": 9}
+    assert sized == {"below the noise": 1, "10 and more": 8}
     at = {3.9: "3 to 10", 2.9: "1 to 3", 0.9: "below", 11.0: "10 and more"}
     for ratio, name in at.items():
         (cell,) = measures.by_size([made([VISCOUS], "no_gap", size=0.5 * ratio)])
@@ -124,13 +125,6 @@ def test_the_calibration_error_is_the_distance_of_what_is_said_from_what_is_righ
     assert (only.low, only.right) == (0.9, Share(7, 10))
     assert only.said == pytest.approx(0.9)
     assert measures.calibration_error([]) is None
-
-
-# Other methods
-
-
-def weighed(*rows: tuple[Sequence[str], float, int]) -> list[dict[str, Any]]:
-    return [{"names": list(names), "chi2": chi2, "parameters": k, "merit": 0.0} for names, chi2, k in rows]
 
 
 @pytest.mark.parametrize(
@@ -201,7 +195,7 @@ def test_a_campaign_that_the_diagnosis_refuses_is_a_miss_that_says_so(tmp_path: 
     (folder / "runs.yaml").write_text("runs: [{name: still, file: still.csv}]\n")
     rows = "".join(f"{0.01 * k:.2f},{0.1 * (k % 7)},1.0\n" for k in range(2000))
     (folder / "still.csv").write_text("time_s,force_n,position_m\n" + rows)
-    for line in practice.answered(tmp_path, tmp_path / "answers", None, False, 1):
+    for line in practice.answered(tmp_path, tmp_path / "answers", None, 1):
         assert line.startswith(f"still: {VISCOUS} -> refused")
     (row,) = practice.rows_of(tmp_path, tmp_path / "answers")
     assert row["word"] == "refused"
@@ -212,7 +206,7 @@ def test_a_campaign_that_the_diagnosis_refuses_is_a_miss_that_says_so(tmp_path: 
 
 # Calibration
 # What is left, in whatever measure the verdict has of it.
-MAIN = next(name for name in calibrate.EVIDENCE if name not in ("prior", "bound", "against"))
+MAIN = next(name for name in EVIDENCE if name not in ("prior", "bound", "against"))
 
 
 def none_of(merit: float) -> dict[str, Any]:
@@ -281,8 +275,7 @@ def test_a_family_is_judged_by_what_the_others_give(monkeypatch: pytest.MonkeyPa
     rows = [{**row, "label": {**row["label"], "family": families[k % 3]}} for k, row in enumerate(campaigns())]
     asked: list[set[str]] = []
 
-    def fitted(others: Sequence[Mapping[str, Any]], decide: bool) -> dict[str, float]:
-        assert not decide
+    def fitted(others: Sequence[Mapping[str, Any]]) -> dict[str, float]:
         asked.append({measures.family_of(row) for row in others})
         return {**calibration(), "threshold": 1e9 if "axis_std" not in asked[-1] else 4.0}
 

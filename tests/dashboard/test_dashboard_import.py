@@ -9,40 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asammdf import MDF, Signal
-from nptdms import ChannelObject, TdmsWriter
-from scipy.io import savemat
 
 from tests.support.dashboard_app import errors, figures, good, page
+from tests.support.drive_files import RPM, drive_file
 from tests.support.log_campaign import hoist_columns
+from workbench.core.run import Run
 from workbench.logs import read_campaign
 from workbench.logs.formats.declared import Channel
 from workbench.logs.importing import propose
 from workbench.machines import default_hoist
 
-RPM = 30.0 / np.pi
-
-
-def drive_file(folder: Path, suffix: str) -> bytes:
-    """As a drive writes it: own names, a speed without a unit that is in rpm, torques in per cent of nominal."""
-    columns, nominal = hoist_columns(), default_hoist().motor.nominal_torque_nm
-    time, file = columns["time_s"], folder / f"log{suffix}"
-    signals = {"n_act": columns["speed_motor_rad_s"] * RPM}
-    signals |= {f"torque motor {k}": 100.0 * columns[f"torque_motor{k}_nm"] / nominal for k in (1, 2)}
-    if suffix == ".csv":
-        lines = [",".join(f"{value:.6g}" for value in row) for row in np.column_stack([time, *signals.values()])]
-        file.write_text("\n".join([",".join(["time [s]", *signals]), *lines]))
-    elif suffix == ".mat":
-        savemat(file, {"time_s": time} | {name.replace(" ", "_"): values for name, values in signals.items()})
-    elif suffix == ".mf4":
-        with MDF() as mdf:
-            mdf.append([Signal(values, time, name=name) for name, values in signals.items()])
-            mdf.save(file)
-    else:
-        with TdmsWriter(file) as writer:
-            step = {"wf_increment": float(time[1] - time[0]), "wf_start_offset": float(time[0])}
-            writer.write_segment([ChannelObject("drive", name, v, properties=step) for name, v in signals.items()])
-    return file.read_bytes()
+DEMO = Path(__file__).resolve().parents[2] / "scenarios" / "demo_campaign"
 
 
 def dropped(content: bytes, suffix: str = ".csv") -> Any:
@@ -99,3 +76,16 @@ def test_a_unit_that_the_file_does_not_say_is_proposed_by_size_only_where_si_is_
     (proposal,) = (p for p in propose(machine, channels).proposals if p.signal == "speed_motor_rad_s")
     assert proposal.by_size == guessed
     assert proposal.factor * factor == pytest.approx(1.0 if guessed else factor)
+
+
+@pytest.mark.parametrize("run", read_campaign(DEMO).runs, ids=lambda run: run.name)
+@pytest.mark.parametrize("unit", ["", "%nominal"])
+def test_a_torque_that_would_not_hold_the_empty_carriage_is_proposed_in_per_cent(run: Run, unit: str):
+    """From the empty gripper to the full load, on every run of the demonstration: right in either unit."""
+    machine = default_hoist()
+    factor = 100.0 / machine.motor.nominal_torque_nm if unit else 1.0
+    channels = [Channel("n_act", "rad/s", run.time_s, run["speed_motor_rad_s"])]
+    channels += [Channel(f"torque motor {k}", "", run.time_s, factor * run[f"torque_motor{k}_nm"]) for k in (1, 2)]
+    torques = [p for p in propose(machine, channels).proposals if "torque" in p.signal]
+    assert [p.by_size for p in torques] == [unit, unit]
+    assert [p.factor * factor for p in torques] == pytest.approx([1.0, 1.0])

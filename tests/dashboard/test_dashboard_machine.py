@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from tests.support.dashboard_app import errors, page
 from tests.support.log_campaign import AXIS, axis_columns, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
+from tests.view.test_figures_legible import contrast
 from workbench.analysis.usual import usual_controller
 from workbench.core.run import Run
 from workbench.dashboard.pages import compare as kept
@@ -23,6 +25,7 @@ from workbench.study.load import plan_study
 from workbench.study.run import run_study
 from workbench.study.scenario import Scenario
 from workbench.view.film import HEIGHT, VIRIDIS, Scene, film, film_data, half_pipe, look_of, scene_of, sizes
+from workbench.view.style import GROUND
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +54,10 @@ def test_the_film_is_one_page_that_fetches_nothing(lift, dark):
     assert "http" not in page_of and "@" not in page_of.replace("@media", "")
     assert page_of.count("</script>") == 2 and page_of.count('class="stage"') == 2
     assert len(page_of) < 400_000
+    data = json.loads(page_of.partition('id="data">')[2].partition("</script>")[0])
+    wire = ["#{:02X}{:02X}{:02X}".format(*colour) for colour in data["viridis"]]  # at every tension
+    ground = GROUND if dark else "#FFFFFF"
+    assert min(contrast(colour, ground) for colour in [*wire, look_of(dark).faint, look_of(dark).edge]) >= 3.0
 
 
 def test_every_part_that_the_script_moves_is_drawn_once_for_each_run(lift):

@@ -13,6 +13,7 @@ import pytest
 from tests.diagnose.test_diagnose_where import EMPS_RUNS
 from tests.support.searched_campaign import simulated_search
 from tests.support.simulated_campaign import simulated_campaign, true_machine
+from workbench.blind.recording import cut
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.gap import delivered_of
@@ -136,6 +137,30 @@ def test_a_mass_withheld_from_a_real_axis_is_named_beside_what_the_axis_leaves_i
     assert rest is not None and rest.relevant and 2.0 < rest.percent_of_input < 8.0
     assert d.verdict.explained == pytest.approx(1.0 - rest.share)
     assert rest.rms**2 == pytest.approx(d.shrink.after**2 - d.shrink.noise**2, rel=1e-6)
+
+
+def late(campaign: Campaign, delay_s: float) -> Campaign:
+    delay = of(campaign.machine, {"speed_delay": {"delay_s": delay_s}})
+    return replace(campaign, runs=tuple(logged(run, delay) for run in campaign.runs))
+
+
+def test_a_motion_logged_three_samples_late_is_a_delay_and_no_play(shared_data: Path, tmp_path: Path):
+    """Each change of the force is then a jump of the momentum, as a play's impacts are."""
+    (tmp_path / "machine.yaml").write_text(EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089"))
+    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
+    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    whole = read_campaign(tmp_path)
+    train, pulses = whole.runs
+    campaign = late(replace(whole, runs=(train, *cut(whole.machine, pulses, 3))), 0.003)
+    assert Problem(campaign.machine, campaign.runs).struck
+    assert diagnose(campaign, quick=True).verdict.effects == ("speed_delay",)
+
+
+def test_a_play_is_heard_in_a_late_log(shared_data: Path):
+    campaign = late(read_campaign(shared_data / "axes" / "17"), 0.004)
+    search = Search(Problem(campaign.machine, campaign.runs), [])
+    search.hear_impacts()
+    assert search.problem.struck
 
 
 @pytest.mark.parametrize(

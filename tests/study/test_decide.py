@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from workbench.core.errors import InputError
-from workbench.machines import default_hoist, shipped_hoist
+from workbench.machines import default_hoist, shipped_hoist, with_values
 from workbench.references import LimitPair, Limits
 from workbench.study.beside import (
     QUESTIONS,
@@ -204,6 +204,66 @@ def test_who_breaks_a_limit_is_out_and_where_all_do_none_is_taken():
     assert none.startswith("Take none of these at 9000 kg: ") and "at most 100 N m" in none
 
 
+@pytest.mark.parametrize(
+    ("new", "changes"),
+    [
+        ({"payloads_kg": (9000.0, 12000.0, 16000.0)}, {}),
+        ({"payloads_kg": (9000.0,), "decide": {"torque_reserve_percent": {"least": 0.0}}}, {"drive.overload": 1.1}),
+        ({"payloads_kg": (9000.0,)}, {"wire.breaking_load_n": 300e3}),
+        ({"payloads_kg": (9000.0,)}, {"drive.field_weakening": False}),
+        ({"payloads_kg": (0.0, 9000.0), "controller": {"kp_nm_s_per_rad": 2000.0, "ki_nm_per_rad": 122.0}}, {}),
+    ],
+    ids=["heavier and heavier", "no reserve asked", "a weak wire", "no field weakening", "a loop that hunts"],
+)
+def test_no_alarm_of_the_lights_stands_over_what_is_taken_and_every_one_puts_its_motion_out(new, changes):
+    """The lights are reckoned apart from the criteria: both have to agree on every motion at every payload."""
+    base = load_study(ROOT / "scenarios" / "payloads.yaml")
+    machine = with_values(default_hoist(), changes)
+    own = plan_study(changed(base.scenario, {"outputs": {"signals": "none"}, **new}), machine)
+    rows, alarms = list(run_study(own).rows), 0
+    for made in decisions(rows, machine, own.scenario.decide):
+        for one in made.candidates:
+            here = [r for r in rows if (r.payload_kg, r.reference) == (made.payload_kg, one.reference)]
+            stands = alarm(utilisation(here, machine))
+            alarms += stands is not None
+            assert stands is None or one.broken, (one.reference, stands)
+    assert alarms > 0
+
+
+def test_the_one_that_breaks_least_breaks_no_more_limits_than_any_other_and_none_of_them_further():
+    """Of the heaviest load and of a limit of nothing, by the runs' own figures."""
+    own = study(payloads_kg=(16000.0,), references=("trapezoid", "ruckig"))
+    rows = {r.reference: r for r in run_study(own).rows}
+    peaks = {name: r[PEAK] for name, r in rows.items()}
+    for given in ({}, {"torque_reserve_percent": CriterionBlock(least=100.0)}):
+        (said,) = take_sentences([decided(own, list(rows.values()), given=given)])
+        assert said.startswith(f"Take none of these at 16000 kg: {words_of(min(peaks, key=peaks.__getitem__))} breaks")
+    broken = [replace(rows["trapezoid"], status="failed", reason="it fell"), rows["ruckig"]]
+    assert "ruckig with the same limits breaks least" in take_sentences([decided(own, broken)])[0]
+    fallen = [replace(r, status="failed", reason="it fell") for r in rows.values()]
+    assert take_sentences([decided(own, fallen)]) == ["Take none of these at 16000 kg: all fail."]
+
+
+def test_a_limit_that_is_broken_by_less_than_its_digits_is_told_with_more_of_them():
+    rows = [row("trapezoid", 36.0, 500.0), row("ruckig", 36.0, 500.0)]
+    rows[0] = replace(rows[0], metrics={**rows[0].metrics, "thermal_load_percent": 100.0004})
+    (said,) = take_sentences(decisions(rows, default_hoist()))
+    assert "Out: the trapezoid (thermal load 100.0004 %, at most 100 %)" in said
+
+
+def test_a_motion_that_gains_by_going_faster_is_said_to_cost_speed_and_nothing_weighed_decides_nothing():
+    own = study(payloads_kg=(9000.0,), references=("trapezoid", "ruckig_equal_time"))
+    rows = {r.reference: r for r in run_study(own).rows}
+    (said,) = take_sentences([decided(own, list(rows.values()))])
+    speeds = [rows[name]["peak_speed_percent"] for name in ("ruckig_equal_time", "trapezoid")]
+    assert said.startswith("Take ruckig in the trapezoid's time") and speeds[0] > speeds[1] + 5.0
+    assert "costs largest share of nominal speed {:.1f} instead of {:.1f} %".format(*speeds) in said
+    names = [c.name for c in decided(own, list(rows.values())).criteria if c.name != PEAK]
+    nothing = {name: CriterionBlock(weight=0.0) for name in [*names, "torque_reserve_percent"]}
+    with pytest.raises(InputError, match="every weight is 0, expected one above 0"):
+        decided(own, list(rows.values()), given=nothing)
+
+
 def test_a_run_that_hunts_fails_or_ends_elsewhere_is_never_taken():
     best = row("ruckig", 30.0, 400.0)
     for broken in (
@@ -326,13 +386,16 @@ def test_who_is_said_to_be_beaten_in_every_criterion_is():
 
     def beats(a: Candidate, b: Candidate) -> bool:
         """By the metrics themselves: in none worse, in one better by a thousandth."""
-        worse = [c.metric.worse_by(b.values[c.name], a.values[c.name]) / abs(b.values[c.name]) for c in made.criteria]
+        worse = [
+            c.metric.worse_by(b.values[c.name], a.values[c.name]) / (abs(b.values[c.name]) or 1.0)
+            for c in made.criteria
+        ]
         return max(worse) <= 0.0 and min(worse) < -1.0e-3
 
     beaten = {a.setting for a in made.left if any(beats(b, a) for b in made.left)}
     assert beaten == {c.setting for c in made.dominated} and made.taken is not None
     assert made.taken.setting not in beaten and 0 < len(beaten) < len(made.left)
-    assert f"Beaten in every criterion: {made.dominated[0].words}" in take_sentences([made])[0]
+    assert f"Beaten or equalled in every criterion: {made.dominated[0].words}" in take_sentences([made])[0]
 
 
 def test_what_a_swept_value_does_is_told_at_the_setting_that_is_taken():

@@ -33,7 +33,7 @@ from workbench.study.size import (
     sized,
     sto_stop,
 )
-from workbench.view.size import candidates_table, sentences
+from workbench.view.size import candidates_table, sentences, why_not
 
 ROOT = Path(__file__).resolve().parents[2]
 FILE = ROOT / "scenarios" / "size" / "racker.yaml"
@@ -127,7 +127,7 @@ def test_no_smaller_drive_passes_and_each_says_what_limits_it():
     assert taken is not None and taken.passes
     smaller = [c for c in sizing.candidates if c.power_kw < taken.power_kw]
     assert smaller and not any(candidate.passes for candidate in smaller)
-    for candidate in [c for c in smaller if c.checks][:4]:  # each by itself, by its own limits
+    for candidate in [c for c in smaller if c.ran][:4]:  # each by itself, by its own limits
         again = sized(sizing.file.model_copy(update={"count": (candidate.count,), "ratios": (candidate.ratio,)}),
                       sizing.study, [candidate.motor]).candidates[0]  # fmt: skip
         assert any(check.used > 1.0 for check in again.checks)
@@ -136,6 +136,10 @@ def test_no_smaller_drive_passes_and_each_says_what_limits_it():
     said = " ".join(sentences(sizing))
     assert said.startswith("Take 2 × 75 kW 250M 4p") and "does not pass" in said and "estimates" in said
     assert all(line[3] for line in candidates_table(sizing).rows[1:])
+    for best in sizing.smaller:  # the ratio that is shown of a motor is the nearest: brute force over its own
+        own = [c for c in smaller if (c.motor.name, c.count, c.ran) == (best.motor.name, best.count, best.ran)]
+        assert best.limiting is not None and len(own) > 1
+        assert best.limiting.used == min(check.used for c in own if (check := c.limiting) is not None)
 
 
 def test_a_little_less_of_what_limits_and_the_taken_drive_is_out():
@@ -253,5 +257,4 @@ def test_a_users_own_table_is_a_catalogue_and_where_none_passes_the_nearest_is_n
     done = Commands(capsys)("size", file)
     assert done.status == 1 and "None of 1 drives passes. Nearest is 2 × small (45 kW)" in done.out
     weak = size(write(tmp_path, "motors: mine.csv\n", mine="name,power_kw,speed_rpm\ntiny,1,1500\n"))
-    assert weak.taken is None and "holding the load" in weak.candidates[0].reason
-    assert replace(weak.candidates[0], reason="").passes  # without checks nothing is broken: the reason alone says no
+    assert weak.taken is None and "holding the load" in why_not(weak.candidates[0])

@@ -112,7 +112,7 @@ def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, comma
     assert page.foreign == []
     # Two references at either payload, the criteria and their sum, what is used of machine and drive; then four runs:
     # each with a head.
-    assert [len(lines) for lines in page.tables[:7]] == [3, 3, 10, 7, 5, 5, 5]
+    assert [len(lines) for lines in page.tables[:7]] == [3, 3, 13, 7, 5, 5, 5]
     assert "What is asked." in page.words
     assert "Take the trapezoid with acceleration" in page.words
     assert f"Report: {copy / 'report.html'}" in done.out

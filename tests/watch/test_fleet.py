@@ -52,8 +52,8 @@ def test_one_table_by_state_and_a_broken_machine_keeps_nobody_from_being_watched
         rows = db.execute("SELECT machine, state, cycles FROM machines").fetchall()
     assert rows == [("broken", "failed", 0), ("sick", "alarm", 61), ("new", "learning", 2)]
     shutil.rmtree("state/broken")
-    assert commands("watch", "--fleet", "fleet.yaml", *OPTIONS, *cluster).status == 1  # now the alarm is told of
-    assert commands("watch", "--fleet", "fleet.yaml", *OPTIONS, *cluster).status == 0
+    assert commands("watch", "--fleet", "fleet.yaml", *OPTIONS).status == 1  # now the alarm is told of
+    assert commands("watch", "--fleet", "fleet.yaml", *OPTIONS).status == 0
 
 
 def test_the_documented_queries_give_machines_estimates_and_alarms(place: Path, commands: Commands):

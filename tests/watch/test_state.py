@@ -246,18 +246,6 @@ def test_what_cannot_be_rebuilt_is_one_line(place: Path, commands: Commands):
     assert other.status == 2
 
 
-def test_a_state_of_the_version_before_is_taken_over(place: Path, commands: Commands):
-    with contextlib.closing(sqlite3.connect(place / "state" / "watch.sqlite")) as db, db:
-        db.execute("ALTER TABLE alarms DROP COLUMN reported")
-        db.execute("UPDATE settings SET value = '1' WHERE name = 'format'")
-    done = commands(*words(place, "--once"))
-    assert done.status == 0 and "its cycles are judged anew" in done.err
-    store = Store(place / "state", HOIST, RULES)
-    first = next(iter(store.said().values()))
-    assert len(store.cycles()) == 60 and first.diagnosis is not None and first.diagnosis["sentence"] == "It is so."
-    store.close()
-
-
 def test_a_reader_that_leaves_early_is_no_alarm(place: Path):
     line = f"{shlex.join([sys.executable, '-m', 'workbench', *map(str, words(place, '--once'))])} 2>/dev/null"
     done = subprocess.run(["bash", "-c", f"{line} | true; exit ${{PIPESTATUS[0]}}"], check=False)

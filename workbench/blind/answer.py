@@ -6,7 +6,7 @@ import json
 import os
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,7 @@ from typing import Any
 from workbench.blind.make import validation
 from workbench.core.errors import InputError
 from workbench.core.input_file import read_input
-from workbench.diagnose.diagnose import Diagnosis, chosen_effects, diagnose
-from workbench.diagnose.hypotheses.evidence import same_but_freer
+from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.logs import read_campaign
 from workbench.machines import plant_of
@@ -30,15 +29,13 @@ class Answer:
     in the ranking, no names for what speaks for an unknown cause. twins: groups of hypotheses that differ in name only:
     the ranking has the first of each. evidence: what speaks for an unknown cause besides. estimates:
     effect -> name -> (value, standard error). held_out: names and held-out rms, N m (N), of the best fits, and of none.
-    places: subsystem and probability. explained: share of the gap's energy.
-    left: rms, percent_of_input, relevant. events: run, from_s, to_s of each that the answer says. none: chi2 and prior
-    without any effect, samples. visible: effect -> its parameter and the smallest amount that these runs would show.
-    sparse: what sparse regression of the residual names, None where pysindy is not installed.
+    places: subsystem and probability. explained: share of the gap's energy. events: run, from_s, to_s of each that the
+    answer says. none: chi2 and prior without any effect, samples. sparse: what sparse regression of the residual
+    names, None where pysindy is not installed.
     """
 
     folder: str
     word: str
-    withheld: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     alike: tuple[str, ...] = ()
     ranking: list[tuple[str, list[str], float]] = field(default_factory=list)
@@ -60,41 +57,33 @@ class Answer:
     places: list[tuple[str, float]] = field(default_factory=list)
     events: list[tuple[str, float, float]] = field(default_factory=list)
     explained: float | None = None
-    left: Mapping[str, Any] | None = None
     none: Mapping[str, float] = field(default_factory=dict)
-    visible: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     next_run: Mapping[str, Any] | None = None
     sparse: tuple[str, ...] | None = None
     warnings: tuple[str, ...] = ()
 
 
-def answer(folder: Path, withheld: Sequence[str] = (), most_effects: int = MOST_EFFECTS) -> Answer:
-    """Diagnose one campaign; `withheld` effects are taken out of the library first, and laws that hold them."""
+def answer(folder: Path, most_effects: int = MOST_EFFECTS) -> Answer:
+    """Diagnose one campaign."""
     cpu, wall = time.process_time(), time.monotonic()
 
     def spent() -> dict[str, Any]:
         return {"cpu_s": time.process_time() - cpu, "wall_s": time.monotonic() - wall}
 
     try:
-        campaign = read_campaign(folder)
-        kind = plant_of(campaign.machine).kind
-        names = [effect.id for effect in chosen_effects(campaign, None)]
-        gone = {name for name in names if any(name == one or same_but_freer(name, one, kind) for one in withheld)}
-        listed = [name for name in names if name not in gone]
-        diagnosis = diagnose(campaign, candidates=listed if withheld else None, most_effects=most_effects, study=False)
-        return _kept(diagnosis, folder, tuple(withheld), spent())
+        diagnosis = diagnose(read_campaign(folder), most_effects=most_effects, study=False)
+        return _kept(diagnosis, folder, spent())
     except InputError as error:
         word, why = "refused", str(error)
     except Exception:  # a defect is an answer that counts as wrong, and no reason to lose the others
         word, why = "failed", traceback.format_exc(limit=-3)
-    return Answer(folder.name, word, tuple(withheld), ranking=[(word, [], 1.0)], warnings=(why,), **spent())
+    return Answer(folder.name, word, ranking=[(word, [], 1.0)], warnings=(why,), **spent())
 
 
-def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[str, Any]) -> Answer:
+def _kept(d: Diagnosis, folder: Path, spent: Mapping[str, Any]) -> Answer:
     base = d.search.base
     return Answer(
         folder=folder.name,
-        withheld=withheld,
         word=d.verdict.word,
         names=d.verdict.effects,
         alike=d.verdict.alike,
@@ -121,9 +110,7 @@ def _kept(d: Diagnosis, folder: Path, withheld: tuple[str, ...], spent: Mapping[
         places=[(place.subsystem, place.probability) for place in (d.where.places if d.where else ())],
         events=[(event.run, event.from_s, event.to_s) for event in (d.where.events if d.where else ())],
         explained=d.verdict.explained,
-        left=asdict(d.verdict.left),
         none={"chi2": base.chi2, "prior": base.prior, "samples": d.search.problem.samples},
-        visible={name: (parameter, amount) for name, (parameter, amount) in d.isolability.visible.items()},
         next_run=d.next_run.record if d.next_run else None,
         sparse=_sparse(d),
         warnings=tuple(map(str, d.warnings)),

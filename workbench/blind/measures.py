@@ -48,10 +48,7 @@ def kind_of(row: Row) -> str:
 
 
 def right_word(row: Row) -> str:
-    effects = row["label"]["effects"]
-    if not effects:
-        return "no_gap"
-    return "unknown" if unlisted(row) or set(effects) & set(row.get("withheld") or ()) else "named"
+    return "no_gap" if not row["label"]["effects"] else "unknown" if unlisted(row) else "named"
 
 
 def unlisted(row: Row) -> bool:
@@ -270,10 +267,6 @@ def _is(word: str) -> Test:
     return lambda row: row["word"] == word
 
 
-def _unlisted(row: Row) -> bool:
-    return unlisted(row) and not row.get("withheld")
-
-
 def _no_gap(row: Row) -> bool:
     return right_word(row) == "no_gap"
 
@@ -298,8 +291,8 @@ MEASURES = (
     Measure("pair_one", "pair:\none or both", pair, one_of_them, {"hoist": 97.0, "axis": 97.0}),
     Measure("false_alarm", "no gap,\nbut named", _no_gap, _is("named"), {**_BOTH, "recorded": 5.0}, True),
     Measure("false_unknown", "no gap,\nbut unknown", _no_gap, _is("unknown"), {"hoist": 5.0, "axis": 5.0}, True),
-    Measure("unknown_caught", "unlisted cause:\nunknown", _unlisted, _is("unknown"), _UNKNOWN),
-    Measure("unknown_place", "unlisted cause:\nplace right", _unlisted, place_right),
+    Measure("unknown_caught", "unlisted cause:\nunknown", unlisted, _is("unknown"), _UNKNOWN),
+    Measure("unknown_place", "unlisted cause:\nplace right", unlisted, place_right),
     Measure("place", "place right,\nall causes", _cause, place_right, {"hoist": 95.0, "axis": 95.0}),
     Measure("event", "brief event\nfound", has_event, event_found),
     Measure("harmful", "correction\nharmful", _corrected, harmful, _BOTH, True),

@@ -21,7 +21,7 @@ from workbench.blind.recording import FEW, Recording, cut, rms
 from workbench.blind.seal import Label, Order
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.effects import effects_for, find, logged, of, sizes_of
+from workbench.effects import effects_for, find, logged, of, ranges_of, sizes_of
 from workbench.machines import get_value, kind_of, save_machine, with_values
 from workbench.simulate.driven import InverseSimulation
 
@@ -165,17 +165,19 @@ def _filter(rng: np.random.Generator, known: Recording) -> Bent | None:
     return _on_sensor(known, "torque_filter", {"time_constant_s": _samples_s(rng, known, 3.0, 25.0)})
 
 
+def _places(known: Recording) -> list[Array]:
+    """Of each run, (n,): where the machine is, by its log where that says so."""
+    kind, motions = kind_of(known.machine), known.bench.motions
+    if kind.moved.placed_by_log:
+        return [motion.position for motion in motions]
+    starts = [run.start_position_m for run in known.runs]
+    return [kind.place_of(known.machine, x, motion.position) for x, motion in zip(starts, motions, strict=True)]
+
+
 def _shape(rng: np.random.Generator, known: Recording, name: str) -> dict[str, float]:
     """Drawn values of an effect's parameters that are no amounts, from the way and the time that the runs cover."""
-    places = np.concatenate([m.position[r] for m, r in zip(known.bench.motions, known.moving, strict=True)])
-    if not kind_of(known.machine).moved.placed_by_log:
-        places = np.concatenate(
-            [
-                kind_of(known.machine).place_of(known.machine, run.start_position_m, m.position)[r]
-                for run, m, r in zip(known.runs, known.bench.motions, known.moving, strict=True)
-            ]
-        )
-    low, high = (float(edge) for edge in np.quantile(places, [0.02, 0.98]))
+    moving = [at[rows] for at, rows in zip(_places(known), known.moving, strict=True)]
+    low, high = (float(edge) for edge in np.quantile(np.concatenate(moving), [0.02, 0.98]))
     span = min(high - low, TURN) if known.plant == "axis-rotary" else high - low
     ends = [run.start_time_s + run.duration_s for run in known.runs]
     drawn = {
@@ -188,9 +190,9 @@ def _shape(rng: np.random.Generator, known: Recording, name: str) -> dict[str, f
         "phase": rng.uniform(0.0, TURN),
         "time_constant": max(ends) * rng.uniform(0.2, 0.8),
     }
-    ranges = find(name, known.plant).ranges(sizes_of(known.machine, known.runs))
+    ranges = ranges_of(find(name, known.plant), known.machine, known.runs)  # slower than WAVES on the way is no wave
     return {
-        r.name: next(value for word, value in drawn.items() if r.name.startswith(word))
+        r.name: next(float(max(value, r.lowest)) for word, value in drawn.items() if r.name.startswith(word))
         for r in ranges
         if r.vanishes_at is None
     }
@@ -233,12 +235,9 @@ def added(known: Recording, change: Sequence[Array]) -> tuple[Run, ...]:
     return tuple(runs)
 
 
-# Causes that are in no library: (run's time, place, speed, input; size in the input's unit) -> what they add.
+# Causes that are in no library: (run's time, place from 0 to 1 of where the runs have been, speed, input; size in the
+# input's unit) -> what they add.
 OwnLaw = Callable[[np.random.Generator, Array, Array, Array, Array, float], Array]
-
-
-def _unit(x: Array) -> Array:
-    return (x - np.min(x)) / max(float(np.ptp(x)), 1e-12)
 
 
 def _walk(rng: np.random.Generator, t: Array, x: Array, v: Array, u: Array, size: float) -> Array:
@@ -273,7 +272,7 @@ OWN_LAWS: Mapping[str, tuple[str, str, OwnLaw]] = {
     ),
     "spring": (
         "a cable chain pulls back like a spring", "position",
-        lambda rng, t, x, v, u, size: 3.0 * size * (_unit(x) - 0.5),
+        lambda rng, t, x, v, u, size: 3.0 * size * (x - 0.5),
     ),
     "blow": ("event: a blow against the load in each run", "event", _blow),
 }  # fmt: skip
@@ -282,9 +281,11 @@ OWN_LAWS: Mapping[str, tuple[str, str, OwnLaw]] = {
 def _own(name: str, rng: np.random.Generator, known: Recording) -> Bent:
     text, regime, law = OWN_LAWS[name]
     size = max(rng.uniform(0.05, 0.15) * known.input_rms, known.remainder_rms)
+    places = _places(known)
+    low, high = (edge(np.concatenate(places)) for edge in (np.min, np.max))
     change = [
-        law(rng, run.time_s, motion.position, motion.speed, u, size)
-        for run, motion, u in zip(known.runs, known.bench.motions, known.bench.inputs, strict=True)
+        law(rng, run.time_s, (at - low) / max(float(high - low), 1e-12), motion.speed, u, size)
+        for run, at, motion, u in zip(known.runs, places, known.bench.motions, known.bench.inputs, strict=True)
     ]
     place = "torque_sensor" if name in ("gain_by_direction", "sensor_walk", "dead_band", "sensor_bend") else "axis"
     place = "guide" if place == "axis" and known.plant == "hoist" else place

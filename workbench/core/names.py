@@ -9,9 +9,10 @@ from decimal import Decimal
 UNITS = {
     "n_s2_per_m2": "N s²/m²", "nm_s2_per_rad2": "N m s²/rad²", "n_s_per_m": "N s/m", "nm_s_per_rad": "N m s/rad",
     "nm_per_rad": "N m/rad", "nm_per_s": "N m/s", "n_per_s": "N/s", "n_per_m": "N/m", "kg_per_m": "kg/m",
-    "s_per_m": "s/m", "per_s": "1/s", "kg_m2": "kg m²", "rad_s3": "rad/s³", "rad_s2": "rad/s²", "rad_s": "rad/s",
-    "m_s3": "m/s³", "m_s2": "m/s²", "m_s": "m/s", "percent": "%", "rad": "rad", "nm": "N m", "kg": "kg", "hz": "Hz",
-    "pa": "Pa", "m2": "m²", "kw": "kW", "m": "m", "n": "N", "j": "J", "s": "s",
+    "s_per_m": "s/m", "per_m": "1/m", "per_rad": "1/rad", "per_s": "1/s", "nm_s2": "N m s²", "kg_m2": "kg m²",
+    "rad_s3": "rad/s³", "rad_s2": "rad/s²", "rad_s": "rad/s", "m_s3": "m/s³", "m_s2": "m/s²", "m_s": "m/s",
+    "percent": "%", "rad": "rad", "nm": "N m", "kg": "kg", "hz": "Hz", "pa": "Pa", "m2": "m²", "kw": "kW", "m": "m",
+    "n": "N", "j": "J", "s": "s",
 }  # fmt: skip
 
 

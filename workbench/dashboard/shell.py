@@ -21,6 +21,7 @@ _STYLE = """<style>
 [class*="st-key-cards"] > * {flex: 1 1 10.5rem; min-width: 10.5rem;}
 @media (max-width: 500px) {[class*="st-key-cards"] > * {min-width: 100%;}}
 [class*="st-key-beside"] > * {flex: 1 1 26rem; min-width: min(26rem, 100%);}
+@media (max-width: 900px) {[data-testid="stMarkdownContainer"] :is(th, td) {padding: 0.4rem 0.5rem;}}
 [data-testid="stMarkdownContainer"] table {display: block; width: fit-content; max-width: 100%; overflow-x: auto;}
 @media (max-width: 500px) {[data-testid="stMarkdownContainer"] :is(th, td) {padding: 0.2rem; font-size: 0.8rem;}}
 .st-key-told-and-drawn > :first-child {flex: 3 1 22rem;}
@@ -29,8 +30,7 @@ _STYLE = """<style>
 
 # On the dark ground the colour of buttons is a light one, on which white is hard to read.
 _STYLE_DARK = """<style>
-[data-testid="stBaseButton-primary"], [data-baseweb="tag"], [data-baseweb="tag"] span {color: #0E1117;}
-[data-baseweb="tag"] svg {fill: #0E1117;}
+[data-testid="stBaseButton-primary"], [data-tag], [data-tag] * {color: #0E1117;}
 </style>"""
 
 # A carriage on its wire. Drawn here, for streamlit fetches icons and emoji from elsewhere.

@@ -1,7 +1,7 @@
 """A machine as an exported model: its variables, with name, unit, range and meaning as machine.yaml declares them, and
 its C code.
 
-Units stand at the end of names: `rotor_inertia_kg_m2` is in kg m2. What endings and keys mean is in symbols.yaml.
+Units stand at the end of names: `rotor_inertia_kg_m2` is in kg m2. What keys mean is in symbols.yaml.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from pydantic import BaseModel
 
 from workbench.control import NEVER, PI, Controller, PiSettings, delay_weights, full_pi, loop_values
 from workbench.control.events import BRAKE_TORQUES, SWITCHED_BRAKE
+from workbench.core import names
 from workbench.core.errors import InputError
 from workbench.core.templates import render
 from workbench.core.yaml_strict import load
@@ -47,9 +48,12 @@ def symbols() -> dict[str, dict[str, Any]]:
 
 
 def unit_of(name: str) -> str:
-    """The unit that a name ends with, "" for a plain number."""
-    last = "_" + name.rpartition(".")[2]
-    return next((unit for ending, unit in symbols()["endings"].items() if last.endswith(f"_{ending}")), "")
+    """The unit that a name ends with, as FMI writes it: N.m.s/rad; "" for a plain number."""
+    return _as_fmi(names.unit_of(f"_{name.rpartition('.')[2]}"))
+
+
+def _as_fmi(unit: str) -> str:
+    return unit.translate(str.maketrans(" ²³", ".23"))
 
 
 def exponents(unit: str) -> dict[str, int]:
@@ -66,8 +70,10 @@ def exponents(unit: str) -> dict[str, int]:
 
 def over_time(unit: str) -> str:
     """The unit of a derivative by time: of rad rad/s, of rad/s rad/s2; "" where there is no name for it."""
-    wanted = exponents(f"{unit}.s" if "/" in unit else f"{unit}/s") if unit else {}
-    return next((known for known in symbols()["endings"].values() if exponents(known) == wanted), "")
+    if not unit:
+        return ""
+    wanted = exponents(f"{unit}.s" if "/" in unit else f"{unit}/s")
+    return next((known for known in map(_as_fmi, names.UNITS.values()) if exponents(known) == wanted), "")
 
 
 def meaning_of(key: str) -> str:

@@ -26,7 +26,7 @@ from workbench.logs import Campaign, read_campaign
 from workbench.logs.formats.declared import TIME, Channel, at_times, distinct, fastest, titled
 from workbench.logs.formats.drive_csv import TIME_UNITS, read_drive_csv, split_unit
 from workbench.logs.formats.opening import open_log
-from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines import Axis, Hoist, kind_of, load_of
 
 # unit, lower case and without blanks, dots and asterisks -> (quantity, factor to SI)
 UNITS: Mapping[str, tuple[str, float]] = MappingProxyType(
@@ -86,6 +86,7 @@ _WISHED = re.compile(r"soll|set ?point|setpoint|\bref|_ref|reference|cmd|command
 _NOT = re.compile(r"error|fehler|abweich|deviation|limit|grenz|max|min\b|temp|status", re.IGNORECASE)
 NOMINAL = "%nominal"
 POSSIBLE = (0.01, 3.0)  # times the nominal value: what a log of a machine at work reaches
+HELD = 0.7  # of the torque that holds an empty hoist
 UNSAID = ("rpm", "knm", "kn", "mm/s")  # units that logs often leave out, beside per cent of nominal
 LEAST = 2  # of the score, that a proposal takes
 
@@ -164,7 +165,8 @@ def _proposal(signal: str, channel: Channel, others: tuple[str, ...] = ()) -> Pr
 
 def by_size(machine: Hoist | Axis, proposal: Proposal, channel: Channel) -> Proposal:
     """The proposal in the only unit in which the column's values are what the machine can do, where the file names
-    none and SI is not that: 99 % of them within POSSIBLE, in nominal torque, force or speed."""
+    none and SI is not that: 99 % of them within POSSIBLE, in nominal torque, force or speed; a hoist's torque holds the
+    empty carriage at least, but for HELD of it."""
     nominal = _nominal(machine, proposal.signal)
     if not proposal.guessed_unit or not nominal or not np.isfinite(channel.values).any():
         return proposal
@@ -172,7 +174,10 @@ def by_size(machine: Hoist | Axis, proposal: Proposal, channel: Channel) -> Prop
     quantity = quantity_of(proposal.signal)
     factors = {unit: UNITS[unit][1] for unit in UNSAID if UNITS[unit][0] == quantity}
     factors |= {NOMINAL: nominal / 100.0, "": 1.0}
-    fitting = [unit for unit, factor in factors.items() if POSSIBLE[0] <= factor * size <= POSSIBLE[1]]
+    least = POSSIBLE[0]
+    if quantity == "torque" and isinstance(machine, Hoist) and (load := load_of(machine, 0.0)) is not None:
+        least = HELD * load.hold_n * machine.lift_m_per_rad / _nominal(machine, kind_of(machine).plant.input)
+    fitting = [unit for unit, factor in factors.items() if least <= factor * size <= POSSIBLE[1]]
     if "" in fitting or len(fitting) != 1:
         return proposal
     return replace(proposal, factor=factors[fitting[0]], by_size=fitting[0])

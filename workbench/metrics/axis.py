@@ -208,6 +208,7 @@ def metric_set(kind: Kind) -> MetricSet:
         rms=f"rms_{word}_{n}",
         error=f"tracking_error_max_{way}",
         rms_error=f"tracking_error_rms_{way}",
+        fastest=f"peak_{speed_word}_{rate}",
         end=f"tracking_error_end_{way}",
         astray=ASTRAY,
         window=f"settling_window_{way}",

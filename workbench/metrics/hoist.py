@@ -208,8 +208,8 @@ METRICS: tuple[Metric, ...] = (
         accumulators=Accumulators((0.0, 1.0, -HUGE), _swings), finish=as_summed(0),
     ),
     LoopMetric(
-        name="peak_speed_percent", unit="%", label="largest motor speed", better="lower", visible=0.01,
-        definition="largest motor speed, either way, in per cent of nominal",
+        name="peak_speed_percent", unit="%", label="largest share of nominal speed", better="lower", visible=0.01,
+        definition="largest motor speed, either way, in per cent of nominal", decimals=1,
         views=INDEX_ONLY,
         accumulators=largest(lambda s, p: absolute(s["speed_motor_rad_s"]) * 100.0 / p.w_nominal), finish=as_summed(0),
     ),
@@ -400,6 +400,7 @@ SET = MetricSet(
     rms="rms_torque_motor_nm",
     error="speed_error_max_rad_s",
     rms_error="speed_error_rms_rad_s",
+    fastest="peak_speed_percent",
     end="position_error_end_m",
     astray=0.05,
     input_words="torque",

@@ -258,9 +258,10 @@ class MetricSet:
     """metrics: in the order in which tables show them. parameters: the observer's, by the loop's symbols.
 
     Conclusions read the rest. peak: the largest input; above: the same above what holds the load; rms; error: largest
-    error of tracking; rms_error; end: position error at the end; astray: from which end error on, in its unit, or as
-    many times the metric `window`. input_words: torque or force; input_unit: as sentences give it; moved:
-    what moves; sides: of an end error, positive first. payload: whether runs carry one. limited_by: who is limited.
+    error of tracking; rms_error; fastest: largest speed; end: position error at the end; astray: from which end error
+    on, in its unit, or as many times the metric `window`. input_words: torque or force; input_unit: as sentences give
+    it; moved: what moves; sides: of an end error, positive first. payload: whether runs carry one. limited_by: who is
+    limited.
     """
 
     metrics: tuple[Metric, ...]
@@ -270,6 +271,7 @@ class MetricSet:
     rms: str
     error: str
     rms_error: str
+    fastest: str
     end: str
     astray: float
     input_words: str

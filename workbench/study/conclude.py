@@ -24,7 +24,7 @@ from workbench.study.beside import (
     from_the_bound,
     on_another_damping,
 )
-from workbench.study.decide import Candidate, decisions, take_sentences
+from workbench.study.decide import OVERSPEED, SATURATED, WIRE_SAFETY, Candidate, decisions, take_sentences
 from workbench.study.front import Front, fronts
 from workbench.study.labels import (
     NO_CHANGE,
@@ -258,9 +258,7 @@ def scatter(good: Sequence[Row]) -> list[str]:
 
 
 Light = Literal["green", "amber", "red"]
-WIRE_SAFETY = 4.5  # least breaking load over tension of a running rope, mechanism group M5 (ISO 4308-1)
-OVERSPEED = 1.2  # of nominal speed, where the field is weakened: a drive's own limit (ABB ACS850 manual, 20.01)
-AMBER, RED = 85.0, 99.9  # % of what is borne
+AMBER, RED = 85.0, 100.0 * (1.0 - SATURATED)  # % of what is borne
 MANY = 1000.0  # % from which on a share is said in times
 SIGN = {"green": "●", "amber": "▲", "red": "■"}  # told apart without colour, too
 
@@ -331,7 +329,6 @@ def _axis_shares(machine: Any) -> tuple[Share, ...]:
     """Of what the drive states: its limit, what it gives without end, its top speed."""
     drive, kind, judged = machine.drive, kind_of(machine), set_of(kind_of(machine).name)
     unit, word = kind.drive.unit, kind.drive.quantity
-    fastest = next(name for name in judged.by_name if name.startswith(("peak_velocity", "peak_speed")))
     shares: list[Share] = []
     if math.isfinite(drive.limit):
         shares.append((f"{word} peak", judged.peak, 100.0 / drive.limit, f"the limit of {drive.limit:g} {unit}", True))
@@ -340,7 +337,7 @@ def _axis_shares(machine: Any) -> tuple[Share, ...]:
         shares.append((f"rms {word}", judged.rms, 100.0 / drive.nominal, without_end, False))
     if drive.top_speed is not None:
         bound = f"the top speed, {drive.top_speed:g} {kind.moved.speed_unit}"
-        shares.append(("speed", fastest, 100.0 / drive.top_speed, bound, False))
+        shares.append(("speed", judged.fastest, 100.0 / drive.top_speed, bound, False))
     return tuple(shares)
 
 

@@ -31,6 +31,10 @@ MOST_COMPARED = 256
 ALIKE = 0.01  # relative difference of two sums that are alike
 CHOSEN = ("sweep.limits.", "sweep.controller.", "sweep.drive.")  # a sweep of anything else is a condition to bear
 FALLS = 2.0  # of wire that carry a hoist's load
+WIRE_SAFETY = 4.5  # least breaking load over tension of a running rope, mechanism group M5 (ISO 4308-1)
+OVERSPEED = 1.2  # of nominal speed, where the field is weakened: a drive's own limit (ABB ACS850 manual, 20.01)
+FAILS = "it fails"
+SATURATED = 1e-6  # a peak that is this near to the limit is at it
 Given = Mapping[str, CriterionBlock]
 
 
@@ -64,6 +68,15 @@ class Criterion:
         """A value with its unit."""
         return f"{self.metric.text(value)} {self.metric.shown_unit}".strip()
 
+    def over(self, value: float) -> str:
+        """A value that breaks the limit, with digits that tell it from the limit: `100.4 %, at most 100 %`."""
+        bound, said = self.most if self.most is not None else self.least or 0.0, self.text(value)
+        if said == self.text(bound):
+            shown, limit = self.metric.scale * value, self.metric.scale * bound
+            digits = next((d for d in range(4, 17) if f"{shown:.{d}g}" != f"{limit:.{d}g}"), 17)
+            said = f"{shown:.{digits}g} {self.metric.shown_unit}".strip()
+        return f"{said}, {self.limit_words}"
+
     @property
     def limit_words(self) -> str:
         if self.most is not None:
@@ -83,19 +96,21 @@ def criteria_for(
 ) -> tuple[Criterion, ...]:
     """The usual criteria at a payload, with what a scenario's `decide` sets over them; without a machine no limits.
 
-    Usual limits: a tenth of the torque in reserve, thermal load 100 %, a hoist's wire above a tenth of its static
-    tension; scales: 2 % of nominal speed, 50 mm and the static tension. InputError for what is no metric of the kind.
+    Usual limits: a tenth of the torque in reserve, thermal load and overload cycle 100 %, the speed that the drive
+    bears, a hoist's wire above a tenth of its static tension and with the safety factor of a running rope; scales: 2 %
+    of nominal speed, 50 mm and the static tension. InputError for what is no metric of the kind, and where nothing is
+    weighed.
     """
     given = dict(given or {})
     reserve = given.pop(RESERVE, CriterionBlock())
-    left = 1.0 - (10.0 if reserve.least is None else reserve.least) / 100.0
+    left = min(1.0 - (10.0 if reserve.least is None else reserve.least) / 100.0, 1.0 - SATURATED)
     weight = 2.0 if reserve.weight is None else reserve.weight
-    limit, static, fastest = math.inf, None, None
+    limit, static, nominal, fastest = math.inf, None, None, None
     if machine is not None:
         loop, load = kind_of(machine).looped, load_of(machine, payload_kg)
         limit = loop.peak_limit(machine)
         if judged.payload and load is not None:
-            static, fastest = load.hold_n / FALLS, loop.speed_scale(machine)
+            static, nominal = load.hold_n / FALLS, loop.speed_scale(machine)
     usual = [
         Criterion(judged.peak, weight, most=left * limit if math.isfinite(limit) else None),
         Criterion("thermal_load_percent", 1.0, most=100.0),
@@ -108,15 +123,25 @@ def criteria_for(
         usual += [
             Criterion("wire_tension_swing_n", 1.0, scale=static),
             *([Criterion("min_wire_tension_n", 1.0, least=0.1 * static)] if static is not None else []),
-            Criterion(judged.rms_error, 1.0, scale=None if fastest is None else 0.02 * fastest),
+            Criterion(judged.rms_error, 1.0, scale=None if nominal is None else 0.02 * nominal),
             Criterion("position_error_max_m", 1.0, scale=None if static is None else judged.astray),
+            Criterion("overload_use_percent", 0.0, most=100.0),
         ]
+    if isinstance(machine, Hoist):
+        fastest = 100.0 * (OVERSPEED if machine.drive.field_weakening else 1.0)
+        usual.append(Criterion("wire_safety_factor", 0.0, least=WIRE_SAFETY))
+    elif machine is not None:
+        fastest = machine.drive.top_speed
+    if machine is not None and fastest is not None:
+        usual.append(Criterion(judged.fastest, 0.0, most=fastest))
     chosen = {criterion.name: criterion for criterion in usual if criterion.name in judged.by_name}
     for name, block in given.items():
-        if name not in judged.by_name or judged.by_name[name].better is None:
+        if name not in chosen and (name not in judged.by_name or judged.by_name[name].better is None):
             known = [RESERVE, *(metric.name for metric in judged.metrics if metric.better is not None)]
             raise InputError(f"unknown criterion '{name}'; {nearest(name, known)}", place=f"decide.{name}")
         chosen[name] = replace(chosen.get(name, Criterion(name, 1.0)), **block.model_dump(exclude_none=True))
+    if not any(criterion.weight for criterion in chosen.values()):
+        raise InputError("every weight is 0, expected one above 0", place="decide")
     return tuple(chosen.values())
 
 
@@ -173,6 +198,11 @@ class Decision:
         better = np.any(shares[None] < shares[:, None] * (1.0 - NEAR), axis=-1)
         return [one for one, beaten in zip(left, np.any(no_worse & better, axis=1), strict=True)
                 if beaten and not one.beside]  # fmt: skip
+
+    def beyond(self, one: Candidate) -> float:
+        """By how much a candidate breaks the limits at most, as a share of them."""
+        over = (c.share(one.values[c.name], 1e-12) for c in self.criteria if c.broken(one.values[c.name]))
+        return max(over, default=0.0)
 
     @property
     def taken(self) -> Candidate | None:
@@ -275,14 +305,14 @@ def _broken(
     own: Sequence[Row], good: Sequence[Row], values: Mapping[str, float], criteria: Sequence[Criterion]
 ) -> Iterator[str]:
     if len(good) < len(own):
-        yield "it fails" if not good else f"{len(own) - len(good)} of its {len(own)} runs fail"
+        yield FAILS if not good else f"{len(own) - len(good)} of its {len(own)} runs fail"
     if any(hunts(row) for row in good):
         yield "its loop hunts"
     if any(is_astray(row) for row in good):
         yield "it does not end where its reference does"
     for criterion in criteria:
         if good and criterion.broken(values[criterion.name]):
-            yield f"{criterion.metric.label} {criterion.text(values[criterion.name])}, {criterion.limit_words}"
+            yield f"{criterion.metric.label} {criterion.over(values[criterion.name])}"
 
 
 def _ranked(found: Sequence[Candidate], criteria: Sequence[Criterion]) -> tuple[Candidate, ...]:
@@ -311,9 +341,12 @@ def _take(alike: Sequence[Decision], always: bool) -> str:
     taken, rival = decision.taken, decision.rival
     loads = listed([f"{one.payload_kg:g} kg" for one in alike])
     where = "" if not judged.payload else " at every payload" if always and len(alike) > 1 else f" at {loads}"
+    heaviest = f"at {decision.payload_kg:g} kg " if len(alike) > 1 else ""
     if taken is None:
-        least = min(decision.candidates, key=lambda c: len(c.broken))
-        said = f"Take none of these{where}: {least.words} breaks least, {'; '.join(least.broken)}."
+        least = min(decision.candidates, key=lambda one: (FAILS in one.broken, len(one.broken), decision.beyond(one)))
+        if FAILS in least.broken:
+            return f"Take none of these{where}: all fail."
+        said = f"Take none of these{where}: {heaviest}{least.words} breaks least, {'; '.join(least.broken)}."
         at = f"At {decision.payload_kg:g} kg it" if judged.payload else "It"
         return f"{said} {at} keeps every limit with {least.keeps}." if least.keeps else said
     figures = [
@@ -322,15 +355,14 @@ def _take(alike: Sequence[Decision], always: bool) -> str:
         if c.name in (TIME, judged.peak, judged.rms_error)
     ]
     runs = f", the worst of {taken.runs} runs" if taken.runs > 1 else ""
-    heaviest = f"at {decision.payload_kg:g} kg " if len(alike) > 1 else ""
     beside = " (run beside the study)" if taken.beside else ""
     said = f"Take {taken.words}{where}{beside}: {heaviest}{', '.join(figures)}{runs}"
     if rival is not None:
         said += f". {_against(decision, taken, rival)}"
     if beaten := decision.dominated:
-        said += f". Beaten in every criterion: {listed(some([c.words for c in beaten]))}"
+        said += f". Beaten or equalled {heaviest}in every criterion: {listed(some([c.words for c in beaten]))}"
     if out := [candidate for candidate in decision.candidates if candidate.broken]:
-        said += f". Out: {listed(some([f'{c.words} ({c.broken[0]})' for c in out]))}"
+        said += f". Out{f' {heaviest}'.rstrip()}: {listed(some([f'{c.words} ({c.broken[0]})' for c in out]))}"
     return f"{said}."
 
 

@@ -212,13 +212,17 @@ class Check:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A drive with its checks. reason: why it has none."""
+    """A drive with its checks, of one that is too small without a run that one check. reason: why its runs failed."""
 
     motor: MotorBlock
     count: int
     ratio: float
     checks: tuple[Check, ...] = ()
     reason: str = ""
+
+    @property
+    def ran(self) -> bool:
+        return len(self.checks) > 1
 
     @property
     def passes(self) -> bool:
@@ -289,8 +293,8 @@ def sized(asked: SizeFile, study: Study, motors: Sequence[MotorBlock]) -> Sizing
     done: list[Candidate] = []
     waiting: list[tuple[Candidate, list[RunSpec]]] = []
     for drive in drives:
-        if (reason := _too_small(drive, asked, study)) is not None:
-            done.append(replace(drive, reason=reason))
+        if (check := _too_small(drive, asked, study)) is not None:
+            done.append(replace(drive, checks=(check,)))
             continue
         waiting.append((drive, _specs(drive, asked, study)))
     size_of = len(waiting[0][1]) if waiting else 1
@@ -302,7 +306,7 @@ def sized(asked: SizeFile, study: Study, motors: Sequence[MotorBlock]) -> Sizing
             failed = next((row.reason for row, _ in own if not row.ok), None)
             checks = () if failed is not None else tuple(_checks(drive, asked, study, specs, own))
             done.append(replace(drive, checks=checks, reason=failed or ""))
-    done.sort(key=lambda c: (c.power_kw, bool(c.reason), c.limiting.used if c.limiting else math.inf))
+    done.sort(key=lambda c: (c.power_kw, not c.ran, c.limiting.used if c.limiting else math.inf))
     return Sizing(asked, study, tuple(done))
 
 
@@ -356,17 +360,20 @@ def _distribution(asked: SizeFile, study: Study) -> list[Loaded]:
     return [Loaded(payload_kg=load, share=1.0 / len(loads)) for load in loads]
 
 
-def _too_small(drive: Candidate, asked: SizeFile, study: Study) -> str | None:
-    """What is known without a run: the motor's speed, and whether it holds the load."""
+def _too_small(drive: Candidate, asked: SizeFile, study: Study) -> Check | None:
+    """What is known without a run: the motor's speed, and whether it holds the load; the one that is missed by more."""
     machine = _machine(drive, study, 1.0)
     limits = study.specs[0].limits
     assert limits is not None
     fastest = max(limits.hoisting.speed_m_s, limits.lowering.speed_m_s) / machine.lift_m_per_rad
-    if fastest > drive.motor.speed_rad_s:
-        return f"speed {fastest:.0f} of {drive.motor.speed_rad_s:.0f} rad/s"
     hold = hold_torque_nm(machine, _distribution(asked, study)[-1].payload_kg) / drive.count
-    most = largest_torque_nm(drive.motor, study)
-    return f"holding the load {hold:.0f} of {most:.0f} N m" if hold > most else None
+    turns = Check("speed", fastest, drive.motor.speed_rad_s, "rad/s")
+    worse = max(
+        turns,
+        Check("holding the load", hold, largest_torque_nm(drive.motor, study), "N m"),
+        key=lambda check: check.used,
+    )
+    return None if worse.ok else worse
 
 
 def hold_torque_nm(machine: Hoist, payload_kg: float) -> float:

@@ -164,7 +164,7 @@ def confusion_table(rows: Sequence[Row]) -> Table:
             said = "both" if right(row) else f"{len(names & set(effects))} of them"
         if measures.unlisted(row) and measures.likeliest_place(row):
             said += f" at {measures.likeliest_place(row)}"
-        counts.setdefault(f"{told} (taken out of the library)" if row.get("withheld") else told, Counter())[said] += 1
+        counts.setdefault(told, Counter())[said] += 1
     lines = [
         [told, str(answers.total()), ", ".join(f"{answer} {n}" for answer, n in answers.most_common())]
         for told, answers in sorted(counts.items(), key=lambda one: one[0])

@@ -40,7 +40,7 @@ VIRIDIS = (
 
 # On the light ground and on the dark one.
 LOOK = {
-    "ink": ("#222222", "#E8E8E8"), "edge": ("#3B485C", "#AEB9C9"), "faint": ("#9AA5B5", "#56627A"),
+    "ink": ("#222222", "#E8E8E8"), "edge": ("#3B485C", "#AEB9C9"), "faint": ("#8590A3", "#56627A"),
     "grid": ("#E4E4E4", "#2B303B"), "steel": ("#E6EAF1", "#232B39"), "arm": ("#BFD5EA", "#33506B"),
     "wheel": ("#F7F8FA", "#2A3342"), "pipe": ("#CDBB92", "#8A7A5C"), "accent": ("#0072B2", "#56B4E9"),
     "alarm": (VERMILLION, "#FF8A3D"),
@@ -122,6 +122,7 @@ def look_of(dark: bool) -> SimpleNamespace:
 def film(machine: Hoist, scenes: Sequence[Scene], dark: bool = False, height: int = HEIGHT) -> str:
     """A page that needs nothing else. scenes: one run, or two of the same machine."""
     look, data = look_of(dark), film_data(machine, scenes)
+    data["viridis"] = VIRIDIS[3:] if dark else VIRIDIS[:5]  # of a contrast of 3:1 with the ground
     page = Path(__file__).with_name("film.html").read_text(encoding="utf-8")
     for name, text in {
         "INK": look.ink, "GROUND": "#0E1117" if dark else "#FFFFFF", "EDGE": look.edge, "GRID": look.grid,
@@ -151,7 +152,6 @@ def film_data(machine: Hoist, scenes: Sequence[Scene]) -> dict[str, Any]:
         "step_s": float(time[1] - time[0]),
         "samples": n,
         "largest_kn": max(largest, 1.0) / 1000.0,
-        "viridis": [list(colour) for colour in VIRIDIS],
         "top": s.top,
         "drum": [s.drum_x, s.top],
         "strip": [STRIP_WIDTH, STRIP_HEIGHT],

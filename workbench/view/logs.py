@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.names import unit_of, words_of
 from workbench.core.run import Array, Run
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
@@ -124,7 +125,7 @@ def write_page(signals: Sequence[tuple[str, str, Array, Array]], proposed: Propo
 
 def drawn(signals: Sequence[tuple[str, str, Array, Array]]) -> Any:
     """signals: (signal, column, time in s, values in SI) of each."""
-    panels = Panels("Proposed signals", [signal.replace("_", " ") for signal, _, _, _ in signals])
+    panels = Panels("", [f"{words_of(signal)} ({unit_of(signal)})" for signal, _, _, _ in signals])
     for i, (signal, column, time_s, values) in enumerate(signals):
         panels.line(i, 0, time_s, values, f"{signal}: {column}", {"color": BLUE, "width": 1.3})
     return panels.figure(170 * len(signals) + 120).update_layout(showlegend=False)

@@ -18,7 +18,7 @@ def sentences(sizing: Sizing) -> list[str]:
     """What to take and its closest limit; the next smaller one and what limits it; what had to be estimated."""
     taken = sizing.taken
     if taken is None:
-        tried = [candidate for candidate in sizing.candidates if candidate.checks]
+        tried = [candidate for candidate in sizing.candidates if candidate.ran]
         if not tried:
             return [f"None of {len(sizing.candidates)} drives passes: none turns fast enough and holds the load."]
         nearest = min(tried, key=lambda c: c.limiting.used if c.limiting else 0.0)

@@ -17,7 +17,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -31,7 +31,7 @@ from workbench.watch.estimate import Estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Judged, Rules
 
 FILE, LOCK, DAMAGED = "watch.sqlite", "watch.lock", "watch.sqlite.damaged"
-FORMAT, BEFORE = 2, "1"  # a state of the format before is taken over
+FORMAT = 2
 LOCK_EVERY_S = 0.1
 _TABLES = """
 CREATE TABLE settings (name TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -129,22 +129,6 @@ class Said(BaseModel):
         return said
 
 
-@dataclass(frozen=True)
-class Copies:
-    """What a new watch.sqlite is made of: the cycles, and of the alarms, by cycle, what was said and told of them."""
-
-    cycles: Sequence[Cycle]
-    said: Mapping[int, Said] = field(default_factory=dict)
-
-
-class OldFormatError(InputError):
-    """watch.sqlite is of an earlier version, and is made anew from its cycles, which are those of today."""
-
-    def __init__(self, copies: Copies, folder: Path) -> None:
-        super().__init__(f"{FILE} is of an earlier version", file=folder)
-        self.copies = copies
-
-
 class Store:
     """One machine's watch in a folder. InputError where the folder belongs to another machine or other rules, another
     watch has it, or what it holds is damaged."""
@@ -185,10 +169,7 @@ class Store:
             found = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
         if found != "ok":
             self.damaged(found)
-        old = kept.get("format") == BEFORE
-        _check_settings(kept | ({"format": str(FORMAT)} if old else {}), self._settings, self.folder)
-        if old:
-            raise OldFormatError(Copies(self.cycles(), self.said("1")), self.folder)
+        _check_settings(kept, self._settings, self.folder)
 
     def close(self) -> None:
         with contextlib.suppress(sqlite3.Error, AttributeError):
@@ -288,9 +269,9 @@ class Store:
             read = (_Row.model_validate(dict(zip(_Row.model_fields, row, strict=True))) for row in rows)
             return [row.cycle(k, self._keys) for k, row in enumerate(read)]
 
-    def said(self, reported: str = "reported") -> dict[int, Said]:
-        """By the cycle of each alarm. reported: its column."""
-        rows = self._do(f"SELECT cycle, diagnosis, told, {reported} FROM alarms ORDER BY cycle")
+    def said(self) -> dict[int, Said]:
+        """By the cycle of each alarm."""
+        rows = self._do("SELECT cycle, diagnosis, told, reported FROM alarms ORDER BY cycle")
         with self._sound():
             return {int(cycle): Said.of(*values) for cycle, *values in rows}
 
@@ -347,8 +328,9 @@ def replace_table(
             hidden.unlink(missing_ok=True)
 
 
-def read_copies(folder: Path, machine: Hoist | Axis, rules: Rules) -> Copies:
-    """From cycles.parquet, and alarms.parquet where it is whole. InputError where the former is damaged."""
+def read_copies(folder: Path, machine: Hoist | Axis, rules: Rules) -> tuple[list[Cycle], dict[int, Said]]:
+    """What a new watch.sqlite is made of: cycles, and what alarms.parquet, where it is whole, says of the alarms, by
+    cycle. InputError where cycles.parquet is damaged."""
     import pyarrow as pa
     import pyarrow.parquet
 
@@ -371,7 +353,7 @@ def read_copies(folder: Path, machine: Hoist | Axis, rules: Rules) -> Copies:
     with contextlib.suppress(pa.ArrowException, OSError, ValueError, TypeError, KeyError):  # asked and told again
         for row in pyarrow.parquet.read_table(folder / "alarms.parquet", memory_map=False).to_pylist():
             said[row["cycle"]] = Said.of(row["diagnosis_json"] or None, row["told"], row["reported"])
-    return Copies(cycles, said)
+    return cycles, said
 
 
 def _reason(error: Exception) -> str:

@@ -20,8 +20,6 @@ from workbench.watch.estimate import WINDOW, Baseline, estimate, watched_keys
 from workbench.watch.judge import SAME_PAYLOAD_KG, Alarm, Cause, Cycle, Judge, Judged, Rules, Trend
 from workbench.watch.opcua import Line
 from workbench.watch.store import (
-    Copies,
-    OldFormatError,
     Store,
     UnwritableError,
     digest_of,
@@ -64,12 +62,7 @@ class Watch:
         page, whenever there is something new."""
         self.machine, self.rules = machine, with_usual_limits(machine, rules)
         self._arrivals = Arrivals(folder, machine, settle_s)
-        try:
-            self.store = Store(state, machine, rules, wait_s=wait_s, say=say)
-        except OldFormatError as old:
-            say(f"{old}; its cycles are judged anew")
-            _renew(state, machine, rules, old.copies)
-            self.store = Store(state, machine, rules, wait_s=wait_s, say=say)
+        self.store = Store(state, machine, rules, wait_s=wait_s, say=say)
         self._diagnose, self._hook, self._say, self._line, self._page = diagnose, hook, say, line, page
         self._said_once: set[str] = set()
         self.judge = Judge(self.rules)
@@ -287,23 +280,19 @@ def with_usual_limits(machine: Hoist | Axis, rules: Rules) -> Rules:
 
 
 def rebuild(state: Path, machine: Hoist | Axis, rules: Rules) -> int:
-    """Makes watch.sqlite anew from cycles.parquet; how many cycles it has. Logs that came later are read again."""
-    copies = read_copies(state, machine, rules)
-    _renew(state, machine, rules, copies)
-    return len(copies.cycles)
-
-
-def _renew(state: Path, machine: Hoist | Axis, rules: Rules, copies: Copies) -> None:
-    """All cycles are judged again, in their order; what was said and told of an alarm is kept."""
+    """Makes watch.sqlite anew from cycles.parquet; how many cycles it has. All are judged again, in their order; what
+    was said and told of an alarm is kept. Logs that came later are read again."""
+    cycles, known = read_copies(state, machine, rules)
     store, judge = Store(state, machine, rules, anew=True), Judge(rules)
     try:
-        for k, cycle in enumerate(copies.cycles):
+        for k, cycle in enumerate(cycles):
             store.add(k, cycle, judge.add(cycle))
-        for at, said in copies.said.items():
+        for at, said in known.items():
             store.say(at, said)
         store.replace()
     finally:
         store.close()
+    return len(cycles)
 
 
 def patient(

@@ -12,6 +12,7 @@ import streamlit as st
 from streamlit.runtime.uploaded_file_manager import UploadedFile
 
 from workbench.core.errors import InputError
+from workbench.core.names import unit_of, words_of
 from workbench.dashboard import session
 from workbench.dashboard.chosen import arrived, last_campaign, session_machine
 from workbench.dashboard.desk import machine_form
@@ -38,7 +39,7 @@ from workbench.view.logs import drawn, mapping_table
 TYPES = sorted({suffix.removeprefix(".") for suffix in (*TEXT, *suffixes())})
 MOST = 64 * MB
 READ, MADE = "import read", "import made"
-NONE, AS_WRITTEN = "–", "as the file says"
+NONE, AS_WRITTEN = "–", "as the file says, else SI"
 
 
 def show() -> None:
@@ -119,7 +120,8 @@ def _mapping(machine: Hoist | Axis, logs: Sequence[Imported]) -> Proposed:
         for signal in signals:
             left, right = st.columns([2.0, 1.0])
             usual = first[signal].column if signal in first else NONE
-            column = left.selectbox(signal.replace("_", " "), [NONE, *columns], key=held(f"import {signal}", usual))
+            words = f"{words_of(signal)} ({unit_of(signal)})"
+            column = left.selectbox(words, [NONE, *columns], key=held(f"import {signal}", usual))
             units = [AS_WRITTEN, *(unit for unit, (of, _) in UNITS.items() if of == quantity_of(signal)), NOMINAL]
             guessed = first[signal].by_size or AS_WRITTEN if signal in first else AS_WRITTEN
             unit = right.selectbox("unit", units, key=held(f"import {signal} unit", guessed, units))

@@ -182,36 +182,19 @@ def _head(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> Non
             widgets.downloads("study", [(what, text, name, "application/yaml") for what, name, text in files])
 
 
-def _weighed(result: StudyResult) -> tuple[list[Decision], list[Row], list[str]]:
-    """The decision at each payload, of the references that reach no bound of machine or drive; their rows, and the
-    others' names."""
-    machine = result.study.machine
-    uses = {
-        kind: utilisation([row for row in result.rows if row.reference == kind], machine)
-        for kind in sorted({row.reference for row in result.rows})
-    }
-    alarmed = [kind for kind, used in uses.items() if alarm(used) is not None]
-    rows = [row for row in result.rows if row.reference not in alarmed]
-    return decisions(rows, machine, result.study.scenario.decide), rows, alarmed
-
-
 def _decision(result: StudyResult) -> None:
     """What an engineer chooses by: the verdict, a row a reference, and how much of what is borne each uses. This is the
     one place where the page says which reference to take."""
-    made, rows, alarmed = _weighed(result)
-    taken = " ".join(take_sentences(made))
-    without, rest = _left_out(rows)
-    if alarmed and len({row.reference for row in rows}) < 2:
-        taken = "No recommendation: too few references stay below what machine and drive bear."
-    elif taken and without and rest:
-        taken = f"Of {', '.join(f'{kg:g}' for kg in rest)} kg only: {taken[0].lower()}{taken[1:]}"
-    if taken:
-        out = f" Left out, for they reach a bound: {', '.join(map(label, alarmed))}."
-        st.info(plain(powers(taken + (out if alarmed and made else ""))), icon=":material/gavel:")
-    if (alarmed_ := alarm(utilisation(result.rows, result.study.machine))) is not None:
-        st.error(plain(powers(alarmed_)), icon=":material/warning:")
-    _failures(result.rows)
-    shown = view.decision_table(made[-1]) if made else None
+    made = decisions(result.rows, result.study.machine, result.study.scenario.decide)
+    if taken := " ".join(take_sentences(made)):
+        st.info(plain(powers(taken)), icon=":material/gavel:")
+    if (alarmed := alarm(utilisation(result.rows, result.study.machine))) is not None:
+        st.error(plain(powers(alarmed)), icon=":material/warning:")
+    if failed := [row for row in result.rows if not row.ok]:
+        first, load = failed[0], f"{failed[0].payload_kg:g} kg, " if metrics_of(failed).payload else ""
+        said = f"{len(failed)} of {len(result.rows)} runs failed. {load}{label(first.reference)}: {first.reason}."
+        st.warning(plain(said), icon=":material/warning:")
+    shown = view.decision_table(made[-1])
     if shown is not None:
         table(replace(shown, note=""), in_words=True)
     _lights(result, made, shown.note if shown is not None else "")
@@ -239,29 +222,7 @@ def _lights(result: StudyResult, made: Sequence[Decision], note: str) -> None:
         st.markdown("\n".join(f"| {' | '.join(line)} |" for line in lines))  # st.table would import pandas
         st.caption(plain("Per cent of: " + "; ".join(f"{what}, {bound}" for what, bound in bounds.items()) + "."))
         st.caption(plain(powers(note)))
-        if made:
-            table(view.criteria_table(made[-1]), in_words=True)
-
-
-def _failures(rows: Sequence[Row]) -> None:
-    """Which runs failed and why; the table and the verdict are of the payloads that every reference has run."""
-    failed = [row for row in rows if not row.ok]
-    if not failed:
-        return
-    load = f"{failed[0].payload_kg:g} kg, " if metrics_of(rows).payload else ""
-    said = f"{len(failed)} of {len(rows)} runs failed. {load}{label(failed[0].reference)}: {failed[0].reason}."
-    without, rest = _left_out(rows)
-    if rest and without:
-        left_out, kept = (", ".join(f"{kg:g}" for kg in payloads) for payloads in (without, rest))
-        said += f" Table and verdict are of {kept} kg and leave out {left_out} kg; the lights are of all runs."
-    st.warning(plain(said), icon=":material/warning:")
-
-
-def _left_out(rows: Sequence[Row]) -> tuple[list[float], list[float]]:
-    """Payloads (kg) that table and verdict leave out, for a reference failed there; the others."""
-    weighed = {row.reference for row in rows if row.ok}  # one that has run nowhere is in neither
-    without = {row.payload_kg for row in rows if not row.ok and row.reference in weighed}
-    return sorted(without), sorted({row.payload_kg for row in rows} - without)
+        table(view.criteria_table(made[-1]), in_words=True)
 
 
 def _numbers(result: StudyResult) -> None:
@@ -270,7 +231,8 @@ def _numbers(result: StudyResult) -> None:
     kinds = [kind for kind in dict.fromkeys(row.reference for row in result.rows) if kind != BASELINE]
     kind = BASELINE
     if kinds:
-        taken = [decision.taken.reference for decision in _weighed(result)[0] if decision.taken is not None]
+        made = decisions(result.rows, result.study.machine, result.study.scenario.decide)
+        taken = [decision.taken.reference for decision in made if decision.taken is not None]
         first = next((kind for kind in reversed(taken) if kind in kinds), kinds[0])
         key = held("study against", first, kinds)
         kind = st.segmented_control("Reference", kinds, key=key, format_func=label, required=True) or first
@@ -298,21 +260,21 @@ def _numbers(result: StudyResult) -> None:
 
 def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
     """The stretch of time that is drawn, which stays while sliders move; None for all of it."""
-    choice, first, last = st.columns([2.6, 1.0, 1.0], vertical_alignment="center")
-    stretch = choice.segmented_control(
-        "Stretch of time", (WHOLE, RAMP, OWN), key=held("study stretch", WHOLE), label_visibility="collapsed",
-        required=True,
-    )  # fmt: skip
-    if stretch == WHOLE:
-        return None
-    usual = view.start_of_move(result)
-    if stretch == RAMP:
-        return usual
-    start, end = (
-        column.number_input(words_, 0.0, None, value, 0.5, key=f"study {words_}", format="%.4g",
+    with st.container(horizontal=True, vertical_alignment="center"):  # they wrap where the page is narrow
+        stretch = st.segmented_control(
+            "Stretch of time", (WHOLE, RAMP, OWN), key=held("study stretch", WHOLE), label_visibility="collapsed",
+            required=True,
+        )  # fmt: skip
+        if stretch == WHOLE:
+            return None
+        usual = view.start_of_move(result)
+        if stretch == RAMP:
+            return usual
+        start, end = (
+            st.number_input(words_, 0.0, None, value, 0.5, key=f"study {words_}", format="%.4g", width=160,
                             persist_state="session", label_visibility="collapsed", icon=f":material/{icon}_page:")
-        for column, words_, value, icon in ((first, "from (s)", usual[0], "first"), (last, "to (s)", usual[1], "last"))
-    )  # fmt: skip
+            for words_, value, icon in (("from (s)", usual[0], "first"), ("to (s)", usual[1], "last"))
+        )  # fmt: skip
     if not start < min(end, end_s):
         problem(InputError(f"{start:g} to {end:g} s, expected a stretch of the run's {end_s:.4g} s", place="from … to"))
         return None

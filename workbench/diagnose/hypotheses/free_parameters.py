@@ -21,6 +21,7 @@ GAIN, OFFSET, TENSION_GAIN = "sensor gain", "sensor offset", "tension gain"  # o
 LOG_TIMING = "log timing"  # of the log: its motion behind its force, s, beside what an effect delays
 SHAPE_STD = math.log(3.0)  # of a nuisance shape, such as the speed at which Stribeck friction falls: a factor
 LEAST_STATE = 4e-5  # of its deviation: a nuisance that keeps a state is never quite off, for it has no derivative there
+TIMING_STD = 1.0 / math.sqrt(3.0)  # of a sampling step: two channels are sampled anywhere within one of each other
 LOAD_CELL_STD = 0.005  # of a dead line's load cell: its gain
 
 Names = tuple[str, ...]  # ids of the effects of one hypothesis; () is the machine within its tolerances
@@ -231,7 +232,7 @@ def base_parameters(machine: Any, runs: Sequence[Run]) -> dict[str, Scalar]:
     if kind.log_timing:
         # The channels of one log are rarely sampled at one instant: one sampling step is no gap.
         step = float(np.median([run.sample_time_s for run in runs]))
-        free[LOG_TIMING] = Scalar(LOG_TIMING, 0.0, step, 0.0, std=1.0)
+        free[LOG_TIMING] = Scalar(LOG_TIMING, 0.0, step, 0.0, std=TIMING_STD)
     if kind.dead_line is not None and all(kind.dead_line.signal in run for run in runs):
         free[TENSION_GAIN] = Scalar(TENSION_GAIN, 1.0, LOAD_CELL_STD, std=1.0)
     return free

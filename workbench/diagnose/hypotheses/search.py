@@ -14,7 +14,7 @@ from itertools import combinations, takewhile
 
 import numpy as np
 
-from workbench.core.run import Array
+from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
     PLAY,
@@ -55,7 +55,7 @@ from workbench.diagnose.hypotheses.signatures import (
 )
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect, Ranged, ranges_of
-from workbench.machines import value_names, with_values
+from workbench.machines import Plant, kind_of, value_names, with_values
 from workbench.simulate.motion import impacts_of
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
@@ -82,6 +82,7 @@ LARGE = 0.5  # of what a leader leaves: a further effect that promises so much t
 MOST_SIZES = 3  # of the model error that are tried after the default ones
 LEADERS_AGAIN = 2  # hypotheses that tell the next sizes
 TOO_LATE = 5.0  # sampling steps of the log's motion behind its input
+TIMINGS = (0.0, 0.5, 1.0)  # of the delay that the base fit asks for, at which a play's impacts are heard
 TOO_SMALL = 1.5  # sizes of the model error: what needs more is searched again with them
 ASIDE = (1.0, 0.3, 0.0)  # of the way that a fit's own parameters step aside
 SHAPES_KEPT = 3  # signatures of an effect that a pair is tried with
@@ -220,14 +221,19 @@ class Search:
         return self._base
 
     def hear_impacts(self) -> None:
-        """Take impacts for a play's only where the inertia that the base fit asks for hears them too: with a wrong one
-        each change of the acceleration looks like an impact."""
+        """Take impacts for a play's only where the inertia that the base fit asks for hears them too, at any timing of
+        the log up to what it asks for: with a wrong inertia, and in a late motion, each change of the acceleration
+        looks like an impact."""
         if self.problem.struck:
             machine, setting = self.problem.machine, self.base_fit().setting
             own = set(self.base) & set(value_names(machine))
             fitted = with_values(machine, {key: float(np.mean(setting[self.base[key].symbol])) for key in own})
-            if not any(len(impacts) for impacts in impacts_of(fitted, self.problem.runs)):
-                self.problem = self.problem.without_impacts()
+            late_s = float(np.mean(setting.get(LOG_TIMING, 0.0)))
+            for part in TIMINGS:
+                runs = [_ahead(run, part * late_s, kind_of(machine).plant) for run in self.problem.runs]
+                if not any(len(impacts) for impacts in impacts_of(fitted, runs)):
+                    self.problem = self.problem.without_impacts()
+                    break
 
     def late_s(self) -> float:
         """The delay of the log's motion in the base fit, s; 0 up to TOO_LATE sampling steps."""
@@ -463,7 +469,8 @@ class Search:
         the log's timing. That fit has the effect's values already, and nothing is left for a linear estimate."""
         strained = set(self._strained(at)) & set(self.effects) - set(at.effects)
         strained = {name for name in strained if at.effects or not self._hopeless(at, 0.0, name)}
-        if LOG_TIMING in self.base and float(at.z[self._place_of(self.base[LOG_TIMING])][0]) > TOLERANCES:
+        late = self.base.get(LOG_TIMING)
+        if late is not None and float(at.z[self._place_of(late)][0]) > TOLERANCES * late.std:
             strained |= {e.id for e in self.effects.values() for r in self._ranges(e) if r.symbol == self.problem.late}
         for name in strained - set(at.effects):
             ranges, values = self._ranges(self.effects[name]), dict(at.setting)
@@ -698,6 +705,12 @@ class Search:
             return max(gain, 0.0), -fit.objective
 
         return worth(one) > worth(other)
+
+
+def _ahead(run: Run, late_s: float, plant: Plant) -> Run:
+    """The run with its motion `late_s` earlier."""
+    t, names = run.time_s, [name for name in (*plant.positions, *plant.speeds) if name in run]
+    return replace(run, signals={**run.signals, **{name: np.interp(t + late_s, t, run[name]) for name in names}})
 
 
 def most_of(hypotheses: Iterable[Names]) -> int:

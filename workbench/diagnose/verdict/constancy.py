@@ -7,7 +7,8 @@ p is what the effect takes off the residual, r what the whole fit leaves, r_0 wh
 one of the effect's own variables: those of its regime (speed, position, acceleration, load); for f also the direction
 and the time, over which an amount is constant but a remainder may go. f and g are free functions of w (piecewise
 linear, smoothed), fitted to the other runs; B z, the base parameters, are projected out. A true cause has one amount
-and takes all that is in its own variables: f and g gain nothing that matters, whatever else is left in r. A mimic
+and takes all that is in its own variables: f and g gain nothing that matters, whatever else is left in r. Where the
+tolerances tell more of it than the residual, for base parameters could take it up, what it takes is |p|^2. A mimic
 leaves a curve over its own variable, or acts in some of the runs only (parameter constancy; G. C. Chow, Econometrica
 28, 1960; A. Zeileis, K. Hornik, Statistica Neerlandica 61, 2007).
 """
@@ -23,7 +24,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.profiles import OnTop, basis, hats, spacing, variables
 from workbench.diagnose.location.where import free_of
 
-LEAST = 1e-3  # of what is left: where the tolerances alone tell of a cause, it takes nothing off the residual
+LEAST = 1e-3  # of what is left
 EVERYWHERE = ("all", "time")  # regimes of the variables over which every amount is constant
 OWN = {
     "low_speed": ("speed",),
@@ -56,6 +57,7 @@ def constancies(problem: Problem, near: Fitted, fit: Fitted) -> tuple[Constancy,
     on_top = OnTop(problem, left, free_of(problem, fit))
     energy, before = (float(weight @ rows[: problem.inputs] ** 2) for rows in (left, near.residual))
     taken = max(before - energy, LEAST * energy)
+    by_tolerances = near.prior - fit.prior > near.chi2 - fit.chi2
     found = []
     for name, part in zip(fit.effects, parts_of(problem, fit, [(name,) for name in fit.effects]), strict=True):
         rows, effect = part[: problem.inputs], problem.effect(name)
@@ -65,7 +67,7 @@ def constancies(problem: Problem, near: Fitted, fit: Fitted) -> tuple[Constancy,
         regime = effect.regime
         sensor = effect.subsystem(problem.active.kind).endswith("sensor")
         own_regimes = SENSED if sensor and regime == "all" else OWN.get(regime, (regime,))
-        tested = []
+        tested, scale = [], max(taken, own) if by_tolerances else taken
         for variable in variables(problem, left):
             mine = variable.regime in own_regimes or regime in EVERYWHERE
             if mine or variable.regime in EVERYWHERE:
@@ -74,7 +76,7 @@ def constancies(problem: Problem, near: Fitted, fit: Fitted) -> tuple[Constancy,
                 beside = energy - float(weight @ on_top.after(*basis(problem, variable)) ** 2) if mine else 0.0
                 share, rest = (
                     (changing - settings.FORETOLD * energy) / own,
-                    (beside - settings.FORETOLD * energy) / taken,
+                    (beside - settings.FORETOLD * energy) / scale,
                 )
                 tested.append(Constancy(name, variable.name, share, rest))
         if tested:
