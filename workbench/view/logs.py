@@ -128,4 +128,4 @@ def drawn(signals: Sequence[tuple[str, str, Array, Array]]) -> Any:
     panels = Panels("", [f"{words_of(signal)} ({unit_of(signal)})" for signal, _, _, _ in signals])
     for i, (signal, column, time_s, values) in enumerate(signals):
         panels.line(i, 0, time_s, values, f"{signal}: {column}", {"color": BLUE, "width": 1.3})
-    return panels.figure(170 * len(signals) + 120).update_layout(showlegend=False)
+    return panels.figure(170 * len(signals) + 60).update_layout(showlegend=False, margin={"t": 24})

@@ -361,7 +361,8 @@ def nyquist(members: Sequence[Member], ms_limit: float, height: int = 720) -> Fi
     curve(turn, "|L| = 1", {"color": style.GREY, "width": 1, "dash": "2px,3px"})
     limit = {"color": style.GREY, "width": 1.5, "dash": "5px,3px"}
     curve(turn / ms_limit - 1.0, f"Ms = {ms_limit:g}, the limit", limit, **disk)
-    curve(turn / worst - 1.0, f"Ms = {worst:.3g}, the largest", {"color": INK, "width": 1.2})
+    if all(member.margins.stable for member in members):  # an unstable loop's means nothing
+        curve(turn / worst - 1.0, f"Ms = {worst:.3g}, the largest", {"color": INK, "width": 1.2})
     for member, look in zip(members, _looks(members), strict=True):
         f = _frequencies(member)
         L = member.loop.open_response(f)
