@@ -230,6 +230,19 @@ def test_a_run_s_columns_are_its_signals():
     assert np.array_equal(time, run.time_s) and set(columns) == {"time_s", *run.signals}
 
 
+def test_a_run_is_an_xarray_data_set_of_its_signals_over_time_and_without_xarray_one_clear_error(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    run = wb.Run("a", np.arange(3.0), {"torque_motor_nm": np.array([1.0, 2.0, 3.0])}, 4500.0, notes=("repaired",))
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(wb.InputError, match="needs xarray, which is optional"):
+        run.to_xarray()
+    monkeypatch.undo()
+    data = pytest.importorskip("xarray", reason="xarray is not installed").Dataset.from_dict(run.to_xarray().to_dict())
+    assert list(data.torque_motor_nm.sel(time_s=[0.0, 2.0])) == [1.0, 3.0]
+    assert (data.attrs["payload_kg"], data.attrs["name"], data.attrs["notes"]) == (4500.0, "a", ["repaired"])
+
+
 def test_a_motion_is_simulated_on_the_plant_that_is_named():
     pytest.importorskip("exudyn", reason="the extra multibody is not installed")
     slow = wb.PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, sample_time_s=0.004)

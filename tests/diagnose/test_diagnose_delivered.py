@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,6 +39,13 @@ def test_a_replay_of_the_delivered_machine_gives_the_reports_numbers_and_the_fit
     d = diagnose(campaign, candidates=candidates, quick=True)
     save_machine(d.corrected, tmp_path / "machine.yaml")
     again = replay_runs(load_machine(tmp_path / "machine.yaml", check_effects=check), campaign.runs, d.gap.band_hz)
+    assert d.verdict.word != "named" or [c.explained for c in d.candidates if c.effects == d.verdict.effects] == [
+        pytest.approx(d.verdict.explained, abs=1e-9)
+    ]
+    beyond = [math.sqrt(max(rms**2 - d.shrink.noise**2, 0.0)) for rms in (d.shrink.before, d.shrink.after)]
+    if d.verdict.word == "named":
+        assert 1.0 - (beyond[1] / beyond[0]) ** 2 == pytest.approx(d.verdict.explained, abs=1e-9)
+    assert math.hypot(*d.shrink.parts.values()) == pytest.approx(max(d.shrink.before, d.shrink.after))
     said = {run.name: run.after for run in d.delivered.runs}
     assert {run.name: run.residual_rms_moving for run in again.runs} == pytest.approx(said, rel=1e-3)
     assert d.delivered.residual_rms == pytest.approx(again.residual_rms_moving, rel=1e-3)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.support.fitted_runs import fitted_to
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import covariance, estimates
 from workbench.diagnose.hypotheses.free_parameters import Scalar
 from workbench.diagnose.hypotheses.model_error import ErrorModel
@@ -43,9 +44,17 @@ def test_correlated_noise_widens_the_interval_of_a_level_as_theory_says(carry: f
     errors = ErrorModel(np.full(n, 1e-6), np.full(n, sigma), np.zeros(n), rho)
     free = (Scalar("level", 0.0, 1.0),)
     problem = SimpleNamespace(errors=errors, share=1.0, samples=n)
-    fit = SimpleNamespace(free=free, jacobian=np.ones((n, 1)), chi2=float(n))
-    variance = covariance(cast(Any, problem), cast(Any, fit))[0, 0]
-    assert variance == pytest.approx(sigma**2 * (1.0 + carry) / (n - (n - 2) * carry), rel=1e-3)
+
+    def variance(residual: Array) -> float:
+        fit = SimpleNamespace(free=free, z=np.zeros(1), jacobian=np.ones((n, 1)), residual=residual, chi2=float(n))
+        return float(covariance(cast(Any, problem), cast(Any, fit))[0, 0])
+
+    theory = sigma**2 * (1.0 + carry) / (n - (n - 2) * carry)
+    assert variance(np.zeros(n)) == pytest.approx(theory, rel=1e-3)
+    ramp = np.linspace(0.0, 1.0, n) ** 3
+    ones, rows = (errors.whiten(one) for one in (np.ones(n), ramp))
+    at_the_fit = ramp - (ones @ rows) / (ones @ ones)
+    assert variance(at_the_fit) == pytest.approx(theory + np.mean(at_the_fit) ** 2, rel=1e-3)
 
 
 def test_a_standard_error_adds_what_the_law_simplifies_to_the_scatter():

@@ -40,7 +40,7 @@ FIXED = [
 ]  # fmt: skip
 SHRINK = [
     "before", "after", "noise", "unit", "band_hz", "factor", "ci95",
-    "speed_rmse_percent_before", "speed_rmse_percent_after",
+    "speed_rmse_percent_before", "speed_rmse_percent_after", "model_error",
 ]  # fmt: skip
 
 
@@ -239,6 +239,14 @@ def test_the_verdicts_section_says_what_speaks_for_another_cause_and_for_an_unkn
     page = page_of(made_diagnosis("unknown"), tmp_path)
     assert "What speaks for a cause that the library does not hold:" in page
     assert "An unlisted effect explains more: friction_step. Weigh it among the candidates.</li>" in page
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_parts_of_the_residual_add_up(kind: str):
+    *parts, together = made_diagnosis(kind).table("parts").rows
+    rms, share = (sum(float(row[k]) ** n for row in parts) for k, n in ((1, 2), (2, 1)))
+    assert math.sqrt(rms) == pytest.approx(float(together[1]), rel=0.01)
+    assert share == pytest.approx(float(together[2]), abs=0.03)
 
 
 def test_a_report_without_a_gap_has_no_before_and_after(tmp_path: Path):

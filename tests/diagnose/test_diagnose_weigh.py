@@ -34,7 +34,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.diagnose.verdict.answer import Hypothesis, rank
-from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runners_up
+from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runners_up, vetoes_of
 from workbench.effects import find, ranges_of
 from workbench.machines import default_hoist
 
@@ -299,6 +299,24 @@ def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):
     pairs = [weighed(("a", "e"), 50.0), weighed(("b", "e"), 50.0), weighed(("b", "c"), 50.0), *told]
     assert groups_of(problem, pairs)[0] == (("a", "e"), ("b", "e"))
     assert groups_of(problem, [weighed(("a",), -1.0), weighed(("b",), -1.0)]) == ()
+
+
+def test_a_law_may_be_off_what_another_one_has_and_several_effects_that_stand_in_for_one_may_not(
+    tight: tuple[Problem, Fitted],
+):
+    problem, fit = tight
+    gap = 100.0 * problem.noise * np.sin(np.arange(problem.samples) / 40.0)
+    near, score = replace(fit, residual=fit.residual + gap), Score(0.0, (1.0, 1.0), 1.0)
+
+    def weighed(evidence: float, *names: str, rival: bool = False) -> Weighed:
+        return Weighed(names, fit, 0.0, evidence, score, rival)
+
+    rival = weighed(5100.0, "unlisted", rival=True)
+    one, three = weighed(5000.0, "a"), weighed(5000.0, "a", "b", "c")
+    assert vetoes_of(problem, near, [rival, one], one) == []
+    assert vetoes_of(problem, near, [rival, three], three) == vetoes_of(problem, near, [rival, three], None) == [rival]
+    about_as_good = replace(rival, evidence=5011.0)
+    assert vetoes_of(problem, near, [about_as_good, three], three) == []
 
 
 def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Problem, Fitted]):

@@ -117,7 +117,7 @@ class Stages:
         from workbench.view.diagnosis import progress_words
 
         left = self._remaining(progress)
-        rest = "" if left is None else f"; usually at most {left:.0f} s more" if left >= 1.0 else "; longer than most"
+        rest = "" if left is None else f"; usually at most {max(left, 1.0):.0f} s more"
         self._at(f"{progress_words(progress)}{rest}", progress.stage.value + 1)
 
     def writing(self, sentence: str) -> None:

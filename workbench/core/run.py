@@ -15,6 +15,7 @@ from workbench.core.shown import Shown
 
 if TYPE_CHECKING:
     import pyarrow
+    import xarray
 
 Array = npt.NDArray[np.float64]
 
@@ -59,6 +60,17 @@ class Run(Shown):
 
     def __contains__(self, signal: str) -> bool:
         return signal in self.signals
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The signals over time; the run's other values are attributes."""
+        try:
+            import xarray
+        except ImportError as error:
+            raise InputError("to_xarray() needs xarray, which is optional; pip install xarray") from error
+        signals = {name: ("time_s", values) for name, values in self.signals.items()}
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        del values["time_s"], values["signals"]
+        return xarray.Dataset(signals, {"time_s": self.time_s}, {**values, "notes": list(self.notes)})
 
     @property
     def duration_s(self) -> float:

@@ -5,18 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-import numpy as np
-
 from workbench.diagnose.hypotheses.evidence import Weighed
 from workbench.diagnose.hypotheses.fit import estimates
 from workbench.diagnose.hypotheses.free_parameters import Scalar
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
-from workbench.diagnose.hypotheses.search import SearchResult
+from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.verdict.answer import Candidate
 from workbench.diagnose.verdict.judge import Judged
 
 SCORED = 3  # hypotheses whose held-out score is computed
-FAR = 3.0  # tolerances
 
 
 def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar]) -> tuple[Candidate, ...]:
@@ -24,12 +21,14 @@ def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar])
     fit failed."""
     problem, near, folds = search.problem, search.within_tolerances, folds_by_run(search.problem)
     without = held_out(problem, near, folds).rms(problem.inputs)
-    before = near.rms(problem.inputs) ** 2
-    gap = max(before - problem.noise**2, 1e-300)
     rows = []
     # A freer law that is alike may have the larger evidence.
     for k, hypothesis in enumerate(sorted(judged.weighed, key=lambda weighed: weighed.names != judged.names)):
         unseen = held_out(problem, hypothesis.fit, folds).rms(problem.inputs) if k < SCORED else None
+        before, after = (
+            (near.rms(problem.inputs), hypothesis.fit.rms(problem.inputs)) if unseen is None else (without, unseen)
+        )
+        gap, left = (max(rms**2 - problem.noise**2, 0.0) for rms in (before, after))
         against = _against(search, judged, hypothesis, keys)
         if unseen is not None and unseen > without:
             against.append("predicts a run it has not seen worse than without it")
@@ -40,7 +39,7 @@ def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar])
                 merit=hypothesis.evidence,
                 residual_rms=hypothesis.fit.rms(problem.inputs),
                 held_out_rms=unseen,
-                explained=float(np.clip((before - hypothesis.fit.rms(problem.inputs) ** 2) / gap, 0.0, 1.0)),
+                explained=max(1.0 - left / max(gap, 1e-300), 0.0),
                 parameters=estimates(problem, hypothesis.fit),
                 fitted=True,
                 against=tuple(against),
@@ -76,6 +75,6 @@ def _against(search: SearchResult, judged: Judged, hypothesis: Weighed, keys: Ma
         if not parameter.logarithmic and math.isfinite(parameter.std)
     ]
     worst = max(far, default=(0.0, ""))
-    if worst[0] > FAR:
+    if worst[0] > TOLERANCES:
         said.append(f"needs {worst[1]} {worst[0]:.1f} tolerances off")
     return said

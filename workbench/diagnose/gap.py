@@ -12,6 +12,7 @@ from scipy.special import ndtr, stdtr
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses.evidence import model_error_rms
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting, base_parameters
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
@@ -214,7 +215,8 @@ DRAWS = 2000  # of the bootstrap
 
 @dataclass(frozen=True)
 class Shrink:
-    """The reduction of the gap on held-out runs. before, after, noise: rms in `unit`, below band_hz.
+    """The reduction of the gap on held-out runs. before, after, noise: rms in `unit`, below band_hz; model_error: rms
+    of what the verdict allows for beside the noise, as no lumped model is exact.
 
     by_run: name -> (before, after). ci95: of the factor, a bootstrap over runs. speed_*: open-loop replay.
     """
@@ -230,6 +232,17 @@ class Shrink:
     speed_rmse_percent_after: float
     by_run: Mapping[str, tuple[float, float]]
     sentences: tuple[str, ...] = ()
+    model_error: float = 0.0
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """What the residual before consists of, rms; the squares add up to its square."""
+        rest, whole = self.after**2, max(self.before, self.after) ** 2
+        noise = min(self.noise**2, rest)
+        model_error = min(self.model_error**2, rest - noise)
+        energy = {"taken away": whole - rest, "sensor noise": noise, "model error that is allowed for": model_error}
+        energy["beyond both"] = rest - noise - model_error
+        return {name: math.sqrt(max(part, 0.0)) for name, part in energy.items()}
 
 
 @dataclass(frozen=True)
@@ -281,6 +294,7 @@ def shrink_of(
         speed_rmse_percent_after=speed[1],
         by_run=_by_run(problem, folds),
         sentences=tuple(sentences),
+        model_error=model_error_rms(problem.with_model_error((1.0, 1.0))),
     )
 
 

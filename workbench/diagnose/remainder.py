@@ -21,8 +21,6 @@ from workbench.diagnose.verdict.answer import Remainder
 from workbench.diagnose.verdict.judge import input_rms
 from workbench.machines import kind_of
 
-FORETOLD = 0.1  # of the remainder's energy, on held-out runs: a variable that explains less is none of its own
-
 
 def remainder_of(problem: Problem, fit: Fitted, base: int, shrink: Shrink, seed: int) -> Remainder:
     """fit: of the answer; base: how many of its first z are the base parameters'."""
@@ -39,7 +37,7 @@ def remainder_of(problem: Problem, fit: Fitted, base: int, shrink: Shrink, seed:
             after = on_top.after(*basis(problem, variable))
             shares.append(Explained(variable, left - after, *share_of(problem, left, after, seed)))
         best = best_of(shares)
-        if best.share > FORETOLD:
+        if best.share > settings.FORETOLD:
             regime = regime_of(problem, left, best)
         if not kind.whole:
             subsystem = placed(problem, fit, base).places[0].subsystem

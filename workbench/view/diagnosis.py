@@ -362,6 +362,15 @@ def brief_shrink_table(d: Diagnosis) -> Table:
     return Table([words("what"), *map(Column, heads)], rows)
 
 
+def parts_table(d: Diagnosis) -> Table:
+    """What the held-out runs' residual consists of; the energies add up."""
+    parts = d.shrink.parts
+    whole = math.hypot(*parts.values())
+    rows = [[name, figures(x), f"{100.0 * (x / whole) ** 2:.2f}"] for name, x in parts.items() if x > 0.0]
+    heads = [words("part"), Column("rms", unit_of(d)), Column("of the\nenergy", "%")]
+    return Table(heads, [*rows, ["together", figures(whole), "100"]], said.parts())
+
+
 def next_run_table(d: Diagnosis) -> Table:
     """The run that would decide between open hypotheses; no row if none is open."""
     load = kind_of(d.campaign.machine).payload
@@ -419,7 +428,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
         parts["unknown"] = Section("What is known of the unknown cause", unknown_sentences(d), (), (), drawn)
     bars = draw.shrink_bars(s.by_run, (s.before, s.after), s.noise, s.unit) if gap else None
     parts["shrink"] = Section(
-        "7. Residual on held-out runs", [shrink_sentence(d), *s.sentences], (), [shrink_table(d)],
+        "7. Residual on held-out runs", [shrink_sentence(d), *s.sentences], (), [shrink_table(d), parts_table(d)],
         [(bars, "Each run predicted by a fit to the others."),
          (draw.residuals(runs, s.unit, d.gap.noise_rms), said.residuals(gap)),
          (draw.speeds(runs, w.scale), said.speeds(gap, w))],
@@ -581,6 +590,7 @@ VIEW = View(
         "left": left_table,
         "where": where_table,
         "shrink": shrink_table,
+        "parts": parts_table,
         "condition": condition_table,
         "visible": visible_table,
         "consequences": _consequences_table,

@@ -251,7 +251,7 @@ def weigh(
             first = max((part for part in parts if part is not None), key=lambda w: w.evidence, default=None)
             if first is not None:
                 together[names] = weighed(names, score, first.evidence + _added(problem, near, first, fit, score))
-        by_names |= {names: _not_freer(problem, near, w, together) for names, w in together.items()}
+        by_names |= {names: _not_freer(problem, near, w, together, fits) for names, w in together.items()}
     return tuple(sorted(by_names.values(), key=lambda w: -w.evidence)), none
 
 
@@ -270,21 +270,25 @@ def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: S
     return beyond_nuisance(problem, fit, last, evidence) - settings.calibration()["pair"]
 
 
-def _not_freer(problem: Problem, near: Fitted, mine: Weighed, beside: Mapping[Names, Weighed]) -> Weighed:
-    """The hypothesis with less evidence, if it is not better by FREER than a simpler law of the same place and regime:
-    the shortfall is subtracted. No more is it where its prediction is off that of the simpler law by less than LAW of
-    what that law explains, rms: so far a real machine is off any law."""
-    lost = 0.0
+def _not_freer(
+    problem: Problem, near: Fitted, mine: Weighed, beside: Mapping[Names, Weighed], fits: Mapping[Names, Fitted]
+) -> Weighed:
+    """The hypothesis with less evidence, if it is not better by the threshold than a simpler law of the same place and
+    regime: the shortfall is subtracted. No more is it where its prediction is off that of the simpler law by less than
+    LAW of what that law explains, rms: so far a real machine is off any law. What the law explains is what it adds to
+    the effects that both have."""
+    lost, least = 0.0, settings.calibration()["threshold"]
     for names, other in beside.items():
         own, its = set(mine.names) - set(names), set(names) - set(mine.names)
         if len(own) != 1 or not all(same_but_freer(a, b, problem.active.kind) for a in own for b in its):
             continue
+        without = fits.get(tuple(name for name in names if name in mine.names), near)
         rows = slice(0, problem.inputs)
-        bent, law = mine.fit.residual[rows] - other.fit.residual[rows], near.residual[rows] - other.fit.residual[rows]
-        raw, real = mine.evidence - other.evidence, advantage(problem, near, mine, other, settings.LAW)
+        bent, law = (fit.residual[rows] - other.fit.residual[rows] for fit in (mine.fit, without))
+        raw, real = mine.evidence - other.evidence, advantage(problem, without, mine, other, settings.LAW)
         if rms(bent) < settings.LAW * rms(law):
             real = min(real, 0.0)
-        lost = max(lost, raw - real + min(max(settings.FREER - real, 0.0), settings.FREER))
+        lost = max(lost, raw - real + min(max(least - real, 0.0), least))
     return replace(mine, evidence=mine.evidence - lost)
 
 

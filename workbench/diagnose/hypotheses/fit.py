@@ -2,11 +2,14 @@
 
 A parameter in its own unit comes with a standard error:
 
-    std_error² = g Σ gᵀ + s²
+    std_error² = g (Σ + d dᵀ) gᵀ + s²
 
-Σ is the covariance of the fit, of noise, model error and tolerances; g the parameter's derivative. s is by how much the
-value may be off because the effect's law simplifies (`Parameter.simplified`): where the law fits every run alike, the
-residual does not show it, neither as a whole nor from run to run.
+Σ is the covariance of the fit, of noise, model error and tolerances; g the parameter's derivative. d is by how far
+plain least squares, of the same residual without its correlation, would put the parameters elsewhere: if the error
+model held, both would agree to within Σ (J. A. Hausman, Specification tests in econometrics, Econometrica 46, 1978),
+and what a real machine leaves itself holds to no such model. s is by how much the value may be off because the
+effect's law simplifies (`Parameter.simplified`): where the law fits every run alike, the residual does not show it,
+neither as a whole nor from run to run.
 """
 
 from __future__ import annotations
@@ -197,14 +200,22 @@ def parts_of(problem: Problem, fit: Fitted, groups: Sequence[Names]) -> Array:
 
 
 def covariance(problem: Problem, fit: Fitted) -> Array:
-    """The covariance of z, (m, m). It grows in proportion to a residual above the noise."""
-    _, _, std = bounds_of(fit.free)
-    white = problem.errors.whiten(fit.jacobian)
-    information = white.T @ white + np.diag(1.0 / std**2)
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
+    """The covariance of z, (m, m). It grows in proportion to a residual above the noise, and with how far plain least
+    squares are off."""
+    lowest, highest, std = bounds_of(fit.free)
+
+    def inverse(rows: Array) -> Array:
+        information = rows.T @ rows + np.diag(1.0 / std**2)
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        return np.asarray(np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale))
+
     excess = max(1.0, fit.chi2 / max(problem.share * problem.samples, 1.0))
-    return np.asarray(inverse * excess)
+    rows = np.column_stack([fit.jacobian, fit.residual]) / problem.errors.white[:, None]
+    if np.any(rows[:, -1]):
+        rows *= math.sqrt(fit.chi2) / float(np.linalg.norm(rows[:, -1]))  # tolerances weigh as they did
+    step = -inverse(rows[:, :-1]) @ (rows[:, :-1].T @ rows[:, -1] + fit.z / std**2)
+    off = np.clip(fit.z + step, lowest, highest) - fit.z
+    return inverse(problem.errors.whiten(fit.jacobian)) * excess + np.outer(off, off)
 
 
 def estimates(problem: Problem, fit: Fitted, exact: bool = False) -> dict[str, tuple[Estimate, ...]]:

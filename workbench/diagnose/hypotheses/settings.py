@@ -19,10 +19,8 @@ NOISE_KNOWN = 0.15  # of an axis' noise, rms: what is told of it by its log, whi
 SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 LAW = 0.15  # of what a law explains, rms: so far a real machine is off the simpler law; EMPS 0.1 off viscous friction
 DECISIVE = 12.0  # evidence within which another hypothesis is as good, listed or not
-FREER = 5.0  # evidence by which a law of more freedom has to be better than a simpler one
 SIMPLER = 0.05  # of its evidence: a simpler law that lacks no more of it is alike
-NUISANCE = 3.0  # standard deviations of an effect's nuisance amount, by chance
-STRETCHED = 9.0  # of chi^2 of the tolerances, three in one place: it tells two effects apart
+NUISANCE = 3.0  # standard deviations of a tolerance or an effect's nuisance amount, by chance
 
 # Impacts of a play
 IMPACTS = 150.0  # evidence of a play where impacts come again: no other effect has them, and no fit looks at them
@@ -32,14 +30,13 @@ LAGS = 0.1  # of the energy that a play takes: what a lag leaves of it that made
 # A law that holds
 VARIES = 0.08  # share: a true cause has shown 0.076 at most (a lag), mimics 0.09 and more
 RESTS = 0.25  # rest: 0.2 at most, and 0.4 and more
-FORETOLD = 0.1  # of what the fit leaves: so much of a remainder a curve foretells, or looks like a change of amount
+FORETOLD = 0.1  # of what is left: so much a curve, a change of amount or the base parameters take up by chance
 UNDONE = 0.4  # logarithm of energies: as far two causes undo each other by chance; of 30 true pairs two did by 0.5
 HALF = 0.5  # of the best one's evidence: what a part of it has to have
 
 # An unknown cause
 BY_CHANCE = {False: 2.0, True: 1.0}  # standard deviations by which tolerances are stretched by chance: more without a
 # cause that explains anything than with one, for of all causes weighed one would have relieved them
-BENDS = 0.1  # of a remainder's chi^2: so much of it the base parameters take up
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
 OWN = 0.02  # of the largest input: what an axis may leave itself at speed; the EMPS axis leaves 0.008 to 0.016
 OWN_AGAIN = 0.007  # of that, what comes again with place or speed; the EMPS axis leaves 0.005

@@ -45,7 +45,7 @@ class Judged:
     """word, names: the answer. best: the best named hypothesis, also where it is not the answer.
 
     held: the fit that the answer was judged on. left: what it leaves. floor: rms of noise and model error, in the
-    input's unit: what a machine without a gap leaves. explained: share of the gap's energy. signs: of an unknown cause.
+    input's unit: what a machine without a gap leaves. signs: of an unknown cause.
     stands: whether best is established, and the answer judged on it. counted: the evidence as it was ranked. groups: of
     hypotheses that differ in name only. mimics: those that were not established, with what speaks against each.
     """
@@ -57,7 +57,6 @@ class Judged:
     best: Weighed | None
     held: Fitted
     left: Left
-    explained: float
     signs: Mapping[str, float]
     floor: float
     unknown_probability: float
@@ -94,11 +93,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     signs = signs_of(problem, search.base, held, score, left, share)
     if stands:
         signs["left"] = 0.0  # what an established cause leaves is a remainder
-    vetoes = [
-        w
-        for w in weighed
-        if w.rival and (best is None or advantage(problem, near, w, best, settings.LAW) > settings.DECISIVE)
-    ]
+    vetoes = vetoes_of(problem, near, weighed, best)
     # An unlisted effect that is about as good as the best listed one is left out; a mimic has no evidence.
     counted = tuple(
         (() if w.rival else w.names, min(w.evidence, 0.0) if w.names in mimics else w.evidence)
@@ -115,7 +110,6 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         best=best,
         held=held,
         left=left,
-        explained=share,
         signs=signs,
         floor=floor,
         unknown_probability=next(row.probability for row in rows if row.verdict == "unknown"),
@@ -125,6 +119,16 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         groups=groups,
         mimics=mimics,
     )
+
+
+def vetoes_of(problem: Problem, near: Fitted, weighed: Sequence[Weighed], best: Weighed | None) -> list[Weighed]:
+    """The unlisted effects that are decisively better than the best listed hypothesis, beyond what a law may be off:
+    LAW of what it explains, rms. More effects than one, which bend to what that one has, may be off nothing."""
+    rivals = [w for w in weighed if w.rival]
+    if best is None:
+        return rivals
+    law = {w.names: settings.LAW if len(w.names) >= len(best.names) else 0.0 for w in rivals}
+    return [w for w in rivals if advantage(problem, near, w, best, law[w.names]) > settings.DECISIVE]
 
 
 def judged_to_help(search: SearchResult) -> Judged:
@@ -274,7 +278,7 @@ def _on_bound(fit: Fitted, base: int) -> bool:
     return bool(np.any((z >= high - 1e-9) | ((z <= low + 1e-9) & (z != 0.0))))
 
 
-def alternatives(judged: Judged, kind: str, within: float = 12.0) -> tuple[Names, ...]:
+def alternatives(judged: Judged, kind: str) -> tuple[Names, ...]:
     """Hypotheses that explain the gap about as well as the answer does, the best first: with another effect in place of
     one of its own, of another place or regime, and about its evidence. In place of a single one, also the simpler law
     of its own place and regime where that leaves little more."""
@@ -288,9 +292,9 @@ def alternatives(judged: Judged, kind: str, within: float = 12.0) -> tuple[Names
         (mine,), (other,) = set(best.names) - set(w.names), set(w.names) - set(best.names)
         freer, simpler = same_but_freer(other, mine, kind), same_but_freer(mine, other, kind)
         single = len(best.names) == 1
-        as_good = best.evidence - w.evidence < within and not freer and (single or not simpler)
+        as_good = best.evidence - w.evidence < settings.DECISIVE and not freer and (single or not simpler)
         little_more = single and simpler and w.evidence > (1.0 - settings.SIMPLER) * best.evidence
-        if w.fit.prior - best.fit.prior < settings.STRETCHED and (as_good or little_more):
+        if w.fit.prior - best.fit.prior < settings.NUISANCE**2 and (as_good or little_more):
             others.append(w.names)
     return tuple(others)
 

@@ -53,7 +53,7 @@ def signs_of(problem: Problem, near: Fitted, held: Fitted, score: Score, left: L
         noise = problem.noise / max(held.rms(problem.inputs), 1e-300)
         bent = (
             settings.SECOND**2 * explained(problem, near, held, score)
-            + settings.BENDS * max(1.0 - noise**2, 0.0) * held.chi2
+            + settings.FORETOLD * max(1.0 - noise**2, 0.0) * held.chi2
         )
     return {
         "left": open_share * _unexplained(problem, held, left, score.excess),
