@@ -7,6 +7,7 @@ width (values of cards, words of figures, the page itself) is printed; so is wha
 from __future__ import annotations
 
 import argparse
+import tempfile
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Literal
 from tests.dashboard.test_browser import CUT
 from tests.support import browser
 from tests.support.browser import Visit
+from tests.support.drive_files import drive_file
 from workbench.dashboard.shell import FIRST, PAGES
 
 WIDTHS = (1280, 800, 400)
@@ -57,6 +59,13 @@ def sized(visit: Visit) -> None:
         visit.drawn()
 
 
+def imported(visit: Visit) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        drive_file(Path(folder), ".mf4")
+        visit.page.locator("input[type=file]").set_input_files(Path(folder) / "log.mf4")
+        visit.drawn(figures=1)
+
+
 def served(visit: Visit) -> None:
     press(visit, "Start the plant", "Built-in client")
     visit.page.get_by_text("up and down", exact=True).click()
@@ -64,7 +73,8 @@ def served(visit: Visit) -> None:
 
 
 FILLED: dict[str, Callable[[Visit], None]] = {
-    "Compare": compared, "Gap": diagnosed, "Batches": ran, "Sizing": sized, "Plant": served,
+    "Compare": compared, "Gap": diagnosed, "Batches": ran, "Sizing": sized, "Import": imported,
+    "Plant": served,
 }  # fmt: skip
 
 

@@ -301,3 +301,34 @@ def test_recorded_machines_come_first_each_a_column_and_names_that_say_the_same_
     assert measures.right_or_alike(row) and not measures.right(row) and not measures.wrong(row)
     assert not measures.right_or_alike({**row, "names": ["inertia_error"]})
     assert measures.wrong({**row, "names": ["inertia_error"]})
+
+
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [
+        (made([OFFSET], "no_gap", size=0.3), "smaller than the noise"),
+        (made([], "named", [VISCOUS], size=0.0), "10.0 times the noise"),
+        (made([VISCOUS], "named", [VISCOUS, OFFSET]), f"with {OFFSET} beside it"),
+        (made([VISCOUS, OFFSET], "named", [VISCOUS]), "the other one is missed"),
+        (made([VISCOUS], "named", [OFFSET], merits=[((VISCOUS,), 3.0)]), "worth less than the answer"),
+        (made([VISCOUS], "named", [OFFSET]), "not among the fits"),
+        (
+            made([VISCOUS], "unknown", merits=[((VISCOUS,), 9.0)], evidence={**EVIDENCE, "prior": 2.0}),
+            "merit 9, the best 9; for an unknown one speaks most: stretched tolerances",
+        ),
+        (
+            {**made([VISCOUS], "named", [OFFSET]), "ranking": [["named", [OFFSET], 0.7], ["named", [VISCOUS], 0.2]]},
+            "comes second, with 0.20",
+        ),
+        (
+            {
+                **made([VISCOUS], "unknown"),
+                "ranking": [["unknown", [], 0.7], ["named", [OFFSET], 0.2]],
+                "twins": [[[OFFSET], [VISCOUS]]],
+            },
+            "comes second, with 0.20",
+        ),
+    ],
+)
+def test_each_miss_says_how_it_came(row: Mapping[str, Any], why: str):
+    assert why in tables.why(row)

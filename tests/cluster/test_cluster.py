@@ -18,15 +18,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.batches import ROOT, RUNS, SCENARIO, environment
+from tests.support.batches import ROOT, RUNS, SHORT, environment
 from workbench.core.errors import InputError
 from workbench.study.cluster import OtherProgram, run_remote_chunk, spread_on, versions
 from workbench.study.load import Study, load_study
 from workbench.study.store import Progress, place_for, run_batch
-
-KEEPS_SIGNALS = f"""\
-{SCENARIO.replace("name: batch", "name: signals").replace(f"steps: {RUNS // 4}", "steps: 20")}
-"""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -38,7 +34,7 @@ def distributed() -> None:
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
     path = tmp_path_factory.mktemp("cluster") / "batch.yaml"
-    path.write_text(SCENARIO, encoding="utf-8")
+    path.write_text(SHORT, encoding="utf-8")
     return load_study(path)
 
 
@@ -122,9 +118,20 @@ def test_a_worker_killed_in_the_middle_is_survived_by_the_rest_with_the_same_byt
     assert (out / "index.parquet").read_bytes() == index
 
 
-def test_processes_of_local_n_do_the_same_and_one_that_is_killed_is_replaced(
+def listening() -> set[tuple[str, int]]:
+    """Where this process and those it has started listen."""
+    import psutil
+
+    here = psutil.Process()
+    of_all = [one for process in (here, *here.children(recursive=True)) for one in process.net_connections()]
+    return {(one.laddr.ip, one.laddr.port) for one in of_all if one.status == "LISTEN"}
+
+
+def test_processes_of_local_n_listen_on_loopback_only_do_the_same_and_one_that_is_killed_is_replaced(
     study: Study, index: bytes, tmp_path: Path
 ) -> None:
+    from distributed import default_client
+
     out = tmp_path / "out"
 
     def kill_one() -> None:
@@ -134,27 +141,13 @@ def test_processes_of_local_n_do_the_same_and_one_that_is_killed_is_replaced(
 
     with spread_on("local:2") as spread:
         assert len(multiprocessing.active_children()) == 2
+        assert list(default_client().nthreads().values()) == [1, 1], "one thread each"
+        addresses, ports = zip(*listening(), strict=True)
+        assert len(ports) >= 3 and set(addresses) == {"127.0.0.1"}
+        assert 8787 not in ports, "no dashboard"
         run_batch(study, place_for(study, out), spread=spread, tell=killing_after(2, kill_one))
     assert (out / "index.parquet").read_bytes() == index
     assert multiprocessing.active_children() == []
-
-
-def test_processes_of_local_n_have_one_thread_each_and_listen_on_loopback_only() -> None:
-    psutil = pytest.importorskip("psutil")
-    with spread_on("local:2"):
-        here = psutil.Process()
-        listening = [
-            connection.laddr
-            for process in (here, *here.children(recursive=True))
-            for connection in process.net_connections()
-            if connection.status == "LISTEN"
-        ]
-        from distributed import default_client
-
-        assert list(default_client().nthreads().values()) == [1, 1]
-    assert len(listening) >= 3
-    assert {address.ip for address in listening} == {"127.0.0.1"}
-    assert 8787 not in {address.port for address in listening}, "no dashboard"
 
 
 def test_a_scheduler_that_dies_is_an_error_that_says_so_and_keeps_what_is_done(
@@ -172,15 +165,19 @@ def test_a_scheduler_that_dies_is_an_error_that_says_so_and_keeps_what_is_done(
     assert (out / "index.parquet").read_bytes() == index
 
 
-def test_signals_come_back_from_the_workers_too(tmp_path: Path) -> None:
+def test_the_command_runs_on_a_cluster_and_signals_come_back_from_the_workers_too(tmp_path: Path) -> None:
     path = tmp_path / "signals.yaml"
-    path.write_text(KEEPS_SIGNALS.replace("none", "thinned"), encoding="utf-8")
+    text = SHORT.replace("name: batch", "name: signals").replace(f"steps: {RUNS // 4}", "steps: 20")
+    path.write_text(text.replace("none", "thinned"), encoding="utf-8")
     study = load_study(path)
     run_batch(study, place_for(study, tmp_path / "here"))
-    with spread_on("local:1") as spread:
-        run_batch(study, place_for(study, tmp_path / "there"), spread=spread)
-    here = sorted((tmp_path / "here").glob("runs/*/signals.parquet"))
-    assert len(here) == 80
+    words = ["study", str(path), "--out", str(tmp_path / "there"), "--cluster", "local:1"]
+    done = subprocess.run(
+        [sys.executable, "-m", "workbench", *words], cwd=ROOT, env=environment(), capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    here = [tmp_path / "here" / "index.parquet", *(tmp_path / "here").glob("runs/*/signals.parquet")]
+    assert len(here) == 81
     for file in here:
         assert file.read_bytes() == (tmp_path / "there" / file.relative_to(tmp_path / "here")).read_bytes()
 
@@ -209,18 +206,6 @@ def test_an_address_where_nobody_answers_is_one_sentence(monkeypatch: pytest.Mon
     wanted = r"tcp://127\.0\.0\.1:1: no Dask scheduler answers there"
     with pytest.raises(InputError, match=wanted), spread_on("tcp://127.0.0.1:1"):
         raise AssertionError("went on")
-
-
-def test_the_command_runs_on_a_cluster(tmp_path: Path) -> None:
-    path = tmp_path / "few.yaml"
-    path.write_text(KEEPS_SIGNALS, encoding="utf-8")
-    words = ["study", str(path), "--out", str(tmp_path / "out"), "--cluster", "local:1"]
-    done = subprocess.run(
-        [sys.executable, "-m", "workbench", *words], cwd=ROOT, env=environment(), capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    assert (tmp_path / "out" / "index.parquet").is_file()
 
 
 @pytest.mark.parametrize(

@@ -397,8 +397,8 @@ def test_a_drives_file_is_dropped_and_comes_out_as_a_campaign_that_the_commands_
     ):
         page = visit.page
         visit.go("Import")
-        sent = {"name": f"lift{suffix}", "mimeType": "application/octet-stream", "buffer": drive_file(tmp_path, suffix)}
-        page.locator("input[type=file]").set_input_files(sent)
+        drive_file(tmp_path, suffix)
+        page.locator("input[type=file]").set_input_files(tmp_path / f"log{suffix}")
         visit.drawn(figures=1)
         for label, typed in (("Payload (kg)", "4500"), ("Start (m)", "9")):
             page.get_by_label(label).fill(typed)
@@ -448,6 +448,11 @@ def test_two_visitors_at_once_have_downloads_jobs_and_uploads_of_their_own(chrom
         one.choose("Campaign", "upload a campaign")
         one.page.locator("input[type=file]").set_input_files(packed)
         one.page.get_by_text("Campaign secret").wait_for(timeout=browser.DRAWN_WITHIN_MS)
+        one.drawn(figures=1)
+        one.page.locator(".nsewdrag").first.click()  # a cursor that stays, and the other one's distance from it
+        one.page.wait_for_function("(window.bench.figures()[0].layout.shapes ?? []).some(s => s.line.dash === 'dot')")
+        one.page.locator(".nsewdrag").first.hover(position={"x": 20, "y": 20})
+        one.page.get_by_role("columnheader").filter(has_text=re.compile(r"^[\d.]+ s \(.*\d s\)$")).wait_for()
         two.turn_to("Batches")
         two.page.get_by_text("No batch yet").wait_for()
         two.turn_to("Signals")

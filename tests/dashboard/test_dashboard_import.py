@@ -34,6 +34,7 @@ def dropped(content: bytes, suffix: str = ".csv") -> Any:
 def test_a_drives_file_becomes_a_campaign_with_its_own_numbers(server: Path, suffix: str):
     app = dropped(drive_file(server, suffix), suffix)
     assert app.selectbox(key="import speed_motor_rad_s").value == "n_act"
+    assert "by its size %nominal" in app.dataframe[0].value["remark"].iloc[0]  # 60 to 70 % would not hold the carriage
     app.selectbox(key="import speed_motor_rad_s unit").set_value("rpm")
     for motor in (1, 2):
         app.selectbox(key=f"import torque_motor{motor}_nm unit").set_value("%nominal")

@@ -83,6 +83,8 @@ def test_gains_that_lose_the_loop_are_called_unstable():
     app.select_slider(key=KP).set_value(KP_STEPS[-1]).run()
     assert errors(app) == ["Unstable with these gains: no margin means anything."]
     assert "unstable" in app.dataframe[0].value["gain dB"].tolist()
+    names = [str(trace.get("name")) for figure in figures(app) for trace in figure["data"]]
+    assert "Ms = 1.4, the limit" in names and not any("largest" in name for name in names)
 
 
 def test_tune_fills_the_sliders_and_keeps_to_its_goal():

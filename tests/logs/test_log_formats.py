@@ -22,6 +22,7 @@ from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
 from workbench.logs.formats import known
+from workbench.logs.formats import opening as worker
 from workbench.logs.formats.declared import Limits, LogFormat, Opened
 from workbench.logs.formats.known import suffixes
 from workbench.logs.formats.opening import landlock_version, open_log
@@ -199,3 +200,13 @@ def test_ctrl_c_ends_the_reader_and_its_worker(tmp_path):
     while alive(worker) and time.monotonic() < until:
         time.sleep(0.05)
     assert not alive(worker)
+
+
+def test_a_worker_hears_an_interrupt_though_its_shell_ignores_it(tmp_path, add):
+    worker.end_all()
+    old = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        assert refusal(tmp_path, add, log_openers.ignored_interrupt) == "SIGINT is heard"
+    finally:
+        signal.signal(signal.SIGINT, old)
+        worker.end_all()

@@ -321,3 +321,17 @@ def test_axis_without_force_is_refused_and_one_at_rest_said(tmp_path):
     run = read_campaign(tmp_path).runs[0]
     assert run.start_position_m == 0.25
     assert run.notes == ("the machine stands still throughout; this run says nothing of friction or inertia",)
+
+
+def test_slow_run_in_rpm_is_found_by_where_it_would_take_the_carriage(tmp_path):
+    columns = hoist_columns(12000)
+    for name in ("speed_motor_rad_s", "speed_reference_rad_s"):
+        columns[name] *= 0.3 * 60 / (2 * np.pi)
+    assert "the rail goes from 0 to 25 m; is the speed in rpm" in refusal(tmp_path, columns)
+
+
+def test_dead_velocity_beside_a_position_is_dropped_and_said(tmp_path):
+    columns = axis_columns() | {"velocity_m_s": np.zeros(500)}
+    run = read_campaign(write_campaign(tmp_path, columns, runs=AXIS_RUNS, machine=AXIS)).runs[0]
+    assert "velocity_m_s" not in run
+    assert run.notes == ("velocity_m_s dropped: it is zero throughout",)

@@ -194,3 +194,8 @@ def test_a_wide_gaussian_by_fft_is_the_one_by_sums(monkeypatch: pytest.MonkeyPat
     by_fft = raw_run.smoothed(values, 250.0)
     monkeypatch.setattr(raw_run, "WIDE", 1e9)
     assert by_fft == pytest.approx(raw_run.smoothed(values, 250.0), rel=1e-12)
+
+
+def test_an_optional_signal_of_absurd_size_is_dropped(tmp_path):
+    run = read(tmp_path, hoist_columns() | {"tension_dead_line_n": np.full(500, 1e300)})
+    assert run.notes[0] == "tension_dead_line_n dropped: it reaches 1e+300, expected at most 1e+09 in SI units"

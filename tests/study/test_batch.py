@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from tests.support.batches import RUNS, SCENARIO, chunks_of, environment, part_of, wait_for_chunks, workbench
+from tests.support.batches import RUNS, SCENARIO, SHORT, chunks_of, environment, part_of, wait_for_chunks, workbench
 from workbench.cli.study import study as command
 from workbench.core.errors import InputError
 from workbench.simulate.loop import LoopCase, LoopResult
@@ -24,7 +24,7 @@ from workbench.study.load import Study, load_study
 from workbench.study.rows import read_rows
 from workbench.study.store import LOCK, Chunk, Progress, locked, on_this_computer, place_for, run_batch
 
-SMALL = SCENARIO.replace(f"steps: {RUNS // 4}", "steps: 75").replace("name: batch", "name: three")
+SMALL = SHORT.replace(f"steps: {RUNS // 4}", "steps: 75").replace("name: batch", "name: three")
 
 
 @pytest.fixture(scope="module")

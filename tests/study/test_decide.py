@@ -416,6 +416,25 @@ def test_what_a_swept_value_does_is_told_at_the_setting_that_is_taken():
     assert made.taken.setting in said
 
 
+@pytest.mark.parametrize("references", [("trapezoid", "ruckig"), ("ruckig", "optimal"), ("trapezoid", "optimal")])
+def test_what_is_said_to_come_at_no_cost_is_worse_in_no_criterion_and_what_costs_is(references):
+    """By the runs' own metrics: nothing is worse by more than a reader sees, or the worst of what is stands there."""
+    own = study(payloads_kg=(9000.0,), references=references)
+    rows = list(run_study(own).rows)
+    made = decided(own, rows, beside(own, rows))
+    (said,) = take_sentences([made])
+    taken, rival = made.taken, made.rival
+    assert taken is not None and rival is not None
+    worse = {
+        c.metric.label for c in made.criteria
+        if c.metric.worse_by(rival.values[c.name], taken.values[c.name])
+        > max(c.metric.visible, 0.01 * abs(rival.values[c.name]))
+    }  # fmt: skip
+    assert not worse or "at no cost" not in said
+    costs = said.partition(" and costs ")[2].partition("; ")[0]
+    assert len([label for label in worse if label in costs]) >= min(len(worse), 3), (worse, costs)
+
+
 def test_two_that_are_alike_are_said_to_be():
     rows = [row("trapezoid", 36.0, 560.0), row("ruckig", 36.0, 559.0)]
     (said,) = take_sentences(decisions(rows, default_hoist()))

@@ -99,3 +99,9 @@ def test_a_measured_campaign_gives_its_references(campaigns: Path, tmp_path: Pat
     write(tmp_path, text)
     rows = [row for row, _ in run_specs(study_in(tmp_path).specs)]
     assert all(row.ok and row["move_time_s"] > 1.0 for row in rows)
+
+
+def test_a_run_that_is_not_in_the_campaign_is_named(folder: Path) -> None:
+    write(folder, SCENARIO.replace("run: up,", "run: pu,"))
+    with pytest.raises(InputError, match=r"no run 'pu'.*up"):
+        study_in(folder)

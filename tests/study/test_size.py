@@ -258,3 +258,6 @@ def test_a_users_own_table_is_a_catalogue_and_where_none_passes_the_nearest_is_n
     assert done.status == 1 and "None of 1 drives passes. Nearest is 2 × small (45 kW)" in done.out
     weak = size(write(tmp_path, "motors: mine.csv\n", mine="name,power_kw,speed_rpm\ntiny,1,1500\n"))
     assert weak.taken is None and "holding the load" in why_not(weak.candidates[0])
+    assert sentences(weak) == ["None of 1 drives passes: none turns fast enough and holds the load."]
+    fallen = replace(weak, candidates=(replace(weak.candidates[0], checks=(), reason="the carriage left the rail"),))
+    assert sentences(fallen) == ["None of 1 drives passes: the carriage left the rail."]

@@ -80,6 +80,11 @@ def uneven(file: Path) -> Opened:
     return Opened(NAMES, lambda wanted, limits: ((i, np.arange(100.0 + i)) for i in range(len(wanted))))
 
 
+def ignored_interrupt(file: Path) -> Opened:
+    ignored = signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    raise InputError(f"SIGINT is {'ignored' if ignored else 'heard'}")
+
+
 def look_around(file: Path) -> Opened:
     """What damaged or hostile files may make a parser do: open other files, list folders, write, run a program."""
     assert file.read_bytes() == b"something"

@@ -119,3 +119,11 @@ def test_the_plane_keeps_the_corners_of_a_long_path():
     assert len(path.x) < 2000
     assert path.y.max() == pytest.approx(900.0)
     assert path.x.max() == pytest.approx(145.0, rel=1e-4)
+
+
+def test_values_in_equal_ratios_stand_on_a_logarithmic_axis_and_words_at_even_distances():
+    rows = [row({JERK: 0.2 * 2**k}, peak_torque_motor_nm=400.0 + k) for k in range(5)]
+    assert metrics_over_axis(rows, swept_axes(rows)[0], 480.0, 768.0).layout.xaxis.type == "log"
+    rows = [row({"sweep.controller.anti_windup": w}, speed_error_max_rad_s=e) for w, e in (("none", 9.0), ("x", 5.0))]
+    axis = metrics_over_axis(rows, swept_axes(rows)[0], 480.0, 768.0).layout.xaxis
+    assert list(axis.ticktext) == ["none", "x"]

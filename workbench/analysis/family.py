@@ -51,10 +51,9 @@ def family(
     points: Sequence[OperatingPoint],
     *,
     effects: Effects = NO_EFFECTS,
-    effect_values: Mapping[str, float] | None = None,
 ) -> list[Member]:
     """The loop at each point, with its margins; `effects` beside the machine's own."""
-    loops = [linear_loop(machine, settings, point, effects=effects, effect_values=effect_values) for point in points]
+    loops = [linear_loop(machine, settings, point, effects=effects) for point in points]
     return [Member(loop, margins(loop)) for loop in loops]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import SimpleNamespace
@@ -179,7 +179,6 @@ def linearise(
     point: OperatingPoint,
     *,
     effects: Effects = NO_EFFECTS,
-    effect_values: Mapping[str, float] | None = None,
     height_free: bool = False,
 ) -> LinearPlant:
     """The plant from the drive's input to the outputs at a point: of a hoist motor speed, carriage speed and wire
@@ -195,7 +194,7 @@ def linearise(
     kind, own = kind_of(machine), of(machine)
     plant, loop = kind.plant, kind.looped
     p = plant.values(machine, point.payload_kg)
-    vars(p).update(own.values_of(0.0), **(effect_values or {}))
+    vars(p).update(own.values_of(0.0))
     if loop.position_loop:
         outputs = (loop.speed, loop.position, *(s.name for s in plant.signals if "acceleration" not in s.name))
     else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
@@ -353,7 +353,6 @@ def linear_loop(
     point: OperatingPoint,
     *,
     effects: Effects = NO_EFFECTS,
-    effect_values: Mapping[str, float] | None = None,
     height_free: bool = False,
 ) -> LinearLoop:
     """The loop of a machine (drive and effects included) under a controller, at an operating point.
@@ -362,7 +361,7 @@ def linear_loop(
     """
     settings = settings.at(point.payload_kg)
     placed = height_free or bool(settings.kv_per_s)
-    plant = linearise(machine, point, effects=effects, effect_values=effect_values, height_free=placed)
+    plant = linearise(machine, point, effects=effects, height_free=placed)
     return loop_of(machine, settings, point, plant)
 
 

@@ -17,11 +17,9 @@ USUAL_CROSSOVER_HZ = 2.5
 USUAL_SAMPLE_S = 0.001
 
 
-def shaft_inertia_kg_m2(machine: Hoist, payload_kg: float = 0.0) -> float:
-    """Rotors, drum, carriage and payload as the motor shaft feels them on a stiff wire."""
-    turning = machine.motor.count * machine.motor.rotor_inertia_kg_m2
-    turning += machine.winch.inertia_kg_m2 / machine.gearbox.ratio**2
-    return turning + (machine.carriage.mass_kg + payload_kg) * machine.lift_m_per_rad**2
+def shaft_inertia_kg_m2(machine: Hoist) -> float:
+    """Rotors, drum and empty carriage as the motor shaft feels them on a stiff wire."""
+    return kind_of(machine).looped.total_inertia(machine, 0.0)
 
 
 def rigid_gains(inertia_kg_m2: float, bandwidth_hz: float, damping: float) -> tuple[float, float]:

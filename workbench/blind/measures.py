@@ -271,10 +271,6 @@ def _no_gap(row: Row) -> bool:
     return right_word(row) == "no_gap"
 
 
-def _with_oracle(row: Row) -> bool:
-    return right_word(row) == "named" and of_the_oracle(row) is not None
-
-
 def _cause(row: Row) -> bool:
     return bool(row["label"]["effects"])
 

@@ -177,9 +177,9 @@ def thresholds(sizes: Sequence[Sequence[float]], passed: Sequence[Sequence[bool]
     return threshold(best), np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
 
 
-def _curvature(loss: Callable[[Array], float], at: Array, step: float = 1e-3) -> Array:
+def _curvature(loss: Callable[[Array], float], at: Array) -> Array:
     """Second differences."""
-    n, f = len(at), loss
+    n, f, step = len(at), loss, 1e-3
     out = np.zeros((n, n))
     e = step * np.eye(n)
     for i in range(n):

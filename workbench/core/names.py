@@ -12,7 +12,7 @@ UNITS = {
     "s_per_m": "s/m", "per_m": "1/m", "per_rad": "1/rad", "per_s": "1/s", "nm_s2": "N m s²", "kg_m2": "kg m²",
     "rad_s3": "rad/s³", "rad_s2": "rad/s²", "rad_s": "rad/s", "m_s3": "m/s³", "m_s2": "m/s²", "m_s": "m/s",
     "percent": "%", "rad": "rad", "nm": "N m", "kg": "kg", "hz": "Hz", "pa": "Pa", "m2": "m²", "kw": "kW", "m": "m",
-    "n": "N", "j": "J", "s": "s",
+    "w": "W", "n": "N", "j": "J", "s": "s",
 }  # fmt: skip
 
 

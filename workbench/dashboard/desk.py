@@ -58,6 +58,7 @@ LONGEST, MOST_BYTES = 6000, 100_000  # characters of the address; of the YAML in
 PAYLOADS = (0.0, 1500.0, 3000.0, 4500.0, 6000.0, 7500.0, 9000.0)
 PLANTS = {"lumped": "lumped", "multibody": "multi-body"}
 LOADED, NONE = "study file", "choose one"
+DECIDE = "Decision: limits and weights"
 THINNED = {"signals": "thinned", "every_s": 0.002}
 
 # The page's first question, that of scenarios/payloads.yaml.
@@ -306,7 +307,7 @@ def named(error: InputError, machine: Hoist | Axis, desk: Desk) -> InputError:
     fields = fields_of(machine, desk.scenario)
     called = {field.key[-1]: field.words for name, field in reversed(fields.items()) if name not in hidden} | {
         "name": "Name of the study", "payloads_kg": "Payloads (kg)", "references": f"Against the {BASELINE}",
-        "plant": "Model",
+        "plant": "Model", "decide": DECIDE,
     }  # fmt: skip
     parts = [part.partition("[")[0] for part in (error.place or "").split(".")]
     name = next((called[part] for part in reversed(parts) if part in called), error.place)
@@ -344,7 +345,7 @@ def controls(machine: Hoist | Axis, bad: list[InputError]) -> Desk:
             fed = [name for name in fields_of(machine, scenario) if name == "weight" or name.startswith("ff ")]
             with part:
                 values |= _draw(scenario, machine, fed)
-        if (part := fold("Decision: limits and weights", "decision", "gavel")).open:
+        if (part := fold(DECIDE, "decision", "gavel")).open:
             with part:
                 values["decide"] = _decide(scenario, machine)
         if kind.payload:

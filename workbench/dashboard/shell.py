@@ -12,11 +12,12 @@ from functools import partial
 import streamlit as st
 
 from workbench.dashboard import session
-from workbench.dashboard.widgets import is_dark
+from workbench.dashboard.widgets import ahead, is_dark
 
 # Less air than streamlit's own, so that the numbers and the first figure fit 1280 by 800.
 _STYLE = """<style>
 .stMainBlockContainer {padding-top: 4rem; padding-bottom: 2rem; padding-left: 2rem; padding-right: 2rem;}
+:has(> .st-key-ahead) {display: none;}
 @media (max-width: 900px) {.stMainBlockContainer {padding-left: 1rem; padding-right: 1rem;}}
 [class*="st-key-cards"] > * {flex: 1 1 10.5rem; min-width: 10.5rem;}
 @media (max-width: 500px) {[class*="st-key-cards"] > * {min-width: 100%;}}
@@ -59,6 +60,7 @@ def run() -> None:
         import pandas  # noqa: F401
     st.set_page_config(page_title="workbench", page_icon=_ICON, layout="wide")
     st.html(_STYLE_DARK + _STYLE if is_dark() else _STYLE)
+    ahead()
     session.work_folder()  # a page's link drops what names this session's jobs from the address; here it comes back
     pages = [
         st.Page(

@@ -48,6 +48,8 @@ Better = Literal["lower", "higher"]
 CHART = "workbench_chart"
 _JS = (Path(__file__).parent / "assets" / "chart.js").read_text(encoding="utf-8").replace("@PLOTLY@", PLOTLY)
 _chart = v2.component(CHART, js=_JS, isolate_styles=False)
+_AHEAD = f'import(new URL("./{PLOTLY}", document.baseURI).href);\nexport default () => {{}};'
+_ahead = v2.component(f"{CHART}_ahead", js=_AHEAD, isolate_styles=False)
 
 
 # ---- words and numbers --------------------------------------------------------------------------------------------
@@ -199,6 +201,12 @@ def beside(key: str, parts: int = 2) -> list[DeltaGenerator]:
 def is_dark() -> bool:
     """Whether the page stands on a dark ground."""
     return bool(st.context.theme.type == "dark")
+
+
+def ahead() -> None:
+    """Has the browser read the figures' library while the page is still computed: half a second of its time."""
+    with st.container(key="ahead"):
+        _ahead(key="library ahead")
 
 
 def chart(figure: Figure, key: str, alt: str | None = None) -> None:

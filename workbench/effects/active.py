@@ -325,19 +325,19 @@ def moved_by(active: Active) -> tuple[str, ...]:
     return tuple(effect.symbol(parameter, active.kind) for effect in effects for parameter in effect.parameters)
 
 
-def _changed(run: Run, active: Active, of_input: Any, of_motion: Any, values: Mapping[str, float] | None = None) -> Run:
+def _changed(run: Run, active: Active, of_input: Any, of_motion: Any) -> Run:
     if not active.sensors:
         return run
     plant, signals = PLANTS[active.kind], dict(run.signals)
     if plant.input in signals:
         before = signals[plant.input]
-        after = signals[plant.input] = of_input(active, run.time_s, before, values)
+        after = signals[plant.input] = of_input(active, run.time_s, before)
         parts = [name for name in KINDS[active.kind].drive.parts if name in signals]
         for part in parts:  # the sum is what is off; it is shared evenly
             signals[part] = signals[part] + (after - before) / len(parts)
     for name in (plant.positions[0], plant.speeds[0]):
         if name in signals:
-            signals[name] = of_motion(active, run.time_s, signals[name], values)
+            signals[name] = of_motion(active, run.time_s, signals[name])
     return replace(run, signals=signals)
 
 

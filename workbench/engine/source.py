@@ -79,15 +79,15 @@ class KernelText:
         self.add(indent, *body)
         return results
 
-    def load(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
-        self.add(indent, *(f"{name} = {self.at(array, first + i)}" for i, name in enumerate(names)))
+    def load(self, indent: int, array: str, names: Sequence[str]) -> None:
+        self.add(indent, *(f"{name} = {self.at(array, i)}" for i, name in enumerate(names)))
 
     def parameter(self, name: str) -> str:
         """A parameter as the loops read it."""
         return self.at("c", self.rows.setdefault(f"p_{name}", len(self.rows)))
 
-    def store(self, indent: int, array: str, names: Sequence[str], first: int = 0) -> None:
-        self.add(indent, *(f"{self.at(array, first + i)} = {name}" for i, name in enumerate(names)))
+    def store(self, indent: int, array: str, names: Sequence[str]) -> None:
+        self.add(indent, *(f"{self.at(array, i)} = {name}" for i, name in enumerate(names)))
 
     def delayed(self, indent: int, sensed: Scalar) -> None:
         """Keeps `sensed` in the ring `line` at sample k; `w_late` is what it was p.late samples before, by lines.

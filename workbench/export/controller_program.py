@@ -292,7 +292,6 @@ def record_of(
     settings: PiSettings,
     machine: Hoist,
     payload_kg: float = 0.0,
-    hold_nm: float | None = None,
     samples: int = RECORD_SAMPLES,
 ) -> Record:
     """What the compiled step gives for a reference with steps, ramps and rests, a speed that follows it late with a
@@ -308,7 +307,7 @@ def record_of(
         follows[k] = follows[k - 1] + min(max(FOLLOWS * (reference[k - 1] - follows[k - 1]), -fastest), fastest)
     speed = follows + RIPPLE * top * np.sin(2.0 * math.pi * RIPPLES * part)
     limits = torque_limits(machine)
-    hold = 0.3 * limits["u_all"] if hold_nm is None else hold_nm
+    hold = 0.3 * limits["u_all"]
     values: dict[str, Any] = {
         **vars(HOIST.plant.values(machine, payload_kg)),
         **loop_values(settings, _ideal(machine), hold),

@@ -228,9 +228,9 @@ def compiler(target: str) -> list[str]:
     raise InputError(f"a binary for {target} takes {extra}; without it only {host() or 'none'} can be made")
 
 
-def shared_library(folder: Path, files: Sequence[str], target: str, to: Path, flags: Sequence[str] = FLAGS) -> None:
+def shared_library(folder: Path, files: Sequence[str], target: str, to: Path) -> None:
     """Compiles files of a folder to `to`. InputError with the compiler's first complaint where that fails."""
-    words = [*compiler(target), *flags, f"-I{HEADERS}", *files, "-o", str(to.resolve())]
+    words = [*compiler(target), *FLAGS, f"-I{HEADERS}", *files, "-o", str(to.resolve())]
     if not target.startswith("windows"):
         words.append("-lm")
     to.parent.mkdir(parents=True, exist_ok=True)

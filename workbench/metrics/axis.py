@@ -215,7 +215,6 @@ def metric_set(kind: Kind) -> MetricSet:
         input_words=word,
         input_unit=unit,
         rate_unit=unit,
-        error_words="largest tracking error",
         moved="axis",
         sides=("beyond", "short of"),
         payload=False,

@@ -406,7 +406,6 @@ SET = MetricSet(
     input_words="torque",
     input_unit="N m per motor",
     rate_unit="N m",
-    error_words="largest speed error",
     moved="carriage",
     sides=("above", "below"),
     payload=True,

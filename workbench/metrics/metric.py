@@ -260,8 +260,8 @@ class MetricSet:
     Conclusions read the rest. peak: the largest input; above: the same above what holds the load; rms; error: largest
     error of tracking; rms_error; fastest: largest speed; end: position error at the end; astray: from which end error
     on, in its unit, or as many times the metric `window`. input_words: torque or force; input_unit: as sentences give
-    it; error_words; moved: what moves; sides: of an end error, positive first. payload: whether runs carry one.
-    limited_by: who is limited.
+    it; moved: what moves; sides: of an end error, positive first. payload: whether runs carry one. limited_by: who is
+    limited.
     """
 
     metrics: tuple[Metric, ...]
@@ -277,7 +277,6 @@ class MetricSet:
     input_words: str
     input_unit: str
     rate_unit: str
-    error_words: str
     moved: str
     sides: tuple[str, str]
     payload: bool

@@ -100,12 +100,12 @@ def _hoist_set(added: tuple[Metric, ...]) -> MetricSet:
     return replace(hoist.SET, metrics=(*hoist.METRICS, *added))
 
 
-def measure(run: Run, p: Any, observer: Observer | None = None) -> dict[str, float]:
-    """The compiled loop's metrics from a run's signals: a log, or a trace made by hand.
+def measure(run: Run, p: Any) -> dict[str, float]:
+    """A hoist's metrics of the compiled loop from a run's signals: a log, or a trace made by hand.
 
-    p: the observer's parameters by symbol. observer: the hoist's without one. Each sample counts until the next one.
+    p: the observer's parameters by symbol. Each sample counts until the next one.
     """
-    observer = observer or set_of(HOIST.name).observer
+    observer = set_of(HOIST.name).observer
     accumulators: Sequence[float] = observer.start
     steps = [*(run.time_s[1:] - run.time_s[:-1]), run.sample_time_s]
     for k, dt in enumerate(steps):

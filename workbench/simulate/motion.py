@@ -60,15 +60,15 @@ def motion_of(run: Run, plant: Plant, band_hz: float) -> Motion:
     return Motion(position, speed, np.gradient(speed, t))
 
 
-def moving(time_s: Array, speed: Array, scale: float, band_hz: float, threshold: float = 0.01) -> np.ndarray:
+def moving(time_s: Array, speed: Array, scale: float, band_hz: float) -> np.ndarray:
     """(n,) bool: False where the machine rests, and within half a period of the band around that.
 
     A machine at rest may stick anywhere within its friction: a held load says nothing
     about friction, and the low-pass smears that. It rests when it is slower than
-    `threshold` of the speed scale for a period of the band or longer; a quick reversal is no
+    0.01 of the speed scale for a period of the band or longer; a quick reversal is no
     rest, the overshoot of a stop belongs to it.
     """
-    still = np.abs(lowpass(time_s, speed, band_hz)) < threshold * scale
+    still = np.abs(lowpass(time_s, speed, band_hz)) < 0.01 * scale
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     keep = np.ones(len(time_s), dtype=bool)
     guard = 0.5 / band_hz

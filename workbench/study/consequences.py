@@ -212,11 +212,6 @@ class Consequences:
     choices: tuple[Choice, ...]
     sentences: tuple[str, ...] = ()
 
-    @property
-    def better_reference_changes(self) -> bool:
-        """By torque peak or tracking error, over all payloads or at one of them."""
-        return any(choice.changed for choice in self.choices)
-
 
 def percent(before: float, after: float) -> float:
     """Change in per cent; NaN where there is nothing to compare with."""

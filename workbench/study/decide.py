@@ -384,7 +384,7 @@ def _against(decision: Decision, taken: Candidate, rival: Candidate) -> str:
             change = f"{metric.label} {metric.text(b)} instead of {metric.text(a)} {metric.shown_unit}".strip()
             (costs if worse > 0.0 else gains).append(change)
     said = f"Against {rival.words} it {f'gains {listed(gains[:3])}' if gains else 'gains nothing that counts'}"
-    said += f" and costs {listed(costs[:3])}" if costs else " at no cost"
+    said += f" and costs {listed(costs[:3])}" if costs else " at no cost in any criterion"
     if rival.total - taken.total < ALIKE * taken.total:
         return f"{said}: the two are alike within {100.0 * ALIKE:.0f} %, a change between them is not worth it"
     turn = weight_that_turns(decision, taken, rival)

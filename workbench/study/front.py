@@ -50,13 +50,13 @@ def knee(first: Array, second: Array) -> int | None:
     return at if depth[at] > 1e-9 else None
 
 
-def fronts(rows: Sequence[Row], second: str = "", first: str = "move_time_s") -> list[Front]:
+def fronts(rows: Sequence[Row], second: str = "") -> list[Front]:
     """The front of each payload: the runs that no other is at least as good as in both costs and better in one.
 
-    first, second: metrics to be kept small, without a second the largest torque or force. Failed runs are left out.
+    The costs: the move time and `second`, without one the largest torque or force. Failed runs are left out.
     InputError for a metric that the rows do not have.
     """
-    costs, found = (first, second or metrics_of(rows).peak), []
+    costs, found = ("move_time_s", second or metrics_of(rows).peak), []
     for payload in sorted({row.payload_kg for row in rows if row.ok}):
         own = [row for row in rows if row.ok and row.payload_kg == payload]
         x, y = (np.array([row[name] for row in own]) for name in costs)

@@ -199,11 +199,6 @@ def peak_limit(machine: Hoist | Axis) -> float:
     return kind_of(machine).looped.peak_limit(machine)
 
 
-def motor_torque_limit_nm(machine: Hoist) -> float:
-    """The largest torque of one motor."""
-    return machine.motor.nominal_torque_nm * machine.drive.overload
-
-
 def labelled_runs(result: StudyResult) -> list[Labelled]:
     """Each run that kept its signals, with its payload and reference."""
     from workbench.logs.signal_files import Labelled

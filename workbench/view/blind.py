@@ -347,7 +347,7 @@ def _points(shares: Sequence[Share], **look: Any) -> dict[str, Any]:
     return {**shown, "y": at, "error_y": error, "text": text, **look}
 
 
-def right_by_size(rows: Sequence[Row], height: int = 400) -> Figure:
+def right_by_size(rows: Sequence[Row]) -> Figure:
     """Shares right over the size of the gap; a line a measure, with 95 % intervals, side by side."""
     known = [name for name, *_ in measures.SIZES]
     groups = {name: which for name, which in measures.by_size(rows).items() if name in known}
@@ -358,12 +358,12 @@ def right_by_size(rows: Sequence[Row], height: int = 400) -> Figure:
         data.append(_points([*shares.values()], name=measure.line, x=[at + APART * (k - 1) for at in shares], **look))
     ticks = {"tickvals": list(range(len(groups))), "ticktext": list(groups), "zeroline": False}
     return figure(
-        "Answers that are right, by the size of the gap", height, data, legend=legend(height),
+        "Answers that are right, by the size of the gap", 400, data, legend=legend(400),
         xaxis={"title": {"text": "gap over noise"}, **ticks}, yaxis={"title": {"text": "share (%)"}, "range": [0, 104]},
     )  # fmt: skip
 
 
-def reliability(bins: Sequence[measures.Bin], height: int = 420) -> Figure:
+def reliability(bins: Sequence[measures.Bin]) -> Figure:
     """Share right over the probability that answers had; on the diagonal they say what they are worth."""
     diagonal = {
         "type": "scatter", "mode": "lines", "x": [0, 100], "y": [0, 100], "name": "as said",
@@ -372,7 +372,7 @@ def reliability(bins: Sequence[measures.Bin], height: int = 420) -> Figure:
     look = {"line": {"color": BLUE}, "marker": {"size": 9}}
     measured = _points([b.right for b in bins], name="measured", x=[100.0 * b.said for b in bins], **look)
     return figure(
-        "Reliability of the probabilities", height, [diagonal, measured], legend=legend(height),
+        "Reliability of the probabilities", 420, [diagonal, measured], legend=legend(420),
         xaxis={"title": {"text": "probability of the answer (%)"}, "range": [0, 104]},
         yaxis={"title": {"text": "right (%)"}, "range": [0, 104]},
     )  # fmt: skip

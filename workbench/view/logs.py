@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from workbench.core.errors import InputError, nearest
 from workbench.core.names import unit_of, words_of
 from workbench.core.run import Array, Run
 from workbench.core.shown import View
@@ -26,17 +25,13 @@ from workbench.view.study_figures import over_time
 from workbench.view.style import BLUE, line
 
 
-def run_figure(run: Run, signals: Sequence[str] | None = None) -> Any:
-    """The run's signals over time, a panel a signal. InputError for a signal that the run does not have."""
-    for name in signals or ():
-        if name not in run:
-            raise InputError(f"no signal '{name}'; {nearest(name, run.signals)}")
-    names = list(run.signals if signals is None else signals)
-    labels = [metric_label(name) for name in names]
+def run_figure(run: Run) -> Any:
+    """The run's signals over time, a panel a signal."""
+    labels = [metric_label(name) for name in run.signals]
     panels = Panels(run.name, [f"{x.words}<br>({x.unit})" if x.unit else x.words for x in labels])
-    for row, (name, label) in enumerate(zip(names, labels, strict=True)):
+    for row, (name, label) in enumerate(zip(run.signals, labels, strict=True)):
         panels.line(row, 0, run.time_s, run[name], label.words, line("measured", width=1.4), label.unit)
-    return panels.figure(140 + 130 * len(names)).update_layout(showlegend=False)
+    return panels.figure(140 + 130 * len(labels)).update_layout(showlegend=False)
 
 
 def _signals(run: Run) -> Table:
@@ -133,4 +128,4 @@ def drawn(signals: Sequence[tuple[str, str, Array, Array]]) -> Any:
     panels = Panels("", [f"{words_of(signal)} ({unit_of(signal)})" for signal, _, _, _ in signals])
     for i, (signal, column, time_s, values) in enumerate(signals):
         panels.line(i, 0, time_s, values, f"{signal}: {column}", {"color": BLUE, "width": 1.3})
-    return panels.figure(170 * len(signals) + 120).update_layout(showlegend=False)
+    return panels.figure(170 * len(signals) + 60).update_layout(showlegend=False, margin={"t": 24})

@@ -301,15 +301,13 @@ def _log_axes(figure: Figure, members: Sequence[Member], per_hz: float) -> Figur
     return figure.update_layout(hovermode="closest")
 
 
-def bode(
-    members: Sequence[Member], title: str = "Open loop L", height: int = 760, unit: tuple[str, float] = HZ
-) -> Figure:
+def bode(members: Sequence[Member], height: int = 760, unit: tuple[str, float] = HZ) -> Figure:
     """|L| and its phase over frequency; the least gain and phase margin drawn and said, each at its member.
 
     unit: of the frequency, HZ or RAD_S.
     """
     name_of, per_hz = unit
-    panels = Panels(title, ["|L| (dB)", "phase of L (°)"], x_title=f"frequency ({name_of})")
+    panels = Panels("Open loop L", ["|L| (dB)", "phase of L (°)"], x_title=f"frequency ({name_of})")
     worst, lowest = weakest(members), -270.0
     for member, look in zip(members, _looks(members), strict=True):
         f = _frequencies(member)
@@ -350,7 +348,7 @@ def _draw_margins(
         bar(0, per_hz * m.gain_up_hz, 0.0, gain, f"gain margin {-gain:.1f} dB", (-70, 22))
 
 
-def nyquist(members: Sequence[Member], ms_limit: float, title: str = "Nyquist", height: int = 720) -> Figure:
+def nyquist(members: Sequence[Member], ms_limit: float, height: int = 720) -> Figure:
     """L in the complex plane around −1, with the circle that it must not enter for Ms to stay below the limit."""
     data: list[dict[str, Any]] = []
 
@@ -363,7 +361,8 @@ def nyquist(members: Sequence[Member], ms_limit: float, title: str = "Nyquist", 
     curve(turn, "|L| = 1", {"color": style.GREY, "width": 1, "dash": "2px,3px"})
     limit = {"color": style.GREY, "width": 1.5, "dash": "5px,3px"}
     curve(turn / ms_limit - 1.0, f"Ms = {ms_limit:g}, the limit", limit, **disk)
-    curve(turn / worst - 1.0, f"Ms = {worst:.3g}, the largest", {"color": INK, "width": 1.2})
+    if all(member.margins.stable for member in members):  # an unstable loop's means nothing
+        curve(turn / worst - 1.0, f"Ms = {worst:.3g}, the largest", {"color": INK, "width": 1.2})
     for member, look in zip(members, _looks(members), strict=True):
         f = _frequencies(member)
         L = member.loop.open_response(f)
@@ -372,7 +371,7 @@ def nyquist(members: Sequence[Member], ms_limit: float, title: str = "Nyquist", 
     cross = {"symbol": "cross", "size": 11, "color": INK}
     curve(np.array([-1.0 + 0.0j]), "−1", {}, mode="markers", marker=cross, showlegend=False, hoverinfo=None)
     return style.figure(
-        title, height, data, margin={"t": 60},
+        "Nyquist", height, data, margin={"t": 60},
         legend={"orientation": "v", "x": 1.01, "y": 1.0, "yref": "paper", "xref": "paper", "yanchor": "top"},
         xaxis={"title": {"text": "real part"}, "range": [-2.6, 1.4], "constrain": "domain"},
         yaxis={"title": {"text": "imaginary part"}, "range": [-2.4, 1.0], "scaleanchor": "x"},
@@ -392,12 +391,12 @@ def gang_names(kind: Kind) -> tuple[tuple[str, int, int, str], ...]:
 
 
 def gang_of_four(
-    members: Sequence[Member], ms_limit: float, title: str = "Gang of four", height: int = 760,
+    members: Sequence[Member], ms_limit: float, height: int = 760,
     unit: tuple[str, float] = HZ,
 ) -> Figure:  # fmt: skip
     """|S|, |T|, |PS| and |CS| over frequency, in HZ or RAD_S."""
     (name_of, per_hz), names = unit, gang_names(members[0].loop.kind)
-    panels = Panels(title, ["dB", "dB"], ["", ""], x_title=f"frequency ({name_of})", link_rows=False)
+    panels = Panels("Gang of four", ["dB", "dB"], ["", ""], x_title=f"frequency ({name_of})", link_rows=False)
     hover = f"%{{x:.4~g}} {name_of}: %{{y:.4~g}} dB"
     for member, look in zip(members, _looks(members), strict=True):
         f = _frequencies(member)
@@ -447,14 +446,14 @@ def load_for(kind: Kind, answers: Sequence[StepResponse]) -> float:
     return 1.0 if fastest <= 0.0 else float(10.0 ** -max(0, math.ceil(math.log10(fastest))))
 
 
-def steps(members: Sequence[Member], title: str = "Step responses of the linear loop", height: int = 860) -> Figure:
+def steps(members: Sequence[Member], height: int = 860) -> Figure:
     """Deviations after a step of the reference, and of a torque on the shaft; duration by the slowest bandwidth."""
     kind, slowest = members[0].loop.kind, min(m.margins.bandwidth_hz for m in members)
     duration = min(max(6.0 / slowest if math.isfinite(slowest) else 0.0, 60.0 * members[0].loop.dt), 20.0)
     inputs = dict.fromkeys(of for of, *_ in steps_of(members[0]))
     answers = [{of: step_response(member.loop, of, duration) for of in inputs} for member in members]
     rows = steps_of(members[0], 1.0 if kind.payload else load_for(kind, [one["load_torque"] for one in answers]))
-    panels = Panels(title, [text for _, _, text, _, _ in rows])
+    panels = Panels("Step responses of the linear loop", [text for _, _, text, _, _ in rows])
     for member, responses, look in zip(members, answers, _looks(members), strict=True):
         for row, (of, signal, _, scale, unit) in enumerate(rows):
             response = responses[of]

@@ -227,10 +227,10 @@ def thin(time_s: Array, values: Array, most: int = MOST_POINTS) -> tuple[Array, 
     return time_s[keep], values[keep]
 
 
-def straightened(x: Array, y: Array, within: float = STRAIGHT) -> tuple[Array, Array]:
+def straightened(x: Array, y: Array) -> tuple[Array, Array]:
     """The (n,) points without those that lie between their neighbours on a straight line, or nearly.
 
-    within: how far a point may lie off, as a share of the line's extent, in each of a few passes. The first and the
+    Nearly: off by STRAIGHT of the line's extent, in each of a few passes. The first and the
     last stay, and so do gaps. Most of a move is straight: speed at its limit, a hanging load.
     """
     across, up = (values / (_extent(values) or 1.0) for values in (x, y))
@@ -241,7 +241,7 @@ def straightened(x: Array, y: Array, within: float = STRAIGHT) -> tuple[Array, A
         before, point, after = kept[:-2:2], kept[1:-1:2], kept[2::2]
         off = _off_the_line(across, up, before, point, after[: len(point)])
         stays = np.ones(len(kept), dtype=bool)
-        stays[1:-1:2] = ~(off <= within)  # NaN stays
+        stays[1:-1:2] = ~(off <= STRAIGHT)  # NaN stays
         kept = kept[stays]
     return x[kept], y[kept]
 

@@ -20,7 +20,9 @@ def sentences(sizing: Sizing) -> list[str]:
     if taken is None:
         tried = [candidate for candidate in sizing.candidates if candidate.ran]
         if not tried:
-            return [f"None of {len(sizing.candidates)} drives passes: none turns fast enough and holds the load."]
+            failed = next((candidate.reason for candidate in sizing.candidates if candidate.reason), None)
+            why = failed or "none turns fast enough and holds the load"
+            return [f"None of {len(sizing.candidates)} drives passes: {why}."]
         nearest = min(tried, key=lambda c: c.limiting.used if c.limiting else 0.0)
         return [f"None of {len(sizing.candidates)} drives passes. Nearest is {drive(nearest)}: {why_not(nearest)}."]
     said = [f"Take {drive(taken)}: the smallest of {len(sizing.candidates)} drives that passes."]

@@ -187,9 +187,9 @@ def plane(runs: Runs, machine: AnyKind, height: int = 560) -> Figure:
     return panels.figure(height).update_layout(hovermode="closest")
 
 
-def _fewer(x: Array, y: Array, most: int = 1400) -> tuple[Array, Array]:
+def _fewer(x: Array, y: Array) -> tuple[Array, Array]:
     """Points of a path where it moves: stretches at rest are left out, corners stay."""
-    scale = np.ptp(x) or 1.0, np.ptp(y) or 1.0
+    most, scale = 1400, (np.ptp(x) or 1.0, np.ptp(y) or 1.0)
     length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x) / scale[0], np.diff(y) / scale[1]))])
     if len(x) <= most or length[-1] == 0.0:
         return x, y
@@ -200,7 +200,6 @@ def _fewer(x: Array, y: Array, most: int = 1400) -> tuple[Array, Array]:
 
 def metrics_over_axis(
     rows: Sequence[Row], axis: SweptAxis, nominal_torque_nm: float | None, torque_limit_nm: float,
-    height: int | None = None,
 ) -> Figure:  # fmt: skip
     """The metrics that change along an axis, a panel each; a column a payload, a line a reference.
 
@@ -235,7 +234,7 @@ def metrics_over_axis(
     for level, metric in enumerate(metrics):
         for column in range(len(loads)) if metric.name == judged.peak else ():  # its panel has the limits in it
             _limits(panels, level, column, nominal_torque_nm, torque_limit_nm, judged.rate_unit)
-    figure = panels.figure(height or max(260 + 150 * len(metrics), 420))
+    figure = panels.figure(max(260 + 150 * len(metrics), 420))
     if not axis.numeric:
         figure.update_xaxes(tickmode="array", tickvals=list(x), ticktext=[shown(point[0]) for point in axis.points])
     elif _even_in_ratio(x):
@@ -272,13 +271,14 @@ def _marker(number: int, size: int) -> dict[str, Any]:
 
 
 def pareto(
-    rows: Sequence[Row], fronts: Sequence[Front], axes: Sequence[SweptAxis], second: str, first: str = "move_time_s",
+    rows: Sequence[Row], fronts: Sequence[Front], axes: Sequence[SweptAxis], second: str,
     height: int = 560, chosen: Sequence[Row] = (),
 ) -> Figure:  # fmt: skip
     """Two costs of all good runs, a panel a payload; the front as steps, the knee with its settings.
 
     chosen: runs that are pointed out, such as those of the settings at hand.
     """
+    first = "move_time_s"
     across, up = drawn_in(first)[0], drawn_in(second)[0]
     titles = [f"payload {front.payload_kg:g} kg" for front in fronts] if len(fronts) > 1 else [""]
     panels = Panels(f"{across.words.capitalize()} against {up.words}", [up.axis], titles, x_title=across.axis)
@@ -325,7 +325,6 @@ def _costs(rows: Sequence[Row], name: str) -> Array:
 
 def curves_over_time(
     good: Sequence[Row], beside: Sequence[Row], names: Sequence[str], taken: Mapping[float, Mapping[str, float]],
-    height: int = 760,
 ) -> Figure:  # fmt: skip
     """Metrics over move time, a row a metric and a column a payload: each family's best limits at each time.
 
@@ -355,7 +354,7 @@ def curves_over_time(
                 "hovertemplate": "taken<br>%{x:.4~g}, %{y:.4~g}",
             }
             panels.line(at, column, x, y, "taken", {}, mode="markers", **more)
-    return panels.figure(height).update_layout(hovermode="closest")
+    return panels.figure(760).update_layout(hovermode="closest")
 
 
 def best_at_each_time(rows: Sequence[Row], name: str) -> list[Row]:
@@ -366,7 +365,7 @@ def best_at_each_time(rows: Sequence[Row], name: str) -> list[Row]:
     return [best[time] for time in sorted(best)]
 
 
-def spread(rows: Sequence[Row], metrics: Sequence[str], height: int = 520) -> Figure:
+def spread(rows: Sequence[Row], metrics: Sequence[str]) -> Figure:
     """Histogram and empirical distribution of each metric, a column a metric; 5 %, 50 % and 95 % are marked."""
     good = [row for row in rows if row.ok]
     cases = list(dict.fromkeys((row.payload_kg, row.reference) for row in good))
@@ -391,14 +390,14 @@ def spread(rows: Sequence[Row], metrics: Sequence[str], height: int = 520) -> Fi
                 text=[f"{value:.4g}" for value in at], textposition="middle right", textfont={"size": 11},
                 cliponaxis=False, showlegend=False, hovertemplate="%{y:.0f} %: %{x:.4~g}",
             )  # fmt: skip
-    figure = panels.figure(height)
+    figure = panels.figure(520)
     for number in range(2 * len(metrics)):  # each metric has an axis of its own; the panels of one share it
         column = number % len(metrics)
         figure.layout[f"xaxis{number + 1 if number else ''}"].matches = f"x{column + 1}" if column else "x"
     return figure.update_layout(hovermode="closest")
 
 
-def tornado(groups: Sequence[tuple[str, Sequence[Correlation]]], metric: str, height: int | None = None) -> Figure:
+def tornado(groups: Sequence[tuple[str, Sequence[Correlation]]], metric: str) -> Figure:
     """Rank correlation of each drawn field with a metric, a column a group, the strongest on top."""
     from plotly.subplots import make_subplots
 
@@ -418,7 +417,7 @@ def tornado(groups: Sequence[tuple[str, Sequence[Correlation]]], metric: str, he
         )  # fmt: skip
     figure.update_xaxes(range=[-1.15, 1.15]).update_yaxes(zeroline=False)
     return figure.update_layout(
-        template=style.TEMPLATE, height=height or 190 + 30 * len(order), showlegend=False, bargap=0.35,
+        template=style.TEMPLATE, height=190 + 30 * len(order), showlegend=False, bargap=0.35,
         hovermode="closest",
         title={"text": f"What the {metric_label(metric).words} depends on"},
     )  # fmt: skip

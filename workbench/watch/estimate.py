@@ -58,12 +58,12 @@ def watched_keys(machine: Hoist | Axis) -> tuple[str, ...]:
     return kind.watched or tuple(key for key in kind.free if key not in thirds)
 
 
-def estimate(machine: Hoist | Axis, run: Run, keys: Sequence[str] | None = None) -> Estimate:
+def estimate(machine: Hoist | Axis, run: Run) -> Estimate:
     """Least squares of one run's torque balance over its noise, and over the tolerances; see `identify.fit`.
 
     InputError where the machine hardly moves in the run.
     """
-    keys = watched_keys(machine) if keys is None else tuple(keys)
+    keys = watched_keys(machine)
     model = BalanceModel(InverseSimulation(machine, [run]))
     free = free_parameters(machine, [run], keys)
     result = fit(model, free)
@@ -208,9 +208,9 @@ def _whitening(off: Array, free: int) -> Array:
 
 
 @cache
-def threshold(dimension: int, healthy: int, cycles_between: float, varied: bool = False, seed: int = 0) -> float:
+def threshold(dimension: int, healthy: int, cycles_between: float, varied: bool = False) -> float:
     """h for which simulated healthy machines alarm once in `cycles_between` cycles on average; varied: payloads do."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     n, m = healthy, dimension
     x = rng.normal(size=(PATHS, n + CYCLES, m))
     carried = rng.uniform(0.0, 10_000.0, size=(PATHS, n + CYCLES)) * (1.0 if varied else 0.0)

@@ -127,7 +127,6 @@ class Trend:
 
     now: float
     rate: float
-    rate_error: float
     left: float | None
     left_ci95: tuple[float, float] | None
 
@@ -510,8 +509,8 @@ def trend(amounts: Sequence[float], limit: float | None) -> Trend | None:
     error = math.sqrt(float(rest @ rest) / (n - 2) / sxx)
     now = float(y.mean() + rate * x[-1])
     if limit is None or abs(rate) < CLEAR * error or (limit - now) * rate <= 0.0:
-        return Trend(now, rate, error, None, None)
+        return Trend(now, rate, None, None)
     way = limit - now
     fast, slow = abs(rate) + 1.96 * error, abs(rate) - 1.96 * error
     latest = abs(way) / slow if slow > 0.0 else math.inf
-    return Trend(now, rate, error, way / rate, (abs(way) / fast, latest))
+    return Trend(now, rate, way / rate, (abs(way) / fast, latest))

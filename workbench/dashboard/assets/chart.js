@@ -112,6 +112,7 @@ async function draw(box) {
   await Plotly.react(box, data, layout, {...config, modeBarButtonsToAdd: buttons});
   await keepInside(box, Plotly);
   if (quantities && !box.reads) readOut(box);
+  if (box.mark) await drawMark(box);
   box.removeAttribute("data-drawing");
 }
 
@@ -155,7 +156,7 @@ function readOut(box) {
       const row = Math.floor((Number(point.yaxis._id.slice(1) || 1) - 1) / columns);
       (values[point.data.name] ??= {})[row] = point.y;
     }
-    return {x: points[0].x, values, quantities};
+    return {x: points[0].x, axis: points[0].xaxis._id, values, quantities};
   };
   const show = now => {
     const mark = box.mark, rows = [document.createElement("tr")];
@@ -179,7 +180,16 @@ function readOut(box) {
   box.on("plotly_click", () => {
     box.mark = box.mark ? null : box.now;
     if (box.now) show(box.now);
+    drawMark(box);
   });
+}
+
+// The cursor that stays: a dotted line over all rows.
+function drawMark(box) {
+  const own = box.wanted.figure.layout.shapes ?? [], {x, axis} = box.mark ?? {};
+  const line = {width: 1, dash: "dot", color: box.layout.font?.color ?? "#808080"};
+  const mark = {type: "line", x0: x, x1: x, xref: axis, y0: 0, y1: 1, yref: "paper", line};
+  return window.Plotly.relayout(box, {shapes: box.mark ? [...own, mark] : own});
 }
 
 function boxIn(parent) {

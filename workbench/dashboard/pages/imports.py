@@ -130,8 +130,11 @@ def _mapping(machine: Hoist | Axis, logs: Sequence[Imported]) -> Proposed:
             else:
                 mapped.append(f"{signal}={column}" + ("" if unit == AS_WRITTEN else f":{unit}"))
     proposed = propose(machine, channels, mapped)
-    kept = tuple(proposal for proposal in proposed.proposals if proposal.signal not in left_out)
-    return Proposed(kept, tuple(name for name in columns if name not in {proposal.column for proposal in kept}))
+    kept = [proposal for proposal in proposed.proposals if proposal.signal not in left_out]
+    for k, one in enumerate(kept):  # what stands as it was proposed says why
+        said = first.get(one.signal, one)
+        kept[k] = said if (said.column, said.factor) == (one.column, one.factor) else one
+    return Proposed(tuple(kept), tuple(name for name in columns if name not in {proposal.column for proposal in kept}))
 
 
 def _make(machine: Hoist | Axis, logs: Sequence[Imported], proposed: Proposed) -> None:
