@@ -255,7 +255,7 @@ def test_limits_and_weights_that_are_set_decide():
     assert "Take none of these" in app.info[0].value
     app.number_input(key="study.limit wire_tension_swing_n").set_value(None).run()
     assert "Out at 9000 kg" not in app.info[0].value and "study" not in app.query_params
-    weights = [w.key for w in app.number_input if w.label == "weight"]
+    weights = [str(w.key) for w in app.number_input if w.label == "weight"]
     assert len(weights) > 5
     for key in weights:
         app.number_input(key=key).set_value(0.0)
