@@ -210,6 +210,16 @@ def test_a_gain_that_base_values_could_be_is_sought_beside_what_the_axis_leaves_
     assert diagnose(replace(campaign, runs=runs), study=False).verdict.effects == ("torque_scale",)
 
 
+def test_one_direction_of_a_real_axis_half_without_friction_is_one_cause(shared_data: Path, tmp_path: Path):
+    """And not a level that is the same both ways with an offset of the sensor, which predict the same. The freer law is
+    told of by the tolerances, not by the residual: base values could take it up."""
+    half = EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089").replace("forward_n: 20.3935", "forward_n: 10.2")
+    (tmp_path / "machine.yaml").write_text(half)
+    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
+    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    assert diagnose(read_campaign(tmp_path), study=False).verdict.effects == ("friction_coulomb_asymmetric",)
+
+
 @pytest.mark.parametrize(("late_s", "smoother"), [(0.007, True), (0.001, False), (0.02, False)])
 def test_a_filter_whose_lag_a_late_motion_undoes_is_no_filter(shared_data: Path, late_s: float, smoother: bool):
     campaign = read_campaign(shared_data / "axes" / "17")

@@ -275,8 +275,8 @@ def _not_freer(
 ) -> Weighed:
     """The hypothesis with less evidence, if it is not better by the threshold than a simpler law of the same place and
     regime: the shortfall is subtracted. No more is it where its prediction is off that of the simpler law by less than
-    LAW of what that law explains, rms: so far a real machine is off any law. What the law explains is what it adds to
-    the effects that both have."""
+    LAW of what that law explains, rms: so far a real machine is off any law; but by what it relieves the tolerances.
+    What the law explains is what it adds to the effects that both have."""
     lost, least = 0.0, settings.calibration()["threshold"]
     for names, other in beside.items():
         own, its = set(mine.names) - set(names), set(names) - set(mine.names)
@@ -287,7 +287,7 @@ def _not_freer(
         bent, law = (fit.residual[rows] - other.fit.residual[rows] for fit in (mine.fit, without))
         raw, real = mine.evidence - other.evidence, advantage(problem, without, mine, other, settings.LAW)
         if rms(bent) < settings.LAW * rms(law):
-            real = min(real, 0.0)
+            real = min(real, max(other.fit.prior - mine.fit.prior, 0.0))
         lost = max(lost, raw - real + min(max(least - real, 0.0), least))
     return replace(mine, evidence=mine.evidence - lost)
 
