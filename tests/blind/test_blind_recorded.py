@@ -100,7 +100,7 @@ def test_a_cable_chain_pulls_with_the_height_alike_in_every_run(shared_data: Pat
 
 def test_a_ripple_comes_again_on_the_way_of_the_machine(shared_data: Path):
     known = known_of(shared_data / "real" / "geared_pendulum")
-    travel = max(float(np.ptp(motion.position)) for motion in known.bench.motions)
+    travel = float(np.ptp(np.concatenate([motion.position for motion in known.bench.motions])))
     for seed in range(8):
         found = bent("ripple", (seed, 1), known)
         assert found is None or found[0].parameters["order_per_turn"] * travel > 0.99 * 2.0 * np.pi
