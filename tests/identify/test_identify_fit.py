@@ -16,6 +16,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.identify.fit import Fit, fit
 from workbench.identify.identify import friction_levels, identify
+from workbench.identify.least_squares import minimise
 from workbench.identify.model import BalanceModel, free_parameters
 from workbench.logs import Campaign
 from workbench.machines import HOIST as HOIST_KIND
@@ -324,3 +325,10 @@ def test_a_log_without_noise_claims_no_more_than_its_sampling_allows(monkeypatch
         fitted_values.std_error
     )
     assert np.max(np.abs(off)) < 2.0
+
+
+def test_slopes_that_are_not_finite_are_one_error_and_no_word_of_lapack(capfd: pytest.CaptureFixture[str]):
+    start = (np.ones(2), np.ones(3), np.array([[1.0, 0.0], [np.inf, 1.0], [0.0, 1.0]]))
+    with pytest.raises(np.linalg.LinAlgError, match="not finite"):
+        minimise(lambda z: (start[1], start[2]), start, -np.ones(2), np.ones(2), 1.0, np.eye(2))
+    assert capfd.readouterr() == ("", "")

@@ -88,6 +88,8 @@ def _step(hessian: Array, gradient: Array, box: tuple[Array, Array], damping: fl
     unit = hessian / np.outer(scale, scale)  # variables on their own scale, else the damping is of the largest
     unit[np.diag_indices_from(unit)] *= 1.0 + damping
     pull = gradient / scale
+    if not (np.all(np.isfinite(unit)) and np.all(np.isfinite(pull))):  # LAPACK would complain on the terminal
+        raise np.linalg.LinAlgError("the slopes of the residual are not finite")
     step = -np.linalg.lstsq(unit, pull, rcond=1e-14)[0] / scale
     if np.all((step >= box[0]) & (step <= box[1])):
         return step
