@@ -62,8 +62,8 @@ class Computers:
             self._start("dask_worker", self.address, "--no-nanny", "--nthreads", "1", "--no-dashboard")
             for _ in range(2)
         ]
-        # Both are at work before anything is killed. Asked by a process of its own: a loop that an earlier test has left
-        # in this one has kept a second from starting.
+        # Both are at work before anything is killed. Asked by a process of its own: in this one, after other tests, a
+        # client's loop did not start in time.
         waiting = "import sys; from distributed import Client; Client(sys.argv[1]).wait_for_workers(2, timeout=60)"
         subprocess.run([sys.executable, "-c", waiting, self.address], check=True, timeout=120, env=environment())
 
