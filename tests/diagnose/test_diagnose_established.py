@@ -146,12 +146,17 @@ tolerances: {inertia: 0.01, coulomb: 0.05, viscous: 0.05, force_gain: 0.005, for
 """
 
 
+def emps_in(folder: Path, shared_data: Path, machine: str) -> None:
+    """The records of EMPS as a campaign with this machine.yaml."""
+    (folder / "machine.yaml").write_text(machine)
+    (folder / "runs.yaml").write_text(EMPS_RUNS)
+    (folder / "runs").symlink_to(shared_data / "emps")
+
+
 def test_a_mass_withheld_from_a_real_axis_is_named_beside_what_the_axis_leaves_itself(
     shared_data: Path, tmp_path: Path
 ):
-    (tmp_path / "machine.yaml").write_text(EMPS)
-    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
-    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    emps_in(tmp_path, shared_data, EMPS)
     d = diagnose(read_campaign(tmp_path), study=False)
     assert (d.verdict.word, d.verdict.effects) == ("named", ("inertia_error",))
     corrected = cast(Any, d.corrected)
@@ -165,9 +170,7 @@ def test_a_mass_withheld_from_a_real_axis_is_named_beside_what_the_axis_leaves_i
 
 def test_the_interval_of_a_mass_knows_that_a_real_axis_keeps_to_no_error_model(shared_data: Path, tmp_path: Path):
     """On parts of the records the likelihood's mass is 97.4 kg, ± 1.8 if its error model held."""
-    (tmp_path / "machine.yaml").write_text(EMPS)
-    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
-    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    emps_in(tmp_path, shared_data, EMPS)
     campaign = read_campaign(tmp_path)
     parts = [part for run in campaign.runs for part in cut(campaign.machine, run, 4)]
     problem = Problem(campaign.machine, parts)
@@ -187,9 +190,7 @@ def late(campaign: Campaign, delay_s: float) -> Campaign:
 
 def test_a_motion_logged_three_samples_late_is_a_delay_and_no_play(shared_data: Path, tmp_path: Path):
     """Each change of the force is then a jump of the momentum, as a play's impacts are."""
-    (tmp_path / "machine.yaml").write_text(EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089"))
-    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
-    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    emps_in(tmp_path, shared_data, EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089"))
     whole = read_campaign(tmp_path)
     train, pulses = whole.runs
     campaign = late(replace(whole, runs=(train, *cut(whole.machine, pulses, 3))), 0.003)
@@ -201,9 +202,7 @@ def test_a_gain_that_base_values_could_be_is_sought_beside_what_the_axis_leaves_
     shared_data: Path, tmp_path: Path
 ):
     """A ripple takes thousands of chi^2 of that and is no cause; the gain relieves mass, friction and gain by 30."""
-    (tmp_path / "machine.yaml").write_text(EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089"))
-    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
-    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    emps_in(tmp_path, shared_data, EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089"))
     campaign = read_campaign(tmp_path)
     gain = of(campaign.machine, {"torque_scale": {"gain": 1.08}})
     runs = tuple(logged(run, gain) for run in campaign.runs)
@@ -214,9 +213,7 @@ def test_one_direction_of_a_real_axis_half_without_friction_is_one_cause(shared_
     """And not a level that is the same both ways with an offset of the sensor, which predict the same. The freer law is
     told of by the tolerances, not by the residual: base values could take it up."""
     half = EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089").replace("forward_n: 20.3935", "forward_n: 10.2")
-    (tmp_path / "machine.yaml").write_text(half)
-    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
-    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    emps_in(tmp_path, shared_data, half)
     assert diagnose(read_campaign(tmp_path), study=False).verdict.effects == ("friction_coulomb_asymmetric",)
 
 

@@ -220,12 +220,9 @@ def smooths(problem: Problem, fit: Fitted) -> bool:
     as cogging or noise at high frequency."""
     if FILTER not in fit.effects:
         return False
-    (lag,) = (r.symbol for r in ranges_of(problem.effect(FILTER), problem.machine, problem.runs))
-    late, lag_s = (
-        sum(float(np.mean(fit.setting.get(symbol, 0.0))) for symbol in symbols)
-        for symbols in ((LOG_TIMING, problem.late), (lag,))
-    )
-    return abs(late - lag_s) < settings.SMOOTHED * lag_s
+    (lag,) = ranges_of(problem.effect(FILTER), problem.machine, problem.runs)
+    lag_s, *late = (float(np.mean(fit.setting.get(one, 0.0))) for one in (lag.symbol, LOG_TIMING, problem.late))
+    return abs(sum(late) - lag_s) < settings.SMOOTHED * lag_s
 
 
 def groups_of(problem: Problem, weighed: Sequence[Weighed]) -> tuple[tuple[Names, ...], ...]:
