@@ -25,11 +25,13 @@ class ReasonKind(Enum):
     STRETCHES_TOLERANCES = "stretches_tolerances"
     ON_A_BOUND = "on_a_bound"
     UNDO_EACH_OTHER = "undo_each_other"
+    FREE_LAW = "free_law"
 
 
 @dataclass(frozen=True)
 class Reason:
-    """value: N m (N) left, or standard deviations; percent: of the input's rms; effects: those it is about."""
+    """value: N m (N) left, or standard deviations; percent: of the input's rms; effects: those it is about;
+    of a free law, its variable."""
 
     kind: ReasonKind
     effects: Names = ()

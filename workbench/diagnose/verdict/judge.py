@@ -32,6 +32,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
 from workbench.diagnose.verdict.constancy import Constancy, constancies
+from workbench.diagnose.verdict.free_law import worth
 from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of
 from workbench.effects import ranges_of
 
@@ -40,6 +41,7 @@ IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all sample
 SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
 FILTER = "torque_filter"
 OTHER, BOUND = "the other effect", "a bound"  # what speaks against a fit that is none of its law
+FREE = "a free law of the "  # and a variable: what does without the cause
 
 
 @dataclass(frozen=True)
@@ -96,10 +98,12 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     if stands:
         signs["left"] = 0.0  # what an established cause leaves is a remainder
     vetoes = vetoes_of(problem, near, weighed, best)
-    # An unlisted effect that is about as good as the best listed one is left out; a mimic has no evidence.
+    # An unlisted effect that is about as good as the best listed one is left out; a mimic has no evidence, unless a law
+    # of one variable does without it: then its evidence is that law's.
     counted = tuple(
-        (() if w.rival else w.names, min(w.evidence, 0.0) if w.names in mimics else w.evidence)
+        (() if w.rival or free else w.names, min(w.evidence, 0.0) if w.names in mimics and not free else w.evidence)
         for w in weighed
+        for free in [w.names in mimics and mimics[w.names].over.startswith(FREE)]
         if not w.rival or w in vetoes
     )
     groups = groups_of(problem, [w for w in weighed if not w.rival and w.names not in mimics])
@@ -175,8 +179,9 @@ def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
 def established(
     problem: Problem, weighed: Sequence[Weighed], base: Fitted, near: Fitted
 ) -> tuple[Weighed | None, Mapping[Names, Constancy]]:
-    """The best hypothesis all of whose effects hold as laws (`constancies`), None if there is none; and the hypotheses
-    above the threshold that are not established, each with what speaks against it.
+    """The best hypothesis all of whose effects hold as laws (`constancies`) and that a free law of one variable cannot
+    do without (`free_law`), None if there is none; and the hypotheses above the threshold that are not established,
+    each with what speaks against it.
 
     base, near: the fits without effects, the latter within the tolerances. A hypothesis that leaves more than `near`,
     whose effects undo each other, or that sits on a bound is not established either: the next about as good is looked
@@ -195,7 +200,10 @@ def established(
             continue
         why = next((one for one in constancies(problem, base, near, w.fit) if one.broken), None)
         if why is None:
-            return w, mimics | no_laws
+            gained, over = worth(problem, base, w.fit, w.score.sizes)
+            if gained > 0.0:
+                return w, mimics | no_laws
+            why = Constancy(w.names[-1], FREE + over, -gained)
         imitated = True
         mimics[w.names] = why
     mimics = {**mimics, **no_laws}
@@ -281,6 +289,8 @@ def _reasons(
             reasons.append(Reason(ReasonKind.ON_A_BOUND))
         if why.over == OTHER:
             reasons.append(Reason(ReasonKind.UNDO_EACH_OTHER, effects=names))
+        if why.over.startswith(FREE):
+            reasons.append(Reason(ReasonKind.FREE_LAW, effects=(why.over.removeprefix(FREE),)))
     return tuple(reasons)
 
 
