@@ -129,6 +129,11 @@ class Number(NamedTuple):
     help: str | None = None
 
 
+def by_words(by: float, unit: str) -> str:
+    """A difference with its sign and unit: one of per cents is in points, `+0.14 pp`."""
+    return f"{text(by, 2, sign=True)} {'pp' if unit == '%' else unit}".strip()
+
+
 def _delta(number: Number) -> tuple[str | None, Literal["normal", "inverse", "off"]]:
     """The delta in words, with which of streamlit's colours is green; a difference of rounding has none."""
     by = number.delta
@@ -137,7 +142,7 @@ def _delta(number: Number) -> tuple[str | None, Literal["normal", "inverse", "of
     if abs(by) <= SAME * abs(number.value or 0.0):
         return f"±0 {number.unit}", "off"
     # A plain hyphen: that is where streamlit reads the arrow's direction.
-    words = f"{text(by, 2, sign=True)} {number.unit}".replace("\N{MINUS SIGN}", "-")
+    words = by_words(by, number.unit).replace("\N{MINUS SIGN}", "-")
     return words, "off" if number.better is None else "inverse" if number.better == "lower" else "normal"
 
 

@@ -25,7 +25,7 @@ from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
 from workbench.machines.files import machine_text
 from workbench.metrics import View, columns, shown_in
 from workbench.references import BASELINE
-from workbench.study.beside import damping_sentence, over_payload, over_ramps
+from workbench.study.beside import beyond_its_limits, damping_sentence, over_payload, over_ramps
 from workbench.study.conclude import SIGN, alarm, sentences, utilisation
 from workbench.study.decide import Decision, decisions, take_sentences
 from workbench.study.front import fronts
@@ -186,7 +186,7 @@ def _decision(result: StudyResult) -> None:
     """What an engineer chooses by: the verdict, a row a reference, and how much of what is borne each uses. This is the
     one place where the page says which reference to take."""
     made = decisions(result.rows, result.study.machine, result.study.scenario.decide)
-    if taken := " ".join(take_sentences(made)):
+    if taken := " ".join([*take_sentences(made), *beyond_its_limits(result.study)]):
         st.info(plain(powers(taken)), icon=":material/gavel:")
     if (alarmed := alarm(utilisation(result.rows, result.study.machine))) is not None:
         st.error(plain(powers(alarmed)), icon=":material/warning:")
