@@ -29,7 +29,7 @@ from streamlit.components import v2
 
 from workbench.core.errors import InputError
 from workbench.core.names import powers, unit_of, words_of
-from workbench.dashboard.server import PLOTLY
+from workbench.dashboard.server import ASSETS, PLOTLY
 from workbench.view.page import NOT_SHARED
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ _UNIT = re.compile(r"(?<=\d) (?:N m|k?N|Hz|%|k?g|m?[ms])(?!\w)")  # that stays o
 Better = Literal["lower", "higher"]
 # `st.plotly_chart` draws a changed figure anew, and the reader's zoom is lost. This component changes the drawing.
 CHART = "workbench_chart"
-_JS = (Path(__file__).parent / "assets" / "chart.js").read_text(encoding="utf-8").replace("@PLOTLY@", PLOTLY)
+_JS = (ASSETS / "chart.js").read_text(encoding="utf-8").replace("@PLOTLY@", PLOTLY)
 _chart = v2.component(CHART, js=_JS, isolate_styles=False)
 _AHEAD = f'import(new URL("./{PLOTLY}", document.baseURI).href);\nexport default () => {{}};'
 _ahead = v2.component(f"{CHART}_ahead", js=_AHEAD, isolate_styles=False)

@@ -259,11 +259,12 @@ def on_another_damping(study: Study) -> str | None:
         damped = "a coupling with an elastomer spider"
     time_s = damped_s if rings else 2.0 * RINGING / load.angular_frequency_rad_s
     other = [replace(spec, machine=with_values(spec.machine, {path: scale * time_s})) for spec in own]
-    before, after = ([row for row, _ in run_specs(specs)] for specs in (own, other))
+    rows = [row for row, _ in run_specs([*own, *other])]
+    before, after = rows[: len(own)], rows[len(own) :]
     known = {a.reference: (a, b) for a, b in zip(before, after, strict=True) if a.ok and b.ok}
     if not known:
         return None
-    first, then = (decisions(rows, own[0].machine, study.scenario.decide)[-1].taken for rows in (before, after))
+    first, then = (decisions(some, own[0].machine, study.scenario.decide)[-1].taken for some in (before, after))
     told = dict.fromkeys((BASELINE, first.reference if first else "", *known))
     judged, pairs = metrics_of(before), [known[reference] for reference in told if reference in known][:2]
     metrics = [judged.by_name[judged.peak], judged.by_name[swing]]

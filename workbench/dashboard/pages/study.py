@@ -89,9 +89,7 @@ def show() -> None:
 def run_first() -> None:
     """The runs of the study that the page begins with, ahead of a visitor."""
     machine = default_hoist()
-    scenario = desk.usual_desk(machine).scenario
-    results(scenario, machine)
-    on_damping(scenario, machine)
+    results(desk.usual_desk(machine).scenario, machine)
 
 
 # ---- what is run --------------------------------------------------------------------------------------------------
