@@ -94,7 +94,7 @@ def load_machine(path: PathLike) -> Hoist | Axis:
     return load(path, check_effects=check)
 
 
-def machine_of(machine: Machine | None) -> Hoist | Axis | None:
+def machine_of(machine: Any) -> Hoist | Axis | None:
     """The machine, read where a path is given. InputError for what is neither."""
     if isinstance(machine, str | os.PathLike):
         return load_machine(machine)
