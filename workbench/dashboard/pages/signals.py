@@ -61,7 +61,7 @@ def _chosen(campaign: Campaign) -> tuple[list[Run], list[list[str]]]:
     first = [name for name in known if name.startswith(FIRST)] or known
     said = st.text_area(
         "Computed signals", key=held(f"signals computed {which}", ""), max_chars=2000, height=68,
-        placeholder=f"product = {first[0]} * {first[-1]}",
+        placeholder=f"product = {min(first)} * {max(first)}",
         help=f"A line each, name = expression of signals, with + - * / **, ddt(…) for the slope and "
         f"{', '.join(FUNCTIONS)}. The name's end is its unit.",
     )  # fmt: skip
