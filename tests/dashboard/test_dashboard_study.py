@@ -235,6 +235,7 @@ def test_a_stretch_of_time_stays_while_sliders_move_and_a_bad_one_is_said():
 
 def test_at_a_payload_that_no_reference_carries_none_is_taken_and_the_other_keeps_its_own_choice():
     app = page("Study").run()
+    app.pills(key="study.references").set_value(["ruckig", "optimal"])
     app.multiselect(key="study.payloads").set_value([0.0, "22000"]).run()
     (said,) = (each.value.replace("\\", "") for each in app.warning)
     assert "22000 kg, least torque peak: " in said
