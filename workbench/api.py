@@ -1,6 +1,7 @@
 """What `import workbench as wb` offers: each task as one function, which takes paths as well as records.
 
-`machine` is a record or the path of its machine.yaml in each. How a result is shown stands in `workbench.view`, found by `workbench.core.shown`.
+`machine` is a record or the path of its machine.yaml in each. How a result is shown stands in
+`workbench.view`, found by `workbench.core.shown`.
 """
 
 from __future__ import annotations

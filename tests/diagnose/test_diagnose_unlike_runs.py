@@ -75,13 +75,13 @@ def test_torque_and_speed_in_each_others_column_are_refused_with_the_run():
         diagnosed(changed("half", signals=swapped))
 
 
-def linear_runs(wrong: float, seed: int) -> tuple[Any, Fitted, Fitted]:
+def linear_runs(wrong: float, seed: int, last: float = 1.0) -> tuple[Any, Fitted, Fitted]:
     """Six runs, two a load, of friction, weight and inertia with noise of 1; the load of the last is off by `wrong`
-    noises. The problem, its fit without the term that is quadratic in speed, and that with it."""
+    noises; last: its load. The problem, its fit without the term that is quadratic in speed, and that with it."""
     random, n = np.random.default_rng(seed), 100
     of = np.repeat(np.arange(6), n)
     speed = np.concatenate([v * np.sin(np.linspace(0.0, 12.0, n)) for v in (1.0, 0.6, 1.0, 0.3, 0.6, 1.0)])
-    load, change = np.repeat([0.0, 0.5, 1.0], 2 * n), np.gradient(speed)
+    load, change = np.repeat([0.0, 0.0, 0.5, 0.5, 1.0, last], n), np.gradient(speed)
     x = np.column_stack([np.sign(speed), speed, load, load * np.sign(speed), change, load * change, speed * abs(speed)])
     y = x @ np.array([5.0, 8.0, 200.0, 3.0, 60.0, 40.0, 20.0]) + random.normal(size=len(of)) - wrong * (of == 5)
 
@@ -114,8 +114,7 @@ def test_a_run_that_bends_the_fits_of_the_others_is_named_all_the_same():
             assert list(p < UNLIKELY) == [False] * 5 + [True]
 
 
-def test_of_runs_that_are_alike_one_is_named_in_a_hundred_campaigns_or_fewer():
-    named = [
-        np.any(alike_of(problem, [fit]) < UNLIKELY) for problem, _, fit in (linear_runs(0.0, k) for k in range(100))
-    ]
-    assert sum(named) <= 3
+@pytest.mark.parametrize("last", [1.0, 40.0])  # a load far from the others': what they foretell badly is no stranger
+def test_of_runs_that_are_alike_one_is_named_in_a_hundred_campaigns_or_fewer(last: float):
+    made = (linear_runs(0.0, seed, last) for seed in range(60))
+    assert sum(np.any(alike_of(problem, [fit]) < UNLIKELY) for problem, _, fit in made) <= 2

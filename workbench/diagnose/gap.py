@@ -14,7 +14,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.evidence import model_error_rms
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting, base_parameters
+from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting, base_parameters, bounds_of
 from workbench.diagnose.hypotheses.held_out import HeldOut, fitted_without, folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
@@ -79,7 +79,7 @@ STRETCHED = 4.0  # tolerances: the furthest of ten honest values lies further of
 UNLIKELY = 0.01  # probability: of a run that leaves more than its like does, of a value so far off its tolerance
 RARE = 1e-6  # probability: a smaller one is no number that anybody checks
 SUSPECT = 1.5  # of the residual of those it is not fitted to: such a run is looked at again without its influence
-GLANCE = 2  # steps of a refit that tell which hypothesis explains the others
+GLANCE, CLOSE = 2, 10  # steps of a refit: that tell which hypothesis explains the others, and what it leaves of a run
 FEWEST_RUNS = 4  # that tell one which is not like the others
 UNLIKE = 0.1  # of the residual, rms: runs of one machine differ by so much, whatever the others' scatter is
 
@@ -102,31 +102,36 @@ def outliers(rms: Array) -> Array:
 def alike_of(problem: Problem, fits: Sequence[Fitted]) -> Array:
     """(runs,) The probability that a run like the others leaves as much as each does, see `outliers`.
 
-    Compared is the residual of each run under the fit to the others, over what that fit leaves of those, rms: the fit
-    without a run of another machine leaves noise of the others and much of that run. Such a run bends the fits that the
-    others are compared by, and may hide what they have in common. So the one that stands out most under the first of
-    the fits is compared with others that are fitted without it too, by the hypothesis that explains these best. That
-    is not asked of one that is no suspect.
+    Compared is the residual of each run under the fit to the others, over what that fit leaves of those and what it
+    cannot know of the run, rms: a slow run foretold by fast ones is no stranger. The fit without a run of another
+    machine leaves noise of the others and much of that run. Such a run bends the fits that the others are compared by,
+    and may hide what they have in common. So the one that stands out most under the first of the fits is compared with
+    others that are fitted without it too, by the hypothesis that explains these best. That is not asked of one that is
+    no suspect.
     """
     runs, run_of = len(problem.runs), problem.run_of_row
     if runs < FEWEST_RUNS:
         return np.ones(runs)
     inside = [run_of == j for j in range(runs)]
 
-    def compared(settings: Sequence[Setting], without: Sequence[np.ndarray]) -> Array:
-        rows = problem.residuals(settings)[:, : problem.inputs]
-        cut = [(own[: problem.inputs], ~some[: problem.inputs]) for own, some in zip(inside, without, strict=True)]
-        return np.array(
-            [rms(row[own]) / max(rms(row[seen]), 1e-300) for row, (own, seen) in zip(rows, cut, strict=True)]
-        )
+    def compared(fit: Fitted, settings: Sequence[Setting], without: Sequence[np.ndarray]) -> Array:
+        prior, white = np.diag(bounds_of(fit.free)[2] ** -2.0), problem.errors.whiten(fit.jacobian)
+        ratios = []
+        for row, mine, left_out in zip(problem.residuals(settings), inside, without, strict=True):
+            own, seen = np.flatnonzero(mine[: problem.inputs]), np.flatnonzero(~left_out[: problem.inputs])
+            known = white[~left_out]
+            spread = np.linalg.pinv(known.T @ known + prior, rcond=1e-12, hermitian=True)
+            unknown = math.sqrt(np.mean(np.sum((fit.jacobian[own] @ spread) * fit.jacobian[own], axis=1)))
+            ratios.append(rms(row[own]) / math.hypot(rms(row[seen]), unknown))
+        return np.array(ratios)
 
-    unseen = compared(held_out(problem, fits[0], folds_by_run(problem)).settings, inside)
+    unseen = compared(fits[0], held_out(problem, fits[0], folds_by_run(problem)).settings, inside)
     p, odd = outliers(unseen), int(np.argmax(unseen))
     if unseen[odd] < SUSPECT:
         return p
     best = min(fits, key=lambda fit: fitted_without(problem, fit, [inside[odd]], GLANCE)[0].objective)
     without = [mine | inside[odd] for mine in inside]
-    alone = compared([one.setting for one in fitted_without(problem, best, without)], without)
+    alone = compared(best, [one.setting for one in fitted_without(problem, best, without, CLOSE)], without)
     p[odd] = outliers(alone)[odd]
     return p
 
