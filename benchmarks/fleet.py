@@ -52,7 +52,8 @@ def main() -> None:
             (place / "logs" / machine).mkdir(parents=True)
             filled(place / machine, given.kept)
             source, state = str(place / "logs" / machine), place / machine
-            plans.append(Plan(machine, source, place / "machine.yaml", state, RULES, settle_s=0.0, page=write_page))
+            how = {"settle_s": 0.0, "page": write_page}
+            plans.append(Plan(machine, source, place / "machine.yaml", state, RULES, how=how))
         rounds, spent = 0, [time.process_time()]
 
         def over() -> bool:

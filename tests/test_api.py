@@ -197,6 +197,29 @@ def test_a_study_takes_a_file_a_dict_another_machine_and_other_values():
         wb.study({**SMALL, "setle_s": 1.0})
 
 
+def test_a_machine_is_a_record_or_the_path_of_its_file_in_every_call_and_anything_else_is_one_clear_error(
+    tmp_path: Path,
+):
+    heavy = wb.with_values(wb.default_hoist(), {"carriage.mass_kg": 9000.0})
+    file = tmp_path / "machine.yaml"
+    wb.save_machine(heavy, file)
+    assert wb.study(SMALL, machine=str(file)).rows[0] == wb.study(SMALL, machine=heavy).rows[0]
+    assert wb.simulate(0.5, machine=file).metrics == wb.simulate(0.5, machine=heavy).metrics
+    assert wb.loop(file, heights_m=[4.0]).case.machine == heavy
+    assert wb.replay(DEMO, machine=file).machine == heavy
+    for call in (
+        lambda m: wb.study(SMALL, machine=m),
+        lambda m: wb.simulate(0.5, machine=m),
+        wb.loop,
+        wb.tune,
+        *(lambda m, verb=verb: verb(result("Campaign"), machine=m) for verb in (wb.replay, wb.identify, wb.diagnose)),
+    ):
+        with pytest.raises(wb.InputError, match=r"no-such\.yaml"):
+            call(tmp_path / "no-such.yaml")
+        with pytest.raises(wb.InputError, match=r"is a int, expected a machine or the path of its machine\.yaml"):
+            call(3)
+
+
 def test_a_simulation_is_the_study_s_run_of_the_same_case():
     row = next(row for row in result("StudyResult").rows if row.payload_kg == 9000.0 and row.reference == "ruckig")
     alone = wb.simulate(

@@ -1,6 +1,7 @@
 """What `import workbench as wb` offers: each task as one function, which takes paths as well as records.
 
-How a result is shown stands in `workbench.view`, found by `workbench.core.shown`.
+`machine` is a record or the path of its machine.yaml in each. How a result is shown stands in
+`workbench.view`, found by `workbench.core.shown`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,18 @@ from workbench.identify.identify import identify as fit_machine
 from workbench.logs import Campaign
 from workbench.logs import read_campaign as read
 from workbench.logs.doubts import doubts_of
-from workbench.machines import NO_EFFECTS, Axis, Hoist, LinearAxis, RotaryAxis, default_hoist, load_of
+from workbench.machines import (
+    NO_EFFECTS,
+    STUDIED,
+    Axis,
+    Hoist,
+    LinearAxis,
+    RotaryAxis,
+    default_hoist,
+    load_of,
+    of_kind,
+    studied,
+)
 from workbench.machines import load_machine as load
 from workbench.references import (
     LimitPair,
@@ -51,6 +63,7 @@ if TYPE_CHECKING:
     from workbench.diagnose.progress import Progress as DiagnoseProgress
 
 PathLike = str | os.PathLike[str]
+Machine = Hoist | Axis | PathLike
 M = TypeVar("M", Hoist, LinearAxis, RotaryAxis)
 LEAD_S, SETTLE_S = 0.5, 2.0
 PLANTS = ("lumped", "multibody")
@@ -65,9 +78,10 @@ def read_campaign(path: PathLike, *, runs: Sequence[str] | str | None = None) ->
     return read(path, select=runs, check_effects=check)
 
 
-def campaign_of(campaign: Campaign | PathLike, machine: Hoist | Axis | None = None) -> Campaign:
+def campaign_of(campaign: Campaign | PathLike, machine: Machine | None = None) -> Campaign:
     """The campaign, read where a path is given; `machine` in place of its own. InputError for another kind of one."""
     campaign = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    machine = machine_of(machine)
     if machine is None:
         return campaign
     if type(machine) is not type(campaign.machine):
@@ -81,6 +95,16 @@ def load_machine(path: PathLike) -> Hoist | Axis:
     return load(path, check_effects=check)
 
 
+def machine_of(machine: Any) -> Hoist | Axis | None:
+    """The machine, read where a path is given. InputError for what is neither."""
+    if isinstance(machine, str | os.PathLike):
+        return load_machine(machine)
+    if machine is not None and not isinstance(machine, Hoist | Axis):
+        said = f"is a {type(machine).__name__}, expected a machine or the path of its machine.yaml"
+        raise InputError(said, place="machine")
+    return machine
+
+
 def with_effects(machine: M, effects: Mapping[str, Mapping[str, float]]) -> M:
     """The machine with effects beside those that it has: name -> parameters, as the block `effects` of machine.yaml.
 
@@ -92,7 +116,7 @@ def with_effects(machine: M, effects: Mapping[str, Mapping[str, float]]) -> M:
 
 
 def replay(
-    campaign: Campaign | PathLike, *, machine: Hoist | Axis | None = None, band_hz: float | None = None
+    campaign: Campaign | PathLike, *, machine: Machine | None = None, band_hz: float | None = None
 ) -> ReplayResult:
     """Drive the machine's model with the measured torque (force) of every run; compare the speeds.
 
@@ -109,7 +133,7 @@ def identify(
     campaign: Campaign | PathLike,
     *,
     free: Sequence[str] | None = None,
-    machine: Hoist | Axis | None = None,
+    machine: Machine | None = None,
     band_hz: float | None = None,
     date: str = "",
 ) -> Identification:
@@ -127,7 +151,7 @@ def identify(
 def diagnose(
     campaign: Campaign | PathLike,
     *,
-    machine: Hoist | Axis | None = None,
+    machine: Machine | None = None,
     candidates: Sequence[str] | None = None,
     most_effects: int = 5,
     baseline: str = "tolerances",
@@ -174,7 +198,7 @@ def open_diagnosis(folder: PathLike) -> Diagnosis:
 def simulate(
     moves: float | Sequence[Step],
     *,
-    machine: Hoist | None = None,
+    machine: Hoist | PathLike | None = None,
     payload_kg: float = 0.0,
     start_position_m: float | None = None,
     limits: Limits | LimitPair | None = None,
@@ -194,7 +218,10 @@ def simulate(
     """
     if plant not in PLANTS:
         raise InputError(f"unknown plant '{plant}'; {nearest(plant, PLANTS)}", place="plant")
-    machine = default_hoist() if machine is None else machine
+    given = default_hoist() if machine is None else machine_of(machine)
+    machine = studied(given)
+    if machine is None:
+        raise InputError(f"is {of_kind(given)}; a simulation is of {STUDIED}", place="machine")
     low, high = machine.rail.lowest_position_m, machine.highest_position_m
     start = low + 0.25 * (high - low) if start_position_m is None else start_position_m
     controller = usual_controller(machine) if controller is None else controller
@@ -219,17 +246,18 @@ def usual_limits(machine: Hoist) -> Limits:
 
 
 def study(
-    scenario: PathLike | Mapping[str, Any] | Study, *, machine: Hoist | Axis | None = None, **changes: Any
+    scenario: PathLike | Mapping[str, Any] | Study, *, machine: Machine | None = None, **changes: Any
 ) -> StudyResult:
     """Run a scenario, every payload with every reference, and keep rows and signals in memory.
 
     scenario: a file, or the same keys as a dict. machine: in place of the scenario's. changes: other values of the
     scenario's keys, such as payloads_kg=[0, 9000]. InputError names the key or the place in the file.
     """
-    planned = _planned(scenario, machine)
-    if machine is not None or changes:
+    given = machine_of(machine)
+    planned = _planned(scenario, given)
+    if given is not None or changes:
         new = changed(planned.scenario, changes)
-        planned = plan_study(new, planned.machine if machine is None else machine, planned.recordings)
+        planned = plan_study(new, planned.machine if given is None else given, planned.recordings)
     return run_study(planned)
 
 
@@ -257,7 +285,7 @@ def _rows(result: StudyResult | PathLike) -> Sequence[Row]:
 
 
 def loop(
-    machine: Hoist | Axis | None = None,
+    machine: Machine | None = None,
     controller: Settings | None = None,
     *,
     payloads_kg: Sequence[float] | None = None,
@@ -274,14 +302,14 @@ def loop(
     free_length: stiffen the wire as its free length shortens.
     """
     Goal(ms_limit=ms_limit)
-    case = loop_case(machine, controller, payloads_kg, heights_m, scenario)
+    case = loop_case(machine_of(machine), controller, payloads_kg, heights_m, scenario)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m, motion)
     effects = STIFFNESS_BY_LENGTH if free_length else NO_EFFECTS
     return LoopAnalysis(case, tuple(family(case.machine, case.settings, points, effects=effects)), ms_limit)
 
 
 def tune(
-    machine: Hoist | Axis | None = None,
+    machine: Machine | None = None,
     controller: Settings | None = None,
     *,
     bandwidth_hz: float | None = None,
@@ -300,7 +328,7 @@ def tune(
     schedule. tell: receives the progress, and may raise to stop. InputError, with the reason, for a goal out of reach.
     """
     goal = Goal(bandwidth_hz, ms_limit)
-    case = loop_case(machine, controller, payloads_kg, heights_m, scenario)
+    case = loop_case(machine_of(machine), controller, payloads_kg, heights_m, scenario)
     points = operating_points(case.machine, case.payloads_kg, case.heights_m)
     tuned = search_gains(case.machine, case.settings, points, case.trial(), goal, weights, also=also, tell=tell)
     return Tuning(case, weights, tuned)

@@ -25,8 +25,8 @@ from workbench.machines import default_hoist, get_value
 from workbench.view.watch import write_page
 from workbench.watch.estimate import Estimate, watched_keys
 from workbench.watch.judge import Cycle, Judge, Rules
-from workbench.watch.store import FILE, DamagedError, Said, Store
-from workbench.watch.watch import Watch, rebuild
+from workbench.watch.store import FILE, DamagedError, Said, Store, rebuild
+from workbench.watch.watch import Watch
 
 KINDS = {"state": "watch.sqlite", "copies": "cycles.parquet", "sidecar": ""}
 HOIST, RULES, CYCLES = default_hoist(), Rules(healthy=20), 60
@@ -67,7 +67,7 @@ def make_state(folder: Path) -> None:
     diagnosis = {"verdict": "named", "effects": [], "sentence": "It is so.", "repeats": 0}
     store.say(judge.alarms[0].cycle, Said(diagnosis=diagnosis))
     store.refuse("0", "x.csv", "x.csv: is no log")
-    store.write_copies(judge)
+    store.write_copies()
     store.close()
     with contextlib.closing(sqlite3.connect(folder / FILE)) as db:  # so that its bytes alone are all of it
         db.execute("PRAGMA journal_mode=DELETE")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import os
 import re
 import socket
@@ -16,7 +17,7 @@ import pytest
 
 from tests.support import browser
 from tests.support.dashboard_app import page
-from workbench.dashboard.server import HERE, OPTIONS, hosts_allowed, is_allowed
+from workbench.dashboard.server import HERE, OPTIONS, PLOTLY, hosts_allowed, is_allowed
 
 
 @pytest.fixture(scope="module")
@@ -113,3 +114,18 @@ def test_a_download_belongs_to_its_session_and_needs_none_when_it_is_written(
         title, *_ = re.findall(r"<title>(.*?)</title>", content.decode())
         assert name in title
     assert "ScriptRunContext" not in caplog.text
+
+
+def test_the_library_of_figures_is_of_the_packages_version_draws_every_trace_and_is_packed_once(server: str):
+    from plotly.offline import get_plotlyjs, get_plotlyjs_version
+
+    with urllib.request.urlopen(f"{server}/{PLOTLY}", timeout=10.0) as said:
+        assert said.headers["content-encoding"] == "gzip"  # whatever the browser says it takes
+        assert int(said.headers["content-length"]) < 600_000
+        library = gzip.decompress(said.read()).decode()
+    assert f" v{get_plotlyjs_version()}\n" in library[:100]
+    mine, every = (set(re.findall(r'moduleType:"trace",name:"(\w+)"', text)) for text in (library, get_plotlyjs()))
+    files = [file for part in ("view", "dashboard") for file in (browser.ROOT / "workbench" / part).rglob("*.py")]
+    drawn = {kind for file in files for kind in re.findall(r'"type": "(\w+)"', file.read_text("utf-8"))} & every
+    assert {"scatter", "bar", "heatmap"} <= drawn <= mine
+    assert not re.search(r"\bgo\.(?!Figure\b)[A-Z]", "".join(file.read_text("utf-8") for file in files))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.dashboard_app import errors, figures, good, page
+from tests.support.dashboard_app import errors, figures, good, page, words
 from tests.support.drive_files import RPM, drive_file
 from tests.support.log_campaign import hoist_columns
 from workbench.core.run import Run
@@ -34,7 +34,7 @@ def dropped(content: bytes, suffix: str = ".csv") -> Any:
 def test_a_drives_file_becomes_a_campaign_with_its_own_numbers(server: Path, suffix: str):
     app = dropped(drive_file(server, suffix), suffix)
     assert app.selectbox(key="import speed_motor_rad_s").value == "n_act"
-    assert "by its size %nominal" in app.dataframe[0].value["remark"].iloc[0]  # 60 to 70 % would not hold the carriage
+    assert "its unit is not said: by its size %nominal" in words(app)  # 60 to 70 % would not hold the carriage
     app.selectbox(key="import speed_motor_rad_s unit").set_value("rpm")
     for motor in (1, 2):
         app.selectbox(key=f"import torque_motor{motor}_nm unit").set_value("%nominal")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from streamlit.testing.v1 import AppTest
 
-from tests.support.dashboard_app import errors, figures, page
+from tests.support.dashboard_app import errors, figures, good, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
@@ -124,7 +125,19 @@ def test_what_is_no_arithmetic_of_signals_is_one_clear_error(said: str, why: str
 
 def test_the_table_counts_missing_samples():
     gappy = Run("gappy", np.arange(5.0), {"torque_motor_nm": np.array([1.0, np.nan, np.nan, 2.0, 3.0])})
-    assert runs_table([gappy]).rows[0][:6] == ("gappy", "5", "1000", "4.000", "0", "2")
+    whole = replace(gappy, name="whole", signals={"speed_motor_rad_s": np.zeros(5)})
+    assert runs_table([gappy]).rows == [("gappy", "5", "1000", "4.000", "0", "2")]
+    assert runs_table([gappy]).note == "Signals of each run: torque_motor_nm."
+    assert [row[-1] for row in runs_table([gappy, whole]).rows] == ["torque_motor_nm", "speed_motor_rad_s"]
+
+
+@pytest.mark.parametrize("name", ["hoist", "axis"])
+def test_the_example_of_a_computed_signal_can_be_typed(offered, name):
+    app = page("Signals").run()
+    app.selectbox(key="signals campaign").set_value(name).run()
+    app.text_area[0].set_value(app.text_area[0].placeholder).run()
+    good(app)
+    assert "product" in field(app, 0).options
 
 
 def test_forces_of_the_multibody_machine_are_told_from_the_lumped_ones_and_the_largest_listed():

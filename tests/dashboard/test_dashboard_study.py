@@ -26,9 +26,9 @@ from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
 from workbench.dashboard import chosen as machines
 from workbench.dashboard import session, widgets
-from workbench.dashboard.desk import desk_of, edited, from_address, in_address, usual_desk
+from workbench.dashboard.desk import desk_of, edited, from_address, in_address, usual_desk, with_gains
 from workbench.dashboard.pages import compare as kept
-from workbench.dashboard.pages.compare import difference, machine_told_apart
+from workbench.dashboard.pages.compare import difference, machine_told_apart, under_gains
 from workbench.dashboard.pages.study import OWN
 from workbench.dashboard.server import OPTIONS, SCRIPT
 from workbench.machines import Hoist, default_hoist, with_values
@@ -235,6 +235,7 @@ def test_a_stretch_of_time_stays_while_sliders_move_and_a_bad_one_is_said():
 
 def test_at_a_payload_that_no_reference_carries_none_is_taken_and_the_other_keeps_its_own_choice():
     app = page("Study").run()
+    app.pills(key="study.references").set_value(["ruckig", "optimal"])
     app.multiselect(key="study.payloads").set_value([0.0, "22000"]).run()
     (said,) = (each.value.replace("\\", "") for each in app.warning)
     assert "22000 kg, least torque peak: " in said
@@ -371,6 +372,38 @@ def test_a_difference_has_the_colour_of_its_metric(metric: str, value: float, ba
     assert f":{colour}[" in difference(value, base, declared)
     for invisible in (0.0, 0.9 * declared.visible * declared.scale):
         assert difference(base + invisible, base, declared) == " (=)"
+
+
+def test_a_difference_of_per_cents_is_in_points():
+    """72.6 to 79.9 % is 7.3 points, and 10 %."""
+    assert difference(79.9, 72.6, find("thermal_load_percent")) == " :red[(+7.3 pp)]"
+    source = (
+        "from workbench.dashboard.widgets import Number, numbers\n"
+        "numbers([Number('Load', 79.9, '%', 7.3, 'lower'), Number('Peak', 110.0, 'N m', 10.0, 'lower')])\n"
+    )
+    assert [card.delta for card in AppTest.from_string(source).run().metric] == ["+7.3 pp", "+10 N m"]
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"kp_nm_s_per_rad": 50.0, "ki_nm_per_rad": 400.0}, {"kv_per_s": 3.0}, {"set_point_weight": 0.5},
+     {"gain_schedule": ({"payload_kg": 0.0, "kp_nm_s_per_rad": 20.0, "ki_nm_per_rad": 60.0},)}],
+    ids=lambda settings: next(iter(settings)),
+)  # fmt: skip
+def test_under_the_same_gains_two_studies_that_differ_in_nothing_else_are_one(settings: dict[str, Any]):
+    """Every figure of every run, and none is one before."""
+
+    def study(**own: Any) -> kept.Kept:
+        usual = usual_scenario(payloads_kg=(9000.0,), references=("trapezoid",))
+        loop = with_gains(usual.controller, own)
+        scenario = usual.model_copy(update={"controller": loop})
+        machine = default_hoist()
+        return kept.Kept("one", scenario, machine, run_study(plan_study(scenario, machine)))
+
+    first, other = study(), study(**settings)
+    for theirs, same in ((other, False), (under_gains(other, first), True), (under_gains(first, other), False)):
+        assert (theirs.result.rows[0].metrics == first.result.rows[0].metrics) == same
+    assert under_gains(first, other).result.rows[0].metrics == other.result.rows[0].metrics
 
 
 def test_a_number_has_three_digits_that_are_right_whatever_its_size():

@@ -181,3 +181,12 @@ def test_what_a_real_axis_leaves_itself_moves_no_base_parameter_off(emps: Emps):
         if not parameter.logarithmic
     ]
     assert max(far) < 1.0
+
+
+def test_what_is_stated_as_held_out_is_what_a_search_without_the_run_leaves_there(shared_data: Path):
+    """Without half_slow another minimum of friction near standstill is the best: 0.91 N m are left, not 0.57."""
+    campaign = read_campaign(shared_data / "campaigns" / "05")
+    known = {"candidates": ("friction_position_dependent",), "quick": True}
+    whole = diagnose(campaign, **known)  # type: ignore[arg-type]
+    apart = diagnose(campaign, validate=("half_slow",), **known)  # type: ignore[arg-type]
+    assert whole.shrink.by_run["half_slow"][1] == pytest.approx(apart.delivered.validated[0].after, rel=0.02)

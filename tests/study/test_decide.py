@@ -12,17 +12,19 @@ import numpy as np
 import pytest
 
 from workbench.core.errors import InputError
-from workbench.machines import default_hoist, shipped_hoist, with_values
+from workbench.machines import default_hoist, load_of, shipped_hoist, with_values
 from workbench.references import LimitPair, Limits
 from workbench.study.beside import (
     QUESTIONS,
     beside,
+    beyond_its_limits,
     damping_sentence,
     on_another_damping,
 )
 from workbench.study.conclude import (
     Answer,
     alarm,
+    answer,
     answer_of,
     from_the_bound,
     read_answer,
@@ -532,13 +534,55 @@ def test_every_study_says_how_far_its_answer_hangs_on_the_damping(name):
 
 
 def test_the_bound_is_below_every_motion_of_its_time_and_the_limit_that_equal_time_exceeds_is_named():
-    said, equal = from_the_bound(load_study(ROOT / "scenarios" / "references_at_their_best.yaml"))
+    study = load_study(ROOT / "scenarios" / "references_at_their_best.yaml")
+    (said,), (equal,) = from_the_bound(study), beyond_its_limits(study)
     of_all, least, again = (float(peak) for peak in re.findall(r"(?:below|Above) ([\d.]+) N m per motor", said))
     (found,) = (float(peak) for peak in re.findall(r"one with ([\d.]+) N m per motor", said))
     assert of_all <= least == again <= found <= 1.005 * least
     above = {words: int(percent) for words, percent in re.findall(r"(?:are|,|and) ([a-zA-Z' ]+) by (\d+) %", said)}
     assert above["the motion of least torque peak"] <= 2 < above["the trapezoid"]
-    assert "exceeds speed from 0.7 to 0.76 m/s (100 % of the drive's top speed): 497 N m" in equal
+    assert "goes beyond the limits to keep that time: speed from 0.7 to 0.76 m/s (100 % of the drive's top" in equal
+
+
+def test_a_recommendation_is_followed_by_what_it_exceeds():
+    taken, beyond, *_ = answer(result().study, result().rows)
+    assert taken.startswith("Take ruckig in the trapezoid's time") and [beyond] == beyond_its_limits(result().study)
+
+
+@pytest.mark.parametrize("lowering", [{}, {"speed_m_s": 0.5, "acceleration_m_s2": 0.3, "jerk_m_s3": 0.8}])
+def test_what_goes_beyond_a_limit_that_is_set_is_what_its_set_point_does_in_the_simulation(lowering: dict[str, float]):
+    """The set point's speed up and down, in m/s at the carriage, against the limits of either way."""
+    limits = {"speed_m_s": 0.7, "acceleration_m_s2": 0.6, "jerk_m_s3": 0.8, "lowering": lowering}
+    wanted = {"payloads_kg": (9000.0,), "references": REFERENCES, "limits": limits, "outputs": {"signals": "full"}}
+    own = study.__wrapped__(**wanted)
+    per = 0.25 * own.machine.winch.drum_diameter_m / own.machine.gearbox.ratio  # m of the carriage a rad of the motor
+    beyond = set()
+    for name, run in run_study(own).runs.items():
+        reached = per * run["speed_reference_rad_s"]
+        for limit, speed in ((0.7, reached.max()), (lowering.get("speed_m_s", 0.7), -reached.min())):
+            if speed > 1.001 * limit:
+                beyond.add((name, limit, round(float(speed), 3)))
+    (said,) = beyond_its_limits(own)
+    told = [tuple(map(float, pair)) for pair in re.findall(r"speed from ([\d.]+) to ([\d.]+) m/s", said)]
+    assert {("9000kg_ruckig_equal_time", *pair) for pair in told} == beyond
+
+
+@pytest.mark.parametrize("payload", [0.0, 9000.0])
+def test_which_motion_to_take_on_a_wire_that_rings_is_what_a_study_on_that_machine_takes(payload: float):
+    own = study(payloads_kg=(payload,), references=REFERENCES)
+    load = load_of(own.machine, payload)
+    assert load is not None
+    ringing = with_values(own.machine, {"wire.damping_time_s": 2.0 * 0.02 / load.angular_frequency_rad_s})
+    first, then = (
+        decided(own, list(run_study(plan_study(own.scenario, machine)).rows)).candidates[0].words
+        for machine in (own.machine, ringing)
+    )
+    said = on_another_damping(own)
+    assert said is not None
+    wanted = "on either wire" if first == then else f"on this wire, {then} on that"
+    assert said.endswith(f" Of the study's references {first} is the one to take {wanted}.")
+    assert f"; {first} has " in said  # with its own figures
+    assert not re.search(r"([\d.]+) instead of \1 ", said)  # two figures that read alike are no change
 
 
 def test_the_lightly_damped_machine_is_the_default_one_but_for_its_wire():

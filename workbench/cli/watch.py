@@ -12,7 +12,7 @@ import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import click
 
@@ -22,12 +22,13 @@ from workbench.core.errors import InputError
 from workbench.effects import check
 from workbench.machines import load_machine
 from workbench.view.watch import answer, fleet_table, write_page
-from workbench.watch import watch as at_work
 from workbench.watch.cause import diagnosed
 from workbench.watch.estimate import HEALTHY
 from workbench.watch.fleet import Plan, opened, read_fleet, run_fleet
 from workbench.watch.judge import Rules
 from workbench.watch.store import DamagedError
+from workbench.watch.store import rebuild as anew
+from workbench.watch.watch import patient
 
 EXIT_ALARM, EXIT_FAILED = 1, 2
 WAIT_S = 60.0  # for another watch of the same state
@@ -93,10 +94,8 @@ def watch(
     rebuild: Make a damaged watch.sqlite anew from cycles.parquet, then go on.
     """
     rules = Rules(cycles_between, healthy or HEALTHY, pause, warm_up, dict(keyed_number(w, "limits") for w in limits))
-    how = {
-        "once": once, "settle_s": settle_s, "stand_s": stand_s, "silent_s": silent_s, "sample_s": sample_s,
-        "hook": hook, "diagnose": None if skip_diagnosis else diagnosed, "page": write_page,
-    }  # fmt: skip
+    how = {"settle_s": settle_s, "hook": hook, "diagnose": None if skip_diagnosis else diagnosed, "page": write_page}
+    more: dict[str, Any] = {"sample_s": sample_s, "stand_s": stand_s, "silent_s": silent_s, "once": once}
     stop = threading.Event()
     for name in (signal.SIGINT, signal.SIGTERM):
         signal.signal(name, lambda *_: stop.set())
@@ -109,11 +108,11 @@ def watch(
         if fleet is None:
             if source is None or machine is None or cluster is not None:
                 raise InputError("FOLDER and --machine, or --fleet, with which --cluster goes", place="watch needs")
-            plan = Plan("", source, machine, state, rules, nodes, still, wait_s=WAIT_S, **how)  # type: ignore[arg-type]
-            return _watch_one(plan, every, over, rebuild=rebuild)
+            plan = Plan("", source, machine, state, rules, nodes, still, **more, how={**how, "wait_s": WAIT_S})
+            return _watch_one(plan, every, settle_s, over, rebuild=rebuild)
         if source is not None or machine is not None or rebuild:
             raise InputError("takes the place of FOLDER and --machine; rebuild machines one by one", place="fleet")
-        plans = read_fleet(fleet, state, rules, **how)
+        plans = read_fleet(fleet, state, rules, **more, how=how)
         rows, alarms = run_fleet(plans, cluster, state, every, over, say=_say, once=once, settle_s=settle_s)
         print_table(fleet_table(rows))
         click.echo(f"\nTable: {state / 'fleet.parquet'} and {state / 'fleet.sqlite'}")
@@ -132,21 +131,23 @@ def watch(
         return EXIT_FAILED
 
 
-def _watch_one(plan: Plan, every: float, over: Callable[[], bool], *, rebuild: bool) -> int:
+def _watch_one(plan: Plan, every_s: float, settle_s: float, over: Callable[[], bool], *, rebuild: bool) -> int:
     if rebuild:
-        count = at_work.rebuild(plan.state, load_machine(plan.machine, check_effects=check), plan.rules)
+        count = anew(plan.state, load_machine(plan.machine, check_effects=check), plan.rules)
         click.echo(f"watch.sqlite is made anew with {count} cycles; the damaged one is watch.sqlite.damaged.", err=True)
-    watched, line = opened(plan, _say)
-    try:
-        at_work.run(watched, every, over, once=plan.once, settle_s=plan.settle_s)
+    with contextlib.closing(opened(plan, _say)) as watched:
+
+        def look() -> tuple[int, int]:
+            new, waiting = watched.look(time.monotonic())
+            return new, -1 if watched.trouble is not None else waiting
+
+        patient(look, every_s, over, once=plan.once, settle_s=settle_s)
+        if watched.trouble is not None:
+            raise watched.trouble
         click.echo(answer(watched))
         click.echo(f"\nReport: {plan.state / 'watch.html'}")
         sys.stdout.flush()  # before the alarms count as told
         return EXIT_ALARM if watched.store.report() else 0
-    finally:
-        if line is not None:
-            line.close()
-        watched.close()
 
 
 def _say(text: str) -> None:

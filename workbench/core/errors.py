@@ -32,6 +32,10 @@ class InputError(Exception):
         return ": ".join(part for part in (where, self.place, self.problem) if part)
 
 
+class UnwritableError(InputError):
+    """Something cannot be written now, and can be when there is room again."""
+
+
 def one_line(text: str, most: int = MOST) -> str:
     """The text as one line of at most `most` characters that can be printed: lines become parts of a sentence."""
     lines = [line.strip() for line in text[: 4 * most].splitlines()]

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from workbench.core.errors import InputError
+from workbench.core.errors import InputError, UnwritableError
 from workbench.core.input_file import read_input
 
 if sys.platform != "win32":  # there, what a killed writer leaves stays
@@ -116,16 +116,15 @@ def replace_text(path: Path, text: str) -> None:
     """Write a file, whole or not at all, over what is there. InputError when it cannot be written."""
     temporary: str | None = None
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.chmod(temporary, 0o644)  # mkstemp makes files only their owner can read
-        os.replace(temporary, path)
-        temporary = None
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
+        with writable(path):
+            handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+            with os.fdopen(handle, "w", encoding="utf-8") as stream:
+                stream.write(text)
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.chmod(temporary, 0o644)  # mkstemp makes files only their owner can read
+            os.replace(temporary, path)
+            temporary = None
     finally:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
@@ -135,16 +134,25 @@ def replace_text(path: Path, text: str) -> None:
 def whole_file(path: Path) -> Iterator[Path]:
     """A hidden file to write to; it takes the place of `path` when the block ends without an error, else it goes.
 
-    InputError where it cannot be written.
+    UnwritableError where it cannot be written.
     """
     part = path.with_name(f".{path.name}.part")
     try:
-        yield part
-        part.replace(path)
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
+        with writable(path):
+            yield part
+            part.replace(path)
     finally:
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+@contextmanager
+def writable(path: Path) -> Iterator[None]:
+    """UnwritableError where the system does not let it be written."""
+    try:
+        yield
+    except OSError as error:
+        raise UnwritableError(f"cannot be written: {error.strerror or error}", file=path) from error
 
 
 def check_replaceable(path: Path, mark: str) -> None:

@@ -29,7 +29,7 @@ from streamlit.components import v2
 
 from workbench.core.errors import InputError
 from workbench.core.names import powers, unit_of, words_of
-from workbench.dashboard.server import PLOTLY
+from workbench.dashboard.server import ASSETS, PLOTLY
 from workbench.view.page import NOT_SHARED
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ _UNIT = re.compile(r"(?<=\d) (?:N m|k?N|Hz|%|k?g|m?[ms])(?!\w)")  # that stays o
 Better = Literal["lower", "higher"]
 # `st.plotly_chart` draws a changed figure anew, and the reader's zoom is lost. This component changes the drawing.
 CHART = "workbench_chart"
-_JS = (Path(__file__).parent / "assets" / "chart.js").read_text(encoding="utf-8").replace("@PLOTLY@", PLOTLY)
+_JS = (ASSETS / "chart.js").read_text(encoding="utf-8").replace("@PLOTLY@", PLOTLY)
 _chart = v2.component(CHART, js=_JS, isolate_styles=False)
 _AHEAD = f'import(new URL("./{PLOTLY}", document.baseURI).href);\nexport default () => {{}};'
 _ahead = v2.component(f"{CHART}_ahead", js=_AHEAD, isolate_styles=False)
@@ -129,6 +129,11 @@ class Number(NamedTuple):
     help: str | None = None
 
 
+def by_words(by: float, unit: str) -> str:
+    """A difference with its sign and unit: one of per cents is in points, `+0.14 pp`."""
+    return f"{text(by, 2, sign=True)} {'pp' if unit == '%' else unit}".strip()
+
+
 def _delta(number: Number) -> tuple[str | None, Literal["normal", "inverse", "off"]]:
     """The delta in words, with which of streamlit's colours is green; a difference of rounding has none."""
     by = number.delta
@@ -137,7 +142,7 @@ def _delta(number: Number) -> tuple[str | None, Literal["normal", "inverse", "of
     if abs(by) <= SAME * abs(number.value or 0.0):
         return f"±0 {number.unit}", "off"
     # A plain hyphen: that is where streamlit reads the arrow's direction.
-    words = f"{text(by, 2, sign=True)} {number.unit}".replace("\N{MINUS SIGN}", "-")
+    words = by_words(by, number.unit).replace("\N{MINUS SIGN}", "-")
     return words, "off" if number.better is None else "inverse" if number.better == "lower" else "normal"
 
 

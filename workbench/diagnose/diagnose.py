@@ -17,12 +17,12 @@ from workbench.diagnose.gap import (
     Delivered,
     Gap,
     Shrink,
+    alike_of,
     delivered_of,
     folds_of,
     gap_of,
     shrink_of,
     stretch_of,
-    unseen_over_seen,
 )
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
 from workbench.diagnose.hypotheses.problem import Problem, rms
@@ -308,7 +308,9 @@ def diagnose(
         replayed = replay_runs(corrected, campaign.runs, problem.band_hz, impacts)
     folds = folds_of(search, judged.names, unknown)
     shrink = shrink_of(search, keys, judged.names, folds, seed, unknown)
-    delivered = delivered_of(problem.noise, refitted_replay, replayed, unseen_over_seen(problem, folds))
+    answers = [fit] if fit is not None else []
+    alike_runs = alike_of(problem, [*answers, *(w.fit for w in judged.weighed), search.within_tolerances])
+    delivered = delivered_of(problem.noise, refitted_replay, replayed, alike_runs)
     if aside:
         struck = own_impacts(corrected, aside)
         first, last = (replay_runs(m, aside, problem.band_hz, struck) for m in (refitted, corrected))

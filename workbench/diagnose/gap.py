@@ -14,9 +14,9 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.evidence import model_error_rms
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting, base_parameters
-from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting, base_parameters, bounds_of
+from workbench.diagnose.hypotheses.held_out import HeldOut, fitted_without, folds_by_run, held_out
+from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.machines import machine_of
 from workbench.machines import Axis, Hoist, kind_of
@@ -78,6 +78,9 @@ EXCESS = 0.8  # of the noise, rms beside it: a machine without a gap stays below
 STRETCHED = 4.0  # tolerances: the furthest of ten honest values lies further off once in 1,600 machines
 UNLIKELY = 0.01  # probability: of a run that leaves more than its like does, of a value so far off its tolerance
 RARE = 1e-6  # probability: a smaller one is no number that anybody checks
+SUSPECT = 1.5  # of the residual of those it is not fitted to: such a run is looked at again without its influence
+GLANCE, CLOSE = 2, 10  # steps of a refit: that tell which hypothesis explains the others, and what it leaves of a run
+FEWEST_RUNS = 4  # that tell one which is not like the others
 UNLIKE = 0.1  # of the residual, rms: runs of one machine differ by so much, whatever the others' scatter is
 
 
@@ -85,10 +88,10 @@ def outliers(rms: Array) -> Array:
     """(n,) The probability that a run like the others leaves as much as each does, for the choice among n corrected.
 
     Deleted studentised residuals of the logarithms, one-sided (F. E. Grubbs, Annals of Mathematical Statistics 21,
-    1950; C. E. Bonferroni). 1 with fewer than four runs.
+    1950; C. E. Bonferroni). 1 with fewer than FEWEST_RUNS.
     """
     n = len(rms)
-    if n < 4 or not np.all(rms > 0.0):
+    if n < FEWEST_RUNS or not np.all(rms > 0.0):
         return np.ones(n)
     x = np.log(rms)
     others = np.array([np.delete(x, j) for j in range(n)])
@@ -96,33 +99,56 @@ def outliers(rms: Array) -> Array:
     return np.minimum(n * stdtr(n - 2, (np.mean(others, axis=1) - x) / spread), 1.0)
 
 
-def unseen_over_seen(problem: Problem, folds: Folds) -> Array:
-    """(runs,) The residual of each run under the fit to the others, over what that fit leaves of those, rms.
+def alike_of(problem: Problem, fits: Sequence[Fitted]) -> Array:
+    """(runs,) The probability that a run like the others leaves as much as each does, see `outliers`.
 
-    The fit without a run of another machine leaves noise of the others and much of that run; the fit without any
-    other run is bent by it. Empty where the folds are no runs.
+    Compared is the residual of each run under the fit to the others, over what that fit leaves of those and what it
+    cannot know of the run, rms: a slow run foretold by fast ones is no stranger. The fit without a run of another
+    machine leaves noise of the others and much of that run. Such a run bends the fits that the others are compared by,
+    and may hide what they have in common. So the one that stands out most under the first of the fits is compared with
+    others that are fitted without it too, by the hypothesis that explains these best. That is not asked of one that is
+    no suspect.
     """
-    settings = folds.after.settings
-    if len(settings) != len(problem.runs) or len(settings) < 2:
-        return np.zeros(0)
-    left, run_of = problem.residuals(settings)[:, : problem.inputs], problem.run_of_row[: problem.inputs]
-    rms = [[np.sqrt(np.mean(left[j, mine] ** 2)) for mine in (run_of == j, run_of != j)] for j in range(len(settings))]
-    return np.array([own / others for own, others in rms])
+    runs, run_of = len(problem.runs), problem.run_of_row
+    if runs < FEWEST_RUNS:
+        return np.ones(runs)
+    inside = [run_of == j for j in range(runs)]
+
+    def compared(fit: Fitted, settings: Sequence[Setting], without: Sequence[np.ndarray]) -> Array:
+        prior, white = np.diag(bounds_of(fit.free)[2] ** -2.0), problem.errors.whiten(fit.jacobian)
+        ratios = []
+        for row, mine, left_out in zip(problem.residuals(settings), inside, without, strict=True):
+            own, seen = np.flatnonzero(mine[: problem.inputs]), np.flatnonzero(~left_out[: problem.inputs])
+            known = white[~left_out]
+            spread = np.linalg.pinv(known.T @ known + prior, rcond=1e-12, hermitian=True)
+            unknown = math.sqrt(np.mean(np.sum((fit.jacobian[own] @ spread) * fit.jacobian[own], axis=1)))
+            ratios.append(rms(row[own]) / math.hypot(rms(row[seen]), unknown))
+        return np.array(ratios)
+
+    unseen = compared(fits[0], held_out(problem, fits[0], folds_by_run(problem)).settings, inside)
+    p, odd = outliers(unseen), int(np.argmax(unseen))
+    if unseen[odd] < SUSPECT:
+        return p
+    best = min(fits, key=lambda fit: fitted_without(problem, fit, [inside[odd]], GLANCE)[0].objective)
+    without = [mine | inside[odd] for mine in inside]
+    alone = compared(best, [one.setting for one in fitted_without(problem, best, without, CLOSE)], without)
+    p[odd] = outliers(alone)[odd]
+    return p
 
 
 def delivered_of(
     noise: float,
     refitted: ReplayResult,
     corrected: ReplayResult,
-    unseen: Array | None = None,
+    alike: Array | None = None,
 ) -> Delivered:
     """Both machines as replayed: the numbers that the report prints are those that anybody gets with the file. noise:
-    rms in the band, in the input's unit. unseen: of each run, see `unseen_over_seen`."""
+    rms in the band, in the input's unit. alike: of each run, see `alike_of`."""
     before = np.nan_to_num([run.residual_rms_moving for run in refitted.runs])
     after = np.nan_to_num([run.residual_rms_moving for run in corrected.runs])
     length = np.array([np.count_nonzero(run.balance.moving) for run in corrected.runs], dtype=float)
     beyond = length * np.maximum(before**2 - noise**2, 0.0)
-    alike = np.ones(len(after)) if unseen is None or len(unseen) != len(after) else outliers(unseen)
+    alike = np.ones(len(after)) if alike is None else alike
     rows = tuple(
         RunResidual(run.name, float(share), float(b), float(a), noise, bool(p < UNLIKELY), float(p))
         for run, share, b, a, p in zip(

@@ -172,7 +172,7 @@ METRICS: tuple[Metric, ...] = (
     LoopMetric(
         name="thermal_load_percent", unit="%", label="thermal load", better="lower", visible=0.01,
         definition="the same over the run's duration: 100 % heats as nominal torque does",
-        head="thermal\nload", decimals=0, taken_at="one motor",
+        head="thermal\nload", decimals=0, taken_at="one motor against nominal torque",
         note="mean square torque of one motor over that of nominal torque",
         views=View.DRIVE | View.COMPARE,
         accumulators=_SQUARE, finish=lambda a, p, duration: 100.0 * a[0] / (p.T_nominal**2 * duration),

@@ -56,8 +56,9 @@ def forces_n(shape: Shape, load: Load) -> tuple[Array, Array]:
     """(times s, forces along the motion N), (n,): inertia of drive and load, weight, friction."""
     after = 0.0 if load.rigid else 3.0 * np.pi / load.angular_frequency_rad_s
     time = np.arange(0.0, shape.duration_s + after, STEP_S)
-    direction = np.sign(shape.distance_m)
-    a = direction * shape.at(time)[2]
+    direction, a = np.sign(shape.distance_m), np.zeros(len(time))
+    shape.add_alone(2, time, a)
+    a *= direction
     carried = a if load.rigid else _carried(a, *_ratio(load.angular_frequency_rad_s, load.damping))
     return time, load.drive_kg * a + load.mass_kg * carried + load.steady_force_n(direction)
 

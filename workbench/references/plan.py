@@ -140,7 +140,7 @@ class MotionPlan(Sampling):
         """The speed of `at` alone, quicker."""
         speed = np.zeros_like(time_s)
         for start_s, shape in self.moves:
-            shape.add_speed_to(time_s - start_s, speed)
+            shape.add_alone(1, time_s - start_s, speed)
         return speed
 
 

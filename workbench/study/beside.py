@@ -28,7 +28,7 @@ from workbench.references import (
 from workbench.references.least_peak import least_peak, peak_force_n
 from workbench.references.library.wire import ZVD, impulses
 from workbench.references.limits import raised
-from workbench.study.decide import Given, candidates, criteria_for
+from workbench.study.decide import Given, candidates, criteria_for, decisions
 from workbench.study.front import fronts
 from workbench.study.grid import RunSpec
 from workbench.study.labels import field_label, listed, swept_axes, words_of
@@ -237,13 +237,12 @@ def damping_sentence(scenario: Scenario, machine: Hoist | Axis) -> str | None:
 
 def on_another_damping(study: Study) -> str | None:
     """The heaviest load on its wire or coupling and on one that rings; on a well damped one where its own rings. Of
-    the multi-body machine the lumped one says it. None where a run fails.
+    the multi-body machine the lumped one says it. None where all runs fail.
 
-    Of the planned references the trapezoid and another one, or what there is of them, else the first reference.
+    Figures of the trapezoid and of the one to take, or of another one; then which of all is to be taken on either.
     """
     runs = at_heaviest(study)
-    others = [spec for spec in runs if spec.reference in planned_kinds() and spec.reference != BASELINE]
-    own = [spec for spec in runs if spec.reference == BASELINE] + others[:1] or runs[:1]
+    own = [spec for spec in runs if spec.reference in planned_kinds()] or runs[:1]
     load = load_of(own[0].machine, own[0].payload_kg)
     if load is None or load.rigid:
         return (
@@ -260,10 +259,14 @@ def on_another_damping(study: Study) -> str | None:
         damped = "a coupling with an elastomer spider"
     time_s = damped_s if rings else 2.0 * RINGING / load.angular_frequency_rad_s
     other = [replace(spec, machine=with_values(spec.machine, {path: scale * time_s})) for spec in own]
-    before, after = ([row for row, _ in run_specs(specs)] for specs in (own, other))
-    if not all(row.ok for row in (*before, *after)):
+    rows = [row for row, _ in run_specs([*own, *other])]
+    before, after = rows[: len(own)], rows[len(own) :]
+    known = {a.reference: (a, b) for a, b in zip(before, after, strict=True) if a.ok and b.ok}
+    if not known:
         return None
-    judged, pairs = metrics_of(before), list(zip(before, after, strict=True))
+    first, then = (decisions(some, own[0].machine, study.scenario.decide)[-1].taken for some in (before, after))
+    told = dict.fromkeys((BASELINE, first.reference if first else "", *known))
+    judged, pairs = metrics_of(before), [known[reference] for reference in told if reference in known][:2]
     metrics = [judged.by_name[judged.peak], judged.by_name[swing]]
     moved = max(abs(b[m.name] / a[m.name] - 1.0) for a, b in pairs for m in metrics if a[m.name])
     swept = ", ".join(field_label(column).of(value) for column, value in own[0].assigned.items())
@@ -271,13 +274,19 @@ def on_another_damping(study: Study) -> str | None:
     ratio = replace(load, damping_time_s=time_s).damping
     figures = []
     for a, b in pairs:
-        texts = [f"{m.label} {m.text(b[m.name])} instead of {m.text(a[m.name])} {m.shown_unit}" for m in metrics]
-        figures.append(f"{words_of(a.reference)} has {' and '.join(texts)}")
+        texts = [(m, m.text(b[m.name]), m.text(a[m.name])) for m in metrics]
+        changes = [f"{m.label} {now} instead of {was} {m.shown_unit}" for m, now, was in texts if now != was]
+        figures.append(f"{words_of(a.reference)} has {' and '.join(changes) or 'the same figures'}")
+    choice = ""
+    if first is not None and len(own) > 1 and not study.scenario.sweep and not study.scenario.sample:
+        there = then.words if then else "none"
+        on = f"either {name}" if there == first.words else f"this {name}, {there} on that"
+        choice = f" Of the study's references {first.words} is the one to take on {on}."
     return (
         f"The answer depends {'little ' if 100.0 * moved < HARDLY else ''}on the {name}'s damping"
         f"{'' if study.scenario.plant == 'lumped' else ', on the lumped machine'}: with damping ratio {ratio:.2g} "
         f"({damped if rings else f'a {name} that rings'}) instead of the {load.damping:.2g} assumed"
-        f"{f', at {where},' if where else ''} {'; '.join(figures)}."
+        f"{f', at {where},' if where else ''} {'; '.join(figures)}.{choice}"
     )
 
 
@@ -438,8 +447,8 @@ Moves = Sequence[Shape]
 
 def from_the_bound(study: Study) -> list[str]:
     """At the heaviest payload the least peak in the trapezoid's time, from below and from above, how far the
-    study's planned references are from it, and which limit a move at equal time exceeds. [] without a trapezoid, with
-    jogs or a stop on the way, and where the load is not known or goes with its angle."""
+    study's planned references are from it. [] without a trapezoid, with jogs or a stop on the way, and where the load
+    is not known or goes with its angle."""
     specs = {spec.reference: spec for spec in at_heaviest(study)}
     own = specs.get(BASELINE)
     load = None if own is None else load_of(own.machine, own.payload_kg)
@@ -493,14 +502,26 @@ def from_the_bound(study: Study) -> list[str]:
         ]
         if names:
             said += f" {side} {_down(least)} {unit} {'is' if len(names) == 1 else 'are'} {listed(names)}."
-    if EQUAL not in moves:
-        return [said]
-    given, used, length = limits.towards(distances[0]), moves[EQUAL][0].limits, kind_of(own.machine).moved.unit
-    exceeded = raised(given, used, length) or "no limit"
-    if load.top_speed_m_s > 0.0 and used.speed_m_s > given.speed_m_s:
-        exceeded += f" ({100.0 * used.speed_m_s / load.top_speed_m_s:.3g} % of the drive's top speed)"
-    value = judged.by_name[judged.peak].text(peak(moves[EQUAL]))
-    return [said, f"To keep that time {words_of(EQUAL)} exceeds {exceeded}: {value} {unit}, followed exactly."]
+    return [said]
+
+
+def beyond_its_limits(study: Study) -> list[str]:
+    """Which limits the jerk-limited move in the trapezoid's time exceeds to keep that time, at the heaviest payload and
+    the scenario's base values. [] where there is none."""
+    own = next((spec for spec in at_heaviest(study) if spec.reference == EQUAL), None)
+    load = None if own is None else load_of(own.machine, own.payload_kg)
+    if own is None or own.limits is None or load is None:
+        return []
+    ways = dict[str, None]()
+    for distance in _distances(own):
+        given = own.limits.towards(distance)
+        used = move_shape(planned_kind(EQUAL), distance, given, load).limits
+        if exceeded := raised(given, used, kind_of(own.machine).moved.unit):
+            share = 100.0 * used.speed_m_s / load.top_speed_m_s if used.speed_m_s > given.speed_m_s else 0.0
+            ways[exceeded + (f" ({share:.3g} % of the drive's top speed)" if share else "")] = None
+    where = f"at {own.payload_kg:g} kg " if kind_of(own.machine).payload else ""
+    said = f"{where}{words_of(EQUAL)} goes beyond the limits to keep that time: {listed([*ways])}."
+    return [said[0].upper() + said[1:]] if ways else []
 
 
 def _down(value: float) -> float:

@@ -21,6 +21,7 @@ from workbench.study.beside import (
     answers,
     asked_sentences,
     beside,
+    beyond_its_limits,
     from_the_bound,
     on_another_damping,
 )
@@ -366,12 +367,14 @@ def answer_of(study: Study, rows: Sequence[Row], *, simulate: bool = True) -> An
     made = decisions(rows, study.machine, study.scenario.decide, rivals)
     taken, best = take_sentences(made), next(one for one in made[-1].candidates if not one.beside)
     alarmed = alarm([use for use in utilisation(rows, study.machine) if not use.told])
-    first = [*asked_sentences(study, asked), *taken, *([alarmed] if alarmed else [])]
+    base = not study.scenario.sweep and not study.scenario.sample  # of base values: a sweep has others
+    beyond = beyond_its_limits(study) if simulate and base else []
+    first = [*asked_sentences(study, asked), *taken, *beyond, *([alarmed] if alarmed else [])]
     found = [*troubles(rows, peak_limit(study.machine)), *variations(rows, bool(taken), rivals, best)]
     if simulate and len(found) < MOST_FINDINGS and (damping := on_another_damping(study)) is not None:
         found.append(damping)
-    if len(found) < MOST_FINDINGS and not study.scenario.sweep and not study.scenario.sample:
-        found += from_the_bound(study)  # of the base values: a sweep has others
+    if len(found) < MOST_FINDINGS and base:
+        found += from_the_bound(study)
     return Answer((*first, *found[:MOST_FINDINGS]), tuple(rivals), tuple(asked))
 
 

@@ -98,18 +98,18 @@ CAMPAIGN = View(
 
 
 def mapping_table(proposed: Proposed) -> Table:
-    rows = []
+    rows, guessed = [], any(p.guessed_unit for p in proposed.proposals)
     for p in proposed.proposals:
         remark = ""
         if p.guessed_unit:
             said = f"its unit '{p.unit}' is not known" if p.unit else "its unit is not said"
             taken = f"by its size {p.by_size}" if p.by_size else "taken as SI"
-            remark = f"{said}: {taken}; name the unit in the mapping, or a scale"
+            remark = f"{said}: {taken}"
         if p.others:
             remark = "; ".join(part for part in (remark, f"also fits: {', '.join(p.others)}") if part)
         rows.append([p.signal, p.column, p.unit or "–", f"{p.factor:.6g}", remark])
     columns = [words("signal"), words("column"), words("unit"), Column("factor\nto SI"), words("remark")]
-    return Table(columns, rows)
+    return Table(columns, rows, "Where a unit is a guess, name it in the mapping, or a scale." if guessed else "")
 
 
 def write_page(signals: Sequence[tuple[str, str, Array, Array]], proposed: Proposed, name: str, path: Path) -> None:

@@ -385,7 +385,7 @@ def gang_names(kind: Kind) -> tuple[tuple[str, int, int, str], ...]:
     return (
         ("S", 0, 0, "S = 1/(1+L)"),
         ("T", 0, 1, "T = L/(1+L)"),
-        ("PS", 1, 0, f"PS: load {what} to {who} speed, 1 {speed} per {unit}"),
+        ("PS", 1, 0, f"PS: load to {who} speed, 1 {speed} per {unit}"),
         ("CS", 1, 1, f"CS: speed noise to {what}, 1 {unit} per {speed}"),
     )
 

@@ -37,7 +37,9 @@ def sentences(sizing: Sizing) -> list[str]:
 
 def drive(candidate: Candidate) -> str:
     motor = candidate.motor
-    return f"{candidate.count} × {motor.name} ({motor.power_kw:g} kW) with gear ratio {candidate.ratio:g}"
+    power = f"{motor.power_kw:g} kW"
+    name = motor.name if power in motor.name else f"{motor.name} ({power})"
+    return f"{candidate.count} × {name} with gear ratio {candidate.ratio:g}"
 
 
 def figure(check: Check) -> str:
@@ -76,7 +78,7 @@ def candidates_table(sizing: Sizing) -> Table:
         words("drive"): lambda c: f"{c.count} × {c.motor.name}",
         Column("power", "kW"): lambda c: f"{c.power_kw:g}",
         Column("ratio"): lambda c: f"{c.ratio:g}",
-        words("does not pass for"): lambda c: "" if c.passes else why_not(c).split("; ")[0],
+        words("does not pass for"): lambda c: "passes" if c.passes else why_not(c).split("; ")[0],
     }
     more = len(sizing.smaller) - MOST_SMALLER
     note = f"{more} smaller ones do not pass either." if more > 0 else ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ import numpy as np
 from workbench.core.names import unit_of, words_of
 from workbench.core.run import Array
 from workbench.core.table import Column, Table, table_of, words
+from workbench.core.whole_folder import whole_file
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
 from workbench.view.style import BLUE, GREY, VERMILLION
@@ -52,9 +52,8 @@ def write_page(watch: Watch, path: Path) -> None:
     points = [*events[-MOST_EVENTS:], *(f"not counted: {reason}" for reason in watch.store.refused()[-MOST_EVENTS:])]
     if points:
         sections.append(Section("Events that are not the machine, and logs that do not count", points=points))
-    hidden = path.with_name(f".{path.name}.part")  # a full disk is no wrong input: the watch tries again
-    save_page(sections, hidden, f"Watch of {watch.machine.name}", answer(watch))
-    os.replace(hidden, path)
+    with whole_file(path) as part:
+        save_page(sections, part, f"Watch of {watch.machine.name}", answer(watch))
 
 
 def _change(cause: Cause) -> str:

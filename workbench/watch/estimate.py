@@ -24,14 +24,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, PlainSerializer, PlainValidator
 
 from workbench.core.run import Array, Run
 from workbench.identify.fit import STEP, fit
 from workbench.identify.model import BalanceModel, Free, free_parameters
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.driven import InverseSimulation
+
+
+def _numbers(value: object) -> Array:
+    made: Array = np.asarray(value, dtype=float)
+    if not np.all(np.abs(made) < LARGEST):
+        raise ValueError("holds what is no number")
+    return made
+
+
+LARGEST = 1e100  # of what a state holds; no product of two overflows
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST, strict=True, allow_inf_nan=False)]
+Numbers = Annotated[Array, PlainValidator(_numbers), PlainSerializer(lambda values: values.tolist())]
 
 
 @dataclass(frozen=True)
@@ -44,11 +58,11 @@ class Estimate:
     """
 
     keys: tuple[str, ...]
-    values: Array
-    errors: Array
-    resolution: Array
-    residual_rms: float
-    noise_rms: float
+    values: Numbers
+    errors: Numbers
+    resolution: Numbers
+    residual_rms: Number
+    noise_rms: Number
 
 
 def watched_keys(machine: Hoist | Axis) -> tuple[str, ...]:

@@ -10,15 +10,15 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 from pydantic import Field
 
-from workbench.core.errors import InputError, one_line
+from workbench.core.errors import InputError, UnwritableError, one_line
 from workbench.core.names import unit_of
 from workbench.core.record import Finite, Record
 from workbench.core.yaml_strict import load, validate
@@ -27,9 +27,10 @@ from workbench.logs.runs_file import Name
 from workbench.machines import load_machine
 from workbench.study.cluster import client_on
 from workbench.watch.judge import Rules
-from workbench.watch.opcua import SCHEME, Line, line_of
-from workbench.watch.store import UnwritableError, replace_table
-from workbench.watch.watch import Diagnoser, Say, Watch, patient
+from workbench.watch.opcua import SCHEME, Line, nodes_of, still_speed
+from workbench.watch.store import replace_table
+from workbench.watch.stream import TRIGGER, CutRules
+from workbench.watch.watch import Say, Watch, patient
 
 STATES = ("failed", "alarm", "learning", "healthy")  # in the order of the table
 WORKER_S = 600.0  # for a worker's answer on one machine, a diagnosis included
@@ -54,8 +55,8 @@ class FleetFile(Record):
 
 @dataclass(frozen=True)
 class Plan:
-    """How one machine is watched; what it holds goes to other processes. sample_s, stand_s, silent_s: of a stream;
-    page: writes the page of a watch to a file; wait_s: for another watch of the same state."""
+    """How one machine is watched; what it holds goes to other processes. source: a folder or a server's address; nodes,
+    still, sample_s, stand_s, silent_s: of a stream; how: what else a `Watch` takes."""
 
     name: str
     source: str
@@ -67,12 +68,8 @@ class Plan:
     sample_s: float = 0.01
     stand_s: float = 2.0
     silent_s: float = 2.0
-    settle_s: float = 2.0
     once: bool = False
-    diagnose: Diagnoser | None = None
-    hook: str | None = None
-    page: Callable[[Watch, Path], None] | None = None
-    wait_s: float = 0.0
+    how: Mapping[str, Any] = field(default_factory=dict)
 
 
 def read_fleet(file: Path, state: Path, rules: Rules, **more: Any) -> list[Plan]:
@@ -80,33 +77,31 @@ def read_fleet(file: Path, state: Path, rules: Rules, **more: Any) -> list[Plan]
     beside, plans = file.parent, []
     for name, one in validate(FleetFile, load(file)).machines.items():
         source = one.logs if one.logs.startswith(SCHEME) else str(beside / one.logs)
-        its = Rules(**{**vars(rules), "limits": {**rules.limits, **one.limits}})
+        its = replace(rules, limits={**rules.limits, **one.limits})
         nodes = None if one.nodes is None else beside / one.nodes
         plans.append(Plan(name, source, beside / one.machine, state / name, its, nodes, one.still, **more))
     return plans
 
 
-def opened(plan: Plan, say: Say) -> tuple[Watch, Line | None]:
+def opened(plan: Plan, say: Say) -> Watch:
     """The watch at work, with the line that feeds it. InputError for what cannot be watched."""
-    machine, folder, line = load_machine(plan.machine, check_effects=check), Path(plan.source), None
-    if plan.source.startswith(SCHEME):
-        folder = plan.state / "stream"
-        line = line_of(plan.source, plan.nodes, machine, folder, plan.sample_s, plan.still, plan.stand_s, plan.silent_s,
-                       once=plan.once)  # fmt: skip
-    page = plan.page
-    watch = Watch(
-        folder, machine, plan.state, plan.rules, settle_s=plan.settle_s if line is None else 0.0, line=line,
-        diagnose=plan.diagnose, hook=plan.hook, say=say, wait_s=plan.wait_s,
-        page=lambda made: page(made, plan.state / "watch.html") if page is not None else None,
-    )  # fmt: skip
-    if line is not None:
-        try:
-            line.start()
-        except BaseException:
-            watch.close()
-            raise
-        say(f"Listening to {plan.source}; Ctrl-C ends it.")
-    return watch, line
+    machine = load_machine(plan.machine, check_effects=check)
+    if not plan.source.startswith(SCHEME):
+        return Watch(Path(plan.source), machine, plan.state, plan.rules, say=say, **plan.how)
+    if plan.once:
+        raise InputError("a stream has no end; it is watched until it is stopped, or for a stated time", place="once")
+    which, folder = nodes_of(plan.nodes, machine), plan.state / "stream"
+    still, triggered = still_speed(machine, plan.still), TRIGGER in which.nodes
+    rules = CutRules(which.motion, still, which.is_position, plan.stand_s, plan.silent_s, triggered=triggered)
+    line = Line(plan.source, which, rules, machine, folder, plan.sample_s)
+    watch = Watch(folder, machine, plan.state, plan.rules, line=line, say=say, **{**plan.how, "settle_s": 0.0})
+    try:
+        line.start()
+    except BaseException:
+        watch.close()
+        raise
+    say(f"Listening to {plan.source}; Ctrl-C ends it.")
+    return watch
 
 
 @dataclass(frozen=True)
@@ -138,7 +133,7 @@ class Looked(NamedTuple):
     said: Sequence[str] = ()
 
 
-_open: dict[Path, tuple[Watch, Line | None, list[str]]] = {}  # by the folder of the state, in this process
+_open: dict[Path, tuple[Watch, list[str]]] = {}  # by the folder of the state, in this process
 
 
 def look(plan: Plan) -> Looked:
@@ -146,45 +141,43 @@ def look(plan: Plan) -> Looked:
     try:
         if plan.state not in _open:
             lines: list[str] = []
-            _open[plan.state] = (*opened(plan, lines.append), lines)
-        watch, _, lines = _open[plan.state]
+            _open[plan.state] = opened(plan, lines.append), lines
+        watch, lines = _open[plan.state]
         new, waiting = watch.look(time.monotonic())
         said, lines[:] = list(lines), []
         return Looked(row_of(plan.name, watch), new, waiting, said)
     except (InputError, OSError, MemoryError) as error:
         close(plan)
-        return Looked(Row(plan.name, "failed", trouble=one_line(str(error))))
+        return _failed(plan, one_line(str(error)))
 
 
 def close(plan: Plan, report: bool = False) -> int:
     """Lets a machine go; how many alarms no exit status had told of, if it is to tell of them."""
     if plan.state not in _open:
         return 0
-    watch, line, _ = _open.pop(plan.state)
-    if line is not None:
-        line.close()
-    try:
+    with contextlib.closing(_open.pop(plan.state)[0]) as watch:
         return watch.store.report() if report else 0
-    finally:
-        watch.close()
+
+
+def _failed(plan: Plan, trouble: str) -> Looked:
+    return Looked(Row(plan.name, "failed", trouble=trouble))
 
 
 def row_of(name: str, watch: Watch) -> Row:
     """What a watch knows of its machine."""
     judge, trouble = watch.judge, "" if watch.trouble is None else str(watch.trouble)
     known = "alarm" if judge.state.base is not None else "learning" if judge.baseline is None else "healthy"
-    made: dict[str, Any] = {"cycles": len(judge.cycles), "alarms": len(watch.alarms), "trouble": trouble}
+    row = Row(name, "failed" if trouble else known, len(judge.cycles), alarms=len(watch.alarms), trouble=trouble)
     if judge.cycles:
-        made |= {"last_cycle": judge.cycles[-1].name, "last_start_s": judge.cycles[-1].start_s}
-    if watch.alarms:
-        told = watch.told(watch.alarms[-1])
-        cause = told.causes[0]
-        made |= {
-            "since": judge.cycles[told.onset].name, "cause": cause.name, "amount": cause.amount,
-            "unit": unit_of(cause.keys[0]), "cycles_left": told.cycles_left,
-            "diagnosis": "" if told.diagnosis is None else told.diagnosis["sentence"],
-        }  # fmt: skip
-    return Row(name, "failed" if trouble else known, **made)
+        row = replace(row, last_cycle=judge.cycles[-1].name, last_start_s=judge.cycles[-1].start_s)
+    if not watch.alarms:
+        return row
+    told = watch.told(watch.alarms[-1])
+    (cause, *_), said = told.causes, "" if told.diagnosis is None else told.diagnosis["sentence"]
+    return replace(
+        row, since=judge.cycles[told.onset].name, cause=cause.name, amount=cause.amount, unit=unit_of(cause.keys[0]),
+        cycles_left=told.cycles_left, diagnosis=said,
+    )  # fmt: skip
 
 
 class Workers:
@@ -199,7 +192,7 @@ class Workers:
             return [look(plan) for plan in plans]
         workers = sorted(self._client.scheduler_info(n_workers=-1)["workers"])
         if not workers:
-            return [Looked(Row(plan.name, "failed", trouble="the cluster has no worker")) for plan in plans]
+            return [_failed(plan, "the cluster has no worker") for plan in plans]
         for plan in plans:
             if self._homes.get(plan.name) not in workers:
                 homes = list(self._homes.values())
@@ -210,7 +203,7 @@ class Workers:
                 looked.append(Looked(*future.result(timeout=WORKER_S)))
             except Exception as error:  # whatever a cluster ends a task with: lost worker, cancelled, no answer
                 reason = f"its worker gave no answer ({type(error).__name__}); it is tried again"
-                looked.append(Looked(Row(plan.name, "failed", trouble=reason)))
+                looked.append(_failed(plan, reason))
         return looked
 
     def close(self, plan: Plan, report: bool) -> int:

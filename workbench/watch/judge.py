@@ -29,7 +29,7 @@ import numpy as np
 
 from workbench.core.names import words_of
 from workbench.core.run import Array
-from workbench.watch.estimate import GROWTH, HEALTHY, LENGTHS, Baseline, Estimate, learn, threshold
+from workbench.watch.estimate import GROWTH, HEALTHY, LENGTHS, Baseline, Estimate, Number, learn, threshold
 
 LOAD = "carriage.mass_kg"
 SAME_PAYLOAD, SAME_PAYLOAD_KG = 0.02, 10.0  # relative, at least: stated payloads that are one
@@ -63,13 +63,13 @@ class Cycle:
     none of them."""
 
     name: str
-    payload_kg: float
-    start_s: float
-    duration_s: float
+    payload_kg: Number
+    start_s: Number
+    duration_s: Number
     estimate: Estimate
     digest: str = ""
     file: str = ""
-    start_position_m: float = 0.0
+    start_position_m: Number = 0.0
     notes: tuple[str, ...] = ()
 
 

@@ -16,11 +16,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, UnwritableError, nearest
 from workbench.core.record import Finite, Payload, Position, Record, long_form
 from workbench.core.yaml_strict import load, validate
-from workbench.machines import TIME, Axis, Hoist, Kind, kind_of
-from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid, start_value, with_payload
+from workbench.machines import TIME, Axis, Hoist, kind_of
+from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid, with_payload
 
 PAYLOAD = "payload_kg"
 SERVED = "nsu=urn:workbench:plant;s=Plant.Outputs."
@@ -52,29 +52,27 @@ class NodesFile(Record):
 @dataclass(frozen=True)
 class Nodes:
     """nodes: by signal, the payload and TRIGGER among them. motion: the signal that says whether the machine moves.
-    fixed: payload_kg and start_position_m where no node says them."""
+    height: the one that says where it is. fixed: payload_kg and start_position_m where no node says them."""
 
     nodes: Mapping[str, Node]
     motion: str
     is_position: bool
+    height: str
     fixed: Mapping[str, float]
-
-    @property
-    def signals(self) -> tuple[str, ...]:
-        """What goes into a log."""
-        return tuple(name for name in self.nodes if name not in (PAYLOAD, TRIGGER))
-
-
-def height_signal(kind: Kind) -> str:
-    """The signal that says where the machine is."""
-    return kind.plant.positions[kind.plant.placed]
 
 
 def nodes_of(file: Path | None, machine: Hoist | Axis) -> Nodes:
-    """InputError where a signal is unknown, or one that is needed has no node."""
+    """Without a file: those of a plant that `workbench serve --protocol opcua` serves. InputError where a signal is
+    unknown, or one that is needed has no node."""
     kind = kind_of(machine)
-    made = served_nodes(kind) if file is None else validate(NodesFile, load(file))
-    wanted = [name for name in kind.signals.names if name != TIME]
+    plant, wanted = kind.plant, [name for name in kind.signals.names if name != TIME]
+    if file is None:
+        shown = {signal.name: signal.name for signal in plant.signals if signal.name in wanted}
+        shown[plant.input] = f"{kind.drive.quantity}_at_work_{kind.drive.suffix}"
+        shown |= {PAYLOAD: "payload_now_kg"} if kind.payload else {}
+        made = NodesFile(nodes={name: Node(node=f"{SERVED}{served}") for name, served in shown.items()})
+    else:
+        made = validate(NodesFile, load(file))
     known = [*wanted, *([PAYLOAD] if kind.payload else [])]
     for name in made.nodes:
         if name not in known:
@@ -84,29 +82,19 @@ def nodes_of(file: Path | None, machine: Hoist | Axis) -> Nodes:
         if not any(all(name in made.nodes for name in way) for way in ways):
             needs = " or ".join(" and ".join(way) for way in ways)
             raise InputError(f"has no node for {needs}", file=file, place="nodes")
-    fixed = {}
+    fixed, height = {}, plant.positions[plant.placed]
     if kind.payload and PAYLOAD not in made.nodes:
         if made.payload_kg is None:
             raise InputError("needs a node for payload_kg, or payload_kg itself", file=file, place=PAYLOAD)
         fixed[PAYLOAD] = made.payload_kg
-    if kind.start is not None and height_signal(kind) not in made.nodes:
+    if kind.start is not None and height not in made.nodes:
         if made.start_position_m is None:
-            text = f"needs a node for {height_signal(kind)}, or start_position_m where all cycles begin"
+            text = f"needs a node for {height}, or start_position_m where all cycles begin"
             raise InputError(text, file=file, place="start_position_m")
         fixed["start_position_m"] = made.start_position_m
-    position, speed = kind.plant.positions[0], kind.plant.speeds[0]
+    position, speed = plant.positions[0], plant.speeds[0]
     nodes = dict(made.nodes) | ({TRIGGER: Node(node=made.trigger)} if made.trigger is not None else {})
-    return Nodes(nodes, speed if speed in nodes else position, speed not in nodes, fixed)
-
-
-def served_nodes(kind: Kind) -> NodesFile:
-    """Those of a plant that `workbench serve --protocol opcua` serves."""
-    shown = {signal.name for signal in kind.plant.signals}
-    nodes = {name: Node(node=f"{SERVED}{name}") for name in kind.signals.names if name in shown}
-    nodes[kind.plant.input] = Node(node=f"{SERVED}{kind.drive.quantity}_at_work_{kind.drive.suffix}")
-    if kind.payload:
-        nodes[PAYLOAD] = Node(node=f"{SERVED}payload_now_kg")
-    return NodesFile(nodes=nodes)
+    return Nodes(nodes, speed if speed in nodes else position, speed not in nodes, height, fixed)
 
 
 SCHEME = "opc.tcp://"
@@ -149,11 +137,13 @@ class Line:
         except ImportError as error:
             raise InputError("a stream needs the extra 'serve': pip install '.[serve]'", place=address) from error
         self.address, self.notes = address, SimpleQueue[Note]()
-        self._nodes, self._rules, self._kind, self._every_s = nodes, rules, kind_of(machine), every_s
+        self._nodes, self._starts, self._every_s = nodes, kind_of(machine).start is not None, every_s
         self._cutter, self._logs, self._clock = Cutter(rules), Logs(folder), clock
         self._stop, self._begun = threading.Event(), threading.Event()
         self._failed: InputError | None = None
         self._connected = self._full = False
+        self._signals: dict[Any, tuple[str, Node]] = {}  # by the node's id
+        self._ended = ""  # what the server said when it gave the subscription up
         self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), name="stream", daemon=True)
 
     def start(self) -> None:
@@ -170,7 +160,8 @@ class Line:
 
     def close(self) -> None:
         self._stop.set()
-        self._thread.join(2.0 * ANSWER_S)
+        if self._thread.is_alive():
+            self._thread.join(2.0 * ANSWER_S)
 
     async def _run(self) -> None:
         from asyncua import ua
@@ -206,10 +197,10 @@ class Line:
 
         async with Client(self.address, timeout=ANSWER_S) as client:
             nodes = [await self._node(client, name, wanted) for name, wanted in self._nodes.nodes.items()]
-            known = {node.nodeid: told for node, told in zip(nodes, self._nodes.nodes.items(), strict=True)}
-            handler = _Handler(self._cutter, self._clock, known)
+            told = zip(nodes, self._nodes.nodes.items(), strict=True)
+            self._signals, self._ended = {node.nodeid: signal for node, signal in told}, ""
             kept = {"queue_maxsize": 10 * QUEUE, "overflow": OverflowPolicy.DROP_OLDEST}
-            subscription = await client.create_subscription(1e3 * max(self._every_s, TICK_S), handler, **kept)
+            subscription = await client.create_subscription(1e3 * max(self._every_s, TICK_S), self, **kept)
             every_ms = 1e3 * self._every_s
             await subscription.subscribe_data_change(nodes, queuesize=QUEUE, sampling_interval=every_ms)
             self._connected = True
@@ -219,8 +210,8 @@ class Line:
             while not self._stop.is_set():
                 await asyncio.sleep(TICK_S)
                 await client.check_connection()
-                if handler.lost:
-                    raise ConnectionError(f"the server ended the subscription: {handler.lost}")
+                if self._ended:
+                    raise ConnectionError(f"the server ended the subscription: {self._ended}")
                 self._cutter.tick(self._clock())
                 self._write()
 
@@ -253,64 +244,7 @@ class Line:
             raise InputError(f"node '{text}' holds {value!r}, expected a number", place=place)
         return node
 
-    # What the cutter made.
-
-    def _write(self) -> None:
-        cutter = self._cutter
-        while cutter.spoilt:
-            bad = cutter.spoilt.popleft()
-            when = _when(bad.at_s)
-            if bad.in_cycle:
-                self.notes.put(Note(bad.reason, f"the cycle at {when}", f"stream {bad.at_s!r}"))
-            else:
-                self.notes.put(Note(f"{self.address}: {bad.reason}, at {when}"))
-        while cutter.cycles:
-            cut = cutter.cycles[0]
-            try:
-                self._log(cut)
-            except InputError as error:
-                self.notes.put(Note(str(error), f"the cycle at {_when(cut.begin_s)}", f"stream {cut.begin_s!r}"))
-            except OSError as error:  # it waits for room
-                if not self._full:
-                    reason = f"a cycle cannot be written: {error.strerror or error}; it is tried again"
-                    self.notes.put(Note(f"{self._logs.folder}: {reason}"))
-                self._full = True
-                return
-            cutter.cycles.popleft()
-            self._full = False
-
-    def _log(self, cut: Cut) -> None:
-        nodes = self._nodes
-        said = dict(nodes.fixed)
-        if PAYLOAD in nodes.nodes:
-            cut, said[PAYLOAD] = with_payload(cut, PAYLOAD)
-        if self._kind.start is not None and "start_position_m" not in said:
-            said["start_position_m"] = start_value(cut, height_signal(self._kind))
-            if not math.isfinite(said["start_position_m"]):
-                raise InputError(f"{height_signal(self._kind)} was no number when it began")
-        time_s, signals = on_grid(cut, nodes.motion)
-        self._logs.write(cut.begin_s, time_s, {name: signals[name] for name in nodes.signals if name in signals}, said)
-
-
-def line_of(
-    address: str, nodes: Path | None, machine: Hoist | Axis, folder: Path, every_s: float, still: float | None,
-    stand_s: float, silent_s: float, *, once: bool,
-) -> Line:  # fmt: skip
-    """The line that a command asks for. InputError for what cannot be."""
-    if once:
-        raise InputError("a stream has no end; it is watched until it is stopped, or for a stated time", place="once")
-    which = nodes_of(nodes, machine)
-    speed = still_speed(machine, still)
-    rules = CutRules(which.motion, speed, which.is_position, stand_s, silent_s, triggered=TRIGGER in which.nodes)
-    return Line(address, which, rules, machine, folder, every_s)
-
-
-class _Handler:
-    """Hands on what the server tells."""
-
-    def __init__(self, cutter: Cutter, clock: Callable[[], float], signals: Mapping[Any, tuple[str, Node]]) -> None:
-        self._cutter, self._clock, self._signals = cutter, clock, signals
-        self.lost = ""
+    # What asyncua calls.
 
     def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
         name, how = self._signals[node.nodeid]
@@ -322,8 +256,43 @@ class _Handler:
         self._cutter.add(name, utc.timestamp(), number, self._clock())
 
     def status_change_notification(self, status: Any) -> None:
-        """The server has given the subscription up."""
-        self.lost = str(status)
+        self._ended = str(status)
+
+    # What the cutter made.
+
+    def _write(self) -> None:
+        cutter = self._cutter
+        while cutter.spoilt:
+            bad = cutter.spoilt.popleft()
+            when = _when(bad.at_s)
+            cycle = Note(bad.reason, f"the cycle at {when}", f"stream {bad.at_s!r}")
+            self.notes.put(cycle if bad.in_cycle else Note(f"{self.address}: {bad.reason}, at {when}"))
+        while cutter.cycles:
+            cut = cutter.cycles[0]
+            try:
+                self._log(cut)
+            except UnwritableError as error:  # it waits for room
+                if not self._full:
+                    self.notes.put(Note(f"{error}; a cycle waits, and it is tried again"))
+                self._full = True
+                return
+            except InputError as error:
+                self.notes.put(Note(str(error), f"the cycle at {_when(cut.begin_s)}", f"stream {cut.begin_s!r}"))
+            cutter.cycles.popleft()
+            self._full = False
+
+    def _log(self, cut: Cut) -> None:
+        nodes = self._nodes
+        said = dict(nodes.fixed)
+        if PAYLOAD in nodes.nodes:
+            cut, said[PAYLOAD] = with_payload(cut, PAYLOAD)
+        if self._starts and "start_position_m" not in said:
+            said["start_position_m"] = cut.value(nodes.height, cut.begin_s)
+            if not math.isfinite(said["start_position_m"]):
+                raise InputError(f"{nodes.height} was no number when it began")
+        time_s, signals = on_grid(cut, nodes.motion)
+        logged = {name: signals[name] for name in nodes.nodes if name in signals and name != PAYLOAD}
+        self._logs.write(cut.begin_s, time_s, logged, said)
 
 
 def _when(seconds: float) -> str:

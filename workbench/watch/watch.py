@@ -10,22 +10,16 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, UnwritableError, nearest
 from workbench.core.names import unit_of
 from workbench.core.run import Run
 from workbench.logs.campaign import Campaign
 from workbench.machines import Axis, Hoist, get_value
 from workbench.watch.arrivals import Arrivals, Arrived, entry_of
 from workbench.watch.estimate import WINDOW, Baseline, estimate, watched_keys
-from workbench.watch.judge import SAME_PAYLOAD_KG, Alarm, Cause, Cycle, Judge, Judged, Rules, Trend
+from workbench.watch.judge import SAME_PAYLOAD_KG, Alarm, Cause, Cycle, Judge, Rules
 from workbench.watch.opcua import Line
-from workbench.watch.store import (
-    Store,
-    UnwritableError,
-    digest_of,
-    read_copies,
-    writable,
-)
+from workbench.watch.store import Store, digest_of
 
 Say = Callable[[str], None]
 Effects = Mapping[str, Mapping[str, float]]
@@ -55,7 +49,7 @@ class Watch:
     def __init__(
         self, folder: Path, machine: Hoist | Axis, state: Path, rules: Rules, *, settle_s: float = 2.0,
         line: Line | None = None, diagnose: Diagnoser | None = None, hook: str | None = None,
-        say: Say = lambda line: None, wait_s: float = 0.0, page: Callable[[Watch], None] = lambda watch: None,
+        say: Say = lambda line: None, wait_s: float = 0.0, page: Callable[[Watch, Path], None] | None = None,
     ) -> None:  # fmt: skip
         """line: what writes logs into the folder. diagnose: asked about each new alarm; None: nobody is. hook: address
         that each new alarm is posted to. wait_s: how long another watch of this state is waited for. page: writes the
@@ -65,20 +59,25 @@ class Watch:
         self.store = Store(state, machine, rules, wait_s=wait_s, say=say)
         self._diagnose, self._hook, self._say, self._line, self._page = diagnose, hook, say, line, page
         self._said_once: set[str] = set()
-        self.judge = Judge(self.rules)
-        self._pending: tuple[Cycle, Judged] | None = None  # judged, and not yet written
         self.trouble: UnwritableError | None = None
         self._stale = True  # whether there is more in the store than in its copies
         try:
-            for cycle in self.store.cycles():
-                self.judge.add(cycle)
-            if list(self.store.said()) != [alarm.cycle for alarm in self.judge.alarms]:
-                self.store.damaged("its alarms are not those of its cycles")
+            self._judge_anew()
         except BaseException:
-            self.store.close()
+            self.close()
             raise
 
+    def _judge_anew(self) -> None:
+        """By what the store has."""
+        self.judge = Judge(self.rules)
+        for cycle in self.store.cycles():
+            self.judge.add(cycle)
+        if list(self.store.said()) != [alarm.cycle for alarm in self.judge.alarms]:
+            self.store.damaged("its alarms are not those of its cycles")
+
     def close(self) -> None:
+        if self._line is not None:
+            self._line.close()
         self.store.close()
 
     @property
@@ -96,9 +95,9 @@ class Watch:
             waiting = self._take_all(now)
             self._finish()
             if self._stale:
-                self.store.write_copies(self.judge)
-                with writable(self.store.folder / "watch.html"):
-                    self._page(self)
+                self.store.write_copies()
+                if self._page is not None:
+                    self._page(self, self.store.folder / "watch.html")
                 self._stale = False
         except UnwritableError as error:
             if self.trouble is None:
@@ -112,7 +111,6 @@ class Watch:
 
     def _take_all(self, now: float) -> int:
         """Takes what is complete; how many logs are still waited for."""
-        self._keep()
         while self._line is not None and not self._line.notes.empty():
             note = self._line.notes.get()
             if note.key:  # a cycle that was spoilt is kept as one that does not count
@@ -150,19 +148,18 @@ class Watch:
                 self._say(f"not counted: {error}")
             else:
                 of_log = digest, str(file.resolve()), run.start_position_m, run.notes
-                cycle = Cycle(run.name, run.payload_kg, run.start_time_s, run.duration_s, made, *of_log)
-                self._pending = cycle, self.judge.add(cycle)
+                self._add(Cycle(run.name, run.payload_kg, run.start_time_s, run.duration_s, made, *of_log))
         self._arrivals.done(file)
-        self._keep()
 
-    def _keep(self) -> None:
-        """Writes the cycle that was judged last, and tells of it. UnwritableError: it is still to be written."""
-        if self._pending is None:
-            return
-        cycle, judged = self._pending
+    def _add(self, cycle: Cycle) -> None:
+        """Judges a cycle, writes it, and tells of it. UnwritableError: it is as if it had not been there."""
+        judged = self.judge.add(cycle)
         self._stale = True
-        self.store.add(len(self.judge.cycles) - 1, cycle, judged)
-        self._pending = None
+        try:
+            self.store.add(len(self.judge.cycles) - 1, cycle, judged)
+        except UnwritableError:
+            self._judge_anew()
+            raise
         for event in judged.events:
             self._say(f"{cycle.name}: {event.text}")
         if judged.alarm is not None and not judged.again:
@@ -224,15 +221,11 @@ class Watch:
         file, place = Path(cycle.file), {"start_position_m": cycle.start_position_m, "start_time_s": cycle.start_s}
         return self._arrivals.read(Arrived(file, entry_of(file, cycle.name, payload_kg=cycle.payload_kg, **place)))
 
-    def trend(self, alarm: Alarm) -> Trend | None:
-        """How an alarm's likeliest cause has gone on since."""
-        nominal = {key: get_value(self.machine, key) for key in watched_keys(self.machine)}
-        return self.judge.trend_of(alarm, nominal)
-
     def told(self, alarm: Alarm) -> Told:
         """An alarm in words, with what is known of its trend by now."""
         name, onset = self.judge.cycles[alarm.cycle].name, self.judge.cycles[alarm.onset].name
-        goes, cause, diagnosis = self.trend(alarm), alarm.causes[0], self.store.said()[alarm.cycle].diagnosis
+        goes = self.judge.trend_of(alarm, {key: get_value(self.machine, key) for key in watched_keys(self.machine)})
+        cause, diagnosis = alarm.causes[0], self.store.said()[alarm.cycle].diagnosis
         unit = unit_of(cause.keys[0])
         amount = f"{cause.amount:+.3g} {unit} ({cause.name}, {100.0 * cause.share:.0f} % of the change)"
         amount += "" if goes is None else f", by now {goes.now:+.3g} {unit}"
@@ -279,22 +272,6 @@ def with_usual_limits(machine: Hoist | Axis, rules: Rules) -> Rules:
     return replace(rules, limits={**usual, **rules.limits})
 
 
-def rebuild(state: Path, machine: Hoist | Axis, rules: Rules) -> int:
-    """Makes watch.sqlite anew from cycles.parquet; how many cycles it has. All are judged again, in their order; what
-    was said and told of an alarm is kept. Logs that came later are read again."""
-    cycles, known = read_copies(state, machine, rules)
-    store, judge = Store(state, machine, rules, anew=True), Judge(rules)
-    try:
-        for k, cycle in enumerate(cycles):
-            store.add(k, cycle, judge.add(cycle))
-        for at, said in known.items():
-            store.say(at, said)
-        store.replace()
-    finally:
-        store.close()
-    return len(cycles)
-
-
 def patient(
     look: Callable[[], tuple[int, int]], every_s: float, stop: Callable[[], bool], *, once: bool, settle_s: float
 ) -> None:
@@ -312,15 +289,3 @@ def patient(
             if now >= quiet_until:
                 break
         time.sleep(min(every_s, max(0.05, settle_s)) if once else every_s)
-
-
-def run(watch: Watch, every_s: float, stop: Callable[[], bool], *, once: bool, settle_s: float) -> None:
-    """As `patient`. UnwritableError where at the end something is still to be written."""
-
-    def look() -> tuple[int, int]:
-        new, waiting = watch.look(time.monotonic())
-        return new, -1 if watch.trouble is not None else waiting
-
-    patient(look, every_s, stop, once=once, settle_s=settle_s)
-    if watch.trouble is not None:
-        raise watch.trouble

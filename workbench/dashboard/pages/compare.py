@@ -13,11 +13,9 @@ from typing import Any
 
 import streamlit as st
 
-from workbench.control import Cascade
-from workbench.core.errors import InputError
 from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import free_name
-from workbench.dashboard.widgets import SAME, held, plain, text
+from workbench.dashboard.widgets import SAME, by_words, guarded, held, plain, text
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.load import changed, plan_study
@@ -53,7 +51,7 @@ class Kept:
     def gains(self) -> dict[str, float]:
         """Name with unit -> value, as the machine ran with it."""
         loop = self.result.study.scenario.controller
-        outer = {"kv (1/s)": loop.kv_per_s} if isinstance(loop, Cascade) else {}
+        outer = {"kv (1/s)": loop.kv_per_s} if loop.kv_per_s is not None else {}
         return {**outer, f"kp ({loop.UNITS[0]})": loop.kp, f"ki ({loop.UNITS[1]})": loop.ki}
 
     def row(self, kind: str, payload_kg: float) -> Row:
@@ -91,7 +89,8 @@ def show() -> None:
         usual = common.index("ruckig") if "ruckig" in common else 0
         kind = st.radio("Reference", common, index=usual, format_func=label, key="compare reference")
         same = st.toggle("All under the same gains", key="compare same gains",
-                         help=f"Runs the others again under the controller of {plain(baseline.name)}.")  # fmt: skip
+                         help=f"Runs the others again under kp, ki, kv, a gain schedule and the set-point weight of "
+                         f"{plain(baseline.name)}; what else their controllers have stays.")  # fmt: skip
     _list(runs)
     if not names:
         st.info("Choose at least one of the kept studies.")
@@ -102,16 +101,14 @@ def show() -> None:
         st.info(f"Of another kind of machine than {plain(baseline.name)}, and left out: {plain(', '.join(others))}.")
     chosen = [runs[name] for name in names if name not in others]
     if same:
-        try:
+        with guarded():
             chosen = [study if study is baseline else under_gains(study, baseline) for study in chosen]
-        except InputError as error:
-            widgets.problem(error)
     offered = [{row.payload_kg for row in one.result.rows if row.ok and row.reference == kind} for one in chosen]
     payloads = sorted(set.intersection(*offered))
     if not payloads:
         st.info(f"These studies have no {'payload' if alike.payload else 'run'} in common for this reference.")
         return
-    _table(chosen, baseline, kind, payloads)
+    _table(chosen, baseline, kind, payloads, same)
     # The lightest, a middle and the heaviest; against the strictest of the machines' limits, which holds for all.
     rows = [(study, study.row(kind, payload)) for study in chosen for payload in few(payloads)]
     drawn = [(study.name, study.result.runs[row.run_id]) for study, row in rows if row.run_id in study.result.runs]
@@ -127,9 +124,9 @@ def show() -> None:
 def under_gains(study: Kept, other: Kept) -> Kept:
     """The study, run again under another one's gains. InputError where they cannot be."""
     loop = other.result.study.scenario.controller
-    names = (*loop.GAINS, *(["kv_per_s"] if isinstance(loop, Cascade) else []), "set_point_weight")
-    controller = desk.with_gains(study.scenario.controller, {name: getattr(loop, name) for name in names})
-    scenario = desk.opened(changed(study.scenario, {"controller": controller.model_dump()}), study.machine)
+    gains = loop.model_dump(include={*loop.GAINS, "kv_per_s", "gain_schedule", "set_point_weight"})
+    controller = {"controller": study.scenario.controller.model_dump() | gains}
+    scenario = desk.opened(changed(study.scenario, controller), study.machine)
     return replace(study, scenario=scenario, result=run_study(plan_study(scenario, study.machine)))
 
 
@@ -173,7 +170,7 @@ def _numbers(data: Mapping[str, Any], before: str = "") -> dict[str, float]:
     return values
 
 
-def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence[float]) -> None:
+def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence[float], same: bool) -> None:
     payload = payloads[-1]
     if len(payloads) > 1:
         payload = st.segmented_control(
@@ -199,7 +196,8 @@ def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence
     heads = ["", *(plain(study.name) for study in columns)]
     st.table({head: [line[k] for line in lines] for k, head in enumerate(heads)}, hide_index=True)
     load = f", {payload:g} kg" if kind_of(baseline.machine).payload else ""
-    st.caption(f"{label(kind).capitalize()}{load}. In brackets the difference to {plain(baseline.name)}.")
+    gains = f"All under the gains of {plain(baseline.name)}. " if same else ""
+    st.caption(f"{label(kind).capitalize()}{load}. {gains}In brackets the difference to {plain(baseline.name)}.")
 
 
 def difference(value: float, base: float, metric: Metric) -> str:
@@ -213,4 +211,4 @@ def difference(value: float, base: float, metric: Metric) -> str:
         return " (=)"
     worse = metric.worse_by(base, value) if metric.better is not None else 0.0
     colour = "red" if worse > 0.0 else "green" if worse < 0.0 else "gray"
-    return f" :{colour}[({text(by, 2, sign=True)})]"
+    return f" :{colour}[({by_words(by, '%' if metric.shown_unit == '%' else '')})]"

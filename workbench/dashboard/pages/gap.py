@@ -232,7 +232,7 @@ def _verdict(job: Job, view: View) -> None:
         st.markdown(said(ranked.sentences[-1]))
         points(ranked.points)
     for shown in answer.tables:
-        widgets.table(shown)
+        widgets.table(shown, in_words=True)
     with st.expander("All candidates"):
         for shown in view.sections["candidates"].tables:
             widgets.table(shown)

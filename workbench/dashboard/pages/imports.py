@@ -6,6 +6,7 @@ import io
 import tempfile
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import streamlit as st
@@ -59,7 +60,7 @@ def show() -> None:
     with guarded():
         logs = _runs(_read(files), machine)
         proposed = _mapping(machine, logs)
-        table(mapping_table(proposed))
+        table(replace(mapping_table(proposed), note=""), in_words=True)  # units are named in the fold above
         names = [log.name for log in logs]
         shown = logs[names.index(st.selectbox("Drawn", names, key=held("import drawn", names[0], names)))]
         signals = [(p.signal, p.column, *in_si(p, shown)) for p in proposed.proposals]

@@ -46,7 +46,7 @@ def show() -> None:
         "peak is lost; a shorter stretch shows every sample. Drag for a zoom, double click to come back."
     )
     _take_away(campaign, stretches, [signal for row in rows for signal in row])
-    widgets.table(runs_table(runs))
+    widgets.table(runs_table(runs), in_words=len(runs) <= MOST_ROWS)
     widgets.notes(campaign.all_notes)
 
 
@@ -57,9 +57,11 @@ def _chosen(campaign: Campaign) -> tuple[list[Run], list[list[str]]]:
     chosen = st.multiselect("Runs", names, key=held(f"signals runs {which}", names[:FEW_RUNS]))
     runs = [run for run in campaign.runs if run.name in chosen]
     rows_place = st.container()  # above; the computed ones are in its lists
+    known = list(dict.fromkeys(name for run in campaign.runs for name in run.signals))
+    first = [name for name in known if name.startswith(FIRST)] or known
     said = st.text_area(
         "Computed signals", key=held(f"signals computed {which}", ""), max_chars=2000, height=68,
-        placeholder="power_w = torque_motor_nm * speed_motor_rad_s",
+        placeholder=f"product = {min(first)} * {max(first)}",
         help=f"A line each, name = expression of signals, with + - * / **, ddt(…) for the slope and "
         f"{', '.join(FUNCTIONS)}. The name's end is its unit.",
     )  # fmt: skip
@@ -70,7 +72,6 @@ def _chosen(campaign: Campaign) -> tuple[list[Run], list[list[str]]]:
             computed.append(line.partition("=")[0].strip())
     except InputError as error:
         widgets.problem(error)
-    known = list(dict.fromkeys(name for run in campaign.runs for name in run.signals))
     with rows_place:
         rows = _rows(which, known, computed)
     if not runs or not rows:
@@ -185,13 +186,14 @@ def part_of(stretch: Stretch, signals: Sequence[str]) -> Run:
 
 
 def runs_table(runs: Sequence[Run]) -> Table:
-    """What each log is: samples, time, payload, how much of it is missing."""
-    rows = []
+    """What each log is: samples, time, payload, how much of it is missing; its signals where they are not all alike."""
+    rows, alike = [], len({tuple(run.signals) for run in runs}) == 1
     for run in runs:
         missing = max((int(np.count_nonzero(~np.isfinite(values))) for values in run.signals.values()), default=0)
         rows.append((
             run.name, f"{len(run.time_s)}", text(1e3 * run.sample_time_s), text(run.duration_s, 4),
-            f"{run.payload_kg:g}", f"{missing}", ", ".join(run.signals),
+            f"{run.payload_kg:g}", f"{missing}", *([] if alike else [", ".join(run.signals)]),
         ))  # fmt: skip
-    heads = ("run", "samples", "step (ms)", "length (s)", "payload (kg)", "samples missing", "signals")
-    return Table(tuple(Column(head, align="left" if head in ("run", "signals") else "right") for head in heads), rows)
+    heads = ("run", "samples", "step (ms)", "length (s)", "payload (kg)", "samples missing", *["signals"][alike:])
+    columns = tuple(Column(head, align="left" if head in ("run", "signals") else "right") for head in heads)
+    return Table(columns, rows, f"Signals of each run: {', '.join(runs[0].signals)}." if alike else "")

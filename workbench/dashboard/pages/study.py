@@ -25,7 +25,7 @@ from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
 from workbench.machines.files import machine_text
 from workbench.metrics import View, columns, shown_in
 from workbench.references import BASELINE
-from workbench.study.beside import damping_sentence, over_payload, over_ramps
+from workbench.study.beside import beyond_its_limits, damping_sentence, over_payload, over_ramps
 from workbench.study.conclude import SIGN, alarm, sentences, utilisation
 from workbench.study.decide import Decision, decisions, take_sentences
 from workbench.study.front import fronts
@@ -89,9 +89,7 @@ def show() -> None:
 def run_first() -> None:
     """The runs of the study that the page begins with, ahead of a visitor."""
     machine = default_hoist()
-    scenario = desk.usual_desk(machine).scenario
-    results(scenario, machine)
-    on_damping(scenario, machine)
+    results(desk.usual_desk(machine).scenario, machine)
 
 
 # ---- what is run --------------------------------------------------------------------------------------------------
@@ -186,7 +184,7 @@ def _decision(result: StudyResult) -> None:
     """What an engineer chooses by: the verdict, a row a reference, and how much of what is borne each uses. This is the
     one place where the page says which reference to take."""
     made = decisions(result.rows, result.study.machine, result.study.scenario.decide)
-    if taken := " ".join(take_sentences(made)):
+    if taken := " ".join([*take_sentences(made), *beyond_its_limits(result.study)]):
         st.info(plain(powers(taken)), icon=":material/gavel:")
     if (alarmed := alarm(utilisation(result.rows, result.study.machine))) is not None:
         st.error(plain(powers(alarmed)), icon=":material/warning:")

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import PhaseOfEachRun, Setting, bounds_of, setting_of
+from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
+from workbench.diagnose.hypotheses.free_parameters import PhaseOfEachRun, Setting, bounds_of, logarithmic_of, setting_of
+from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 
 BLOCKS = 4  # that a single run is cut into
 STRETCHES = 8  # of a run: so long a residual may hang together
 PARTS = (1.0, 0.3, 0.1)  # of a step
 MOST_STEPS = 20
+MOST_EVALUATIONS = 40  # of the fit at another minimum
+STUCK = 0.5  # of the logarithm of how friction turns over: further apart lie different minima
+AS_GOOD = 20.0  # of the objective of all rows: a worse minimum is not the best one of some of them either
 SETTLED = 0.005  # of the objective: a step that gains less ends the refit
 ROUNDING = 1e-6  # of a signature: what another run's own value adds to this one's rows
 
@@ -45,7 +51,8 @@ def folds_by_run(problem: Problem) -> np.ndarray:
 
 
 def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
-    """A refit to the other rows for each fold, started at the joint fit and followed to convergence.
+    """A refit to the other rows for each fold, started at the joint fit and followed to convergence; and at another
+    minimum of how friction turns over near standstill, if there is one about as good: the other runs may lie there.
 
     Gauss-Newton steps with a Jacobian that each step corrects (C. G. Broyden, Mathematics of Computation 19, 1965); all
     folds are simulated together. A step is taken as far as it serves the runs that are left: all of it, or a part.
@@ -60,19 +67,44 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
 
 
 def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
-    lowest, highest, std = bounds_of(fitted.free)
-    prior = np.diag(1.0 / std**2)
-    white = problem.errors.whiten(np.column_stack([fitted.jacobian, fitted.residual]))
     folds = int(np.max(fold_of_row)) + 1 if len(fold_of_row) else 0
     inside = [fold_of_row == fold for fold in range(folds)]
-    z = [fitted.z.copy() for _ in range(folds)]
-    slopes = [white[~mine, :-1].copy() for mine in inside]
-    rows = [white[~mine, -1].copy() for mine in inside]
+    settings = tuple(refit.setting for refit in fitted_without(problem, fitted, inside))
+    residual = np.empty(problem.samples)
+    for row, mine in zip(problem.residuals(settings), inside, strict=True):
+        residual[mine] = row[mine]
+    return HeldOut(residual, fold_of_row, settings)
+
+
+@dataclass(frozen=True)
+class Refit:
+    """setting: of all values; objective: chi^2 of the rows that it is fitted to, and prior."""
+
+    setting: Setting
+    objective: float
+
+
+def fitted_without(
+    problem: Problem, fitted: Fitted, inside: Sequence[np.ndarray], most: int = MOST_STEPS
+) -> list[Refit]:
+    """The refit to the other rows for each of several choices of rows, (samples,) bool; see `held_out`. most: steps;
+    fewer than MOST_STEPS tell where the joint fit's own minimum leads."""
+    lowest, highest, std = bounds_of(fitted.free)
+    prior = np.diag(1.0 / std**2)
+    starts = [fitted, *(_elsewhere(problem, fitted, std) if most == MOST_STEPS else [])]
+    asked, inside = len(inside), [*inside] * len(starts)
+    z, slopes, rows = [], [], []
+    for start in starts:
+        white = problem.errors.whiten(np.column_stack([start.jacobian, start.residual]))
+        for mine in inside[:asked]:
+            z.append(start.z.copy())
+            slopes.append(white[~mine, :-1].copy())
+            rows.append(white[~mine, -1].copy())
     sizes = np.abs(fitted.jacobian)
     shown = [np.max(sizes[~mine], axis=0) > ROUNDING * np.max(sizes, axis=0) for mine in inside]  # by the other rows
-    worth = [float(r @ r) + _pull(fitted.z, std) for r in rows]
-    open_folds = set(range(folds))
-    for _ in range(MOST_STEPS):
+    worth = [float(r @ r) + _pull(at, std) for at, r in zip(z, rows, strict=True)]
+    open_folds = set(range(len(inside)))
+    for _ in range(most):
         tried: list[tuple[int, Array]] = []
         for fold in sorted(open_folds):
             j, r, at = slopes[fold], rows[fold], z[fold]
@@ -99,13 +131,45 @@ def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> Held
         open_folds &= set(better)
         for fold, (size, at, left) in better.items():
             worth[fold], z[fold], rows[fold] = size, at, left
-    points = [at + _own(fitted, mine, at - fitted.z) for at, mine in zip(z, inside, strict=True)]
-    points = [np.clip(at, lowest, highest) for at in points]
-    settings = tuple(setting_of(fitted.free, at) for at in points)
-    residual = np.empty(problem.samples)
-    for row, mine in zip(problem.residuals(settings), inside, strict=True):
-        residual[mine] = row[mine]
-    return HeldOut(residual, fold_of_row, settings)
+    for k in range(asked, len(inside)):
+        if worth[k] < worth[k - asked]:  # what turns over elsewhere bends on the way: with slopes of its own to the end
+            others = copy(problem)
+            others.errors = _Seen(problem.errors, ~inside[k])  # type: ignore[assignment]
+            base, kept = int(np.count_nonzero(np.isfinite(std))), starts[-1].jacobian
+            last = fit_hypothesis(others, fitted.effects, fitted.free, z[k], MOST_EVALUATIONS, base, kept)
+            z[k - asked], worth[k - asked] = last.z, last.objective
+    points = [at + _own(fitted, mine, at - fitted.z) for at, mine in zip(z[:asked], inside, strict=False)]
+    return [
+        Refit(setting_of(fitted.free, np.clip(at, lowest, highest)), size)
+        for at, size in zip(points, worth, strict=False)
+    ]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """An error model of the rows that a refit sees."""
+
+    errors: ErrorModel
+    rows: np.ndarray
+
+    def whiten(self, rows: Array) -> Array:
+        return self.errors.whiten(rows)[self.rows]
+
+
+def _elsewhere(problem: Problem, fitted: Fitted, std: Array) -> list[Fitted]:
+    """The same hypothesis, fitted to all rows from where friction turns over as nominal; if that is another minimum
+    about as good."""
+    turns = logarithmic_of(fitted.free) & np.isfinite(std)
+    if not np.any(turns & (np.abs(fitted.z) > STUCK)):
+        return []
+    asked = (fitted, "elsewhere", problem.errors.sizes)
+    if asked not in problem.kept:
+        nominal, base = np.where(turns, 0.0, fitted.z), int(np.count_nonzero(np.isfinite(std)))
+        other = fit_hypothesis(problem, fitted.effects, fitted.free, nominal, MOST_EVALUATIONS, base, fitted.jacobian)
+        apart = np.any(turns & (np.abs(other.z - fitted.z) > STUCK))
+        problem.kept[asked] = [other] if apart and other.objective < fitted.objective + AS_GOOD else []
+    found: list[Fitted] = problem.kept[asked]
+    return found
 
 
 def _pull(z: Array, std: Array) -> float:
