@@ -4,13 +4,13 @@
     r ~ g(w) + B z,      rest = (held-out fall of |r|^2 by g, less FORETOLD |r|^2) / (|r_0|^2 - |r|^2)
 
 p is what the effect takes off the residual, r what the whole fit leaves, r_0 what the fit without effects leaves. w is
-one of the effect's own variables: those of its regime (speed, position, acceleration, load, time); for f also the direction
-and the time, over which an amount is constant but a remainder may go, and all where its regime is all or time. f and g are free functions of w (piecewise
-linear, smoothed), fitted to the other runs; B z, the base parameters, are projected out. A true cause has one amount
-and takes all that is in its own variables: f and g gain nothing that matters, whatever else is left in r. Where the
-tolerances tell more of it than the residual, for base parameters could take it up, what it takes is |p|^2. A mimic
-leaves a curve over its own variable, or acts in some of the runs only (parameter constancy; G. C. Chow, Econometrica
-28, 1960; A. Zeileis, K. Hornik, Statistica Neerlandica 61, 2007).
+one of the effect's own variables: those of its regime (speed, position, acceleration, load, time); for f also the
+direction and the time, over which an amount is constant but a remainder may go, and all where its regime is all or
+time. f and g are free functions of w (piecewise linear, smoothed), fitted to the other runs; B z, the base parameters,
+are projected out. A true cause has one amount and takes all that is in its own variables: f and g gain nothing that
+matters, whatever else is left in r. Where the tolerances tell more of it than the residual, for base parameters could
+take it up, what it takes is |p|^2. A mimic leaves a curve over its own variable, or acts in some of the runs only
+(parameter constancy; G. C. Chow, Econometrica 28, 1960; A. Zeileis, K. Hornik, Statistica Neerlandica 61, 2007).
 """
 
 from __future__ import annotations
