@@ -10,15 +10,19 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from workbench.blind.recorded import bent
+from tests.diagnose.test_diagnose_established import EMPS, emps_in
+from workbench.blind.recorded import bent, write_case
 from workbench.blind.recording import recording
 from workbench.core.run import Array
+from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.verdict.free_law import LENGTHS, SIZES, projected
+from workbench.diagnose.hypotheses.signatures import Projection
+from workbench.diagnose.verdict.free_law import LENGTHS, SIZES, score
 from workbench.diagnose.verdict.judge import judged_to_help
 from workbench.effects import find
+from workbench.logs import read_campaign
 
 
 def test_a_law_gains_what_the_density_of_all_samples_gains_by_a_gaussian_process():
@@ -37,8 +41,9 @@ def test_a_law_gains_what_the_density_of_all_samples_gains_by_a_gaussian_process
         return float(-2.0 * multivariate_normal(cov=spread).logpdf(residual - 0.1 * slope[:, 0]))
 
     best = min(surprise(size**2 * hats @ k @ hats.T) for k in correlations for size in SIZES)
-    fitted = projected(lambda rows: rows, cast(Any, fit))
-    gained = fitted.score(hats[:, :0], [np.eye(0)], 1.0) - fitted.score(hats, roots, 1.0)
+    white = SimpleNamespace(errors=SimpleNamespace(whiten=lambda rows: rows))
+    fitted = Projection.of(cast(Any, white), cast(Any, fit))
+    gained = float(fitted.residual @ fitted.residual) - score(fitted.clean(hats), fitted.residual, roots, 1.0)
     assert gained == pytest.approx(surprise(np.zeros((n, n))) - best, abs=1e-6) and gained > 5.0
 
 
@@ -61,3 +66,15 @@ def test_friction_is_named_where_it_is_and_not_for_a_gain_of_one_direction(
     search = Search(Problem(machine, runs), effects, base=base_parameters(machine, runs))
     found = judged_to_help(search.exact(search.singles()))
     assert (found.word, found.names) == (word, names)
+
+
+def test_a_drift_does_not_answer_for_what_an_axis_leaves_over_its_speed(shared_data: Path, tmp_path: Path):
+    """EMPS leaves 2.5 N of that by itself, a third of what the drift takes."""
+    emps_in(tmp_path, shared_data, EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089"))
+    known = recording(tmp_path)
+    made = bent("drift", (9901, 6), known)
+    assert made is not None
+    write_case(tmp_path / "drift", known, made[0], (9901, 6))
+    campaign = read_campaign(tmp_path / "drift")
+    found = diagnose(campaign, candidates=["friction_thermal_drift", "friction_coulomb"], most_effects=2, study=False)
+    assert found.verdict.effects == ("friction_thermal_drift",)

@@ -51,6 +51,7 @@ friction: {coulomb_forward_n: 2.0, coulomb_backward_n: 2.0, viscous_n_s_per_m: 2
 REASONS = (
     Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, ("friction_step",)),
     Reason(ReasonKind.LEAVES_MUCH, value=3.6, percent=0.8),
+    Reason(ReasonKind.FREE_LAW, ("friction_coulomb",), over="height of the carriage"),
 )
 CLOSE = (Reason(ReasonKind.ON_A_BOUND),)
 

@@ -76,7 +76,7 @@ def _steps(d: Diagnosis) -> dict[str, Any]:
     noise, errors = f"noise_rms_{w.suffix}", {"std_forward": "std_error_forward", "std_backward": "std_error_backward"}
     return {
         "sentence": d.verdict.sentence,
-        "reasons": [_of(reason, "kind effects value percent") for reason in d.verdict.reasons],
+        "reasons": [_of(reason, "kind effects value percent over") for reason in d.verdict.reasons],
         "warnings": d.warnings,
         "notes": d.campaign.all_notes,
         "machine": d.campaign.machine.name,

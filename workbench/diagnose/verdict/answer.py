@@ -31,12 +31,13 @@ class ReasonKind(Enum):
 @dataclass(frozen=True)
 class Reason:
     """value: N m (N) left, or standard deviations; percent: of the input's rms; effects: those it is about;
-    of a free law, its variable."""
+    over: the variable of a free law, in words."""
 
     kind: ReasonKind
     effects: Names = ()
     value: float = 0.0
     percent: float = 0.0
+    over: str = ""
 
 
 @dataclass(frozen=True)

@@ -36,12 +36,13 @@ SENSED = ("load",)  # of a sensor that errs everywhere: it knows no place, speed
 @dataclass(frozen=True)
 class Constancy:
     """What speaks against an effect as a cause. over: the variable, or another reason. share, rest: see the module;
-    about 0 for a true cause."""
+    about 0 for a true cause. free: whether a free law of the variable does without it (`free_law`)."""
 
     effect: str
     over: str
     share: float
     rest: float = 0.0
+    free: bool = False
 
     @property
     def broken(self) -> bool:

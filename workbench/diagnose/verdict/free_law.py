@@ -16,50 +16,41 @@ imitate one law together (a bent sensor by gain, offset and friction with the lo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.evidence import cost
+from workbench.diagnose.hypotheses.evidence import Weighed, cost
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import bounds_of
-from workbench.diagnose.hypotheses.model_error import Sizes
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.location.profiles import RIDGE, forward, hats, variables
+from workbench.diagnose.hypotheses.signatures import Projection
+from workbench.diagnose.location.profiles import basis, hats, variables
 
 LENGTHS = (0.5, 0.17, 0.06)  # of the variable's range: a slope or a bow; a hump; a step between knots
 SIZES = tuple(np.geomspace(0.02, 10.0, 9))  # of the residual's rms
 
 
-def worth(problem: Problem, base: Fitted, cause: Fitted, sizes: Sizes) -> tuple[float, str]:
-    """The least that the effects of a fit are worth beside a law of one variable, as evidence, and that variable.
+def worth(problem: Problem, base: Fitted, cause: Weighed) -> tuple[float, str]:
+    """The least that a hypothesis is worth beside a law of one variable, as evidence, and that variable in words.
 
-    base: the fit without them, or without one of them. sizes: of the model error.
+    base: the fit without effects.
     """
-    errors = problem.errors.sized(sizes)
-    further = len(cause.effects) - max(len(base.effects), 1)
-    paid = cost(problem, len(cause.z) - len(base.z)) + settings.calibration()["pair"] * further
-    least, over = float("inf"), ""
-    laws = list(_laws(problem, base))
-    white = errors.whiten(np.column_stack([shape for _, shape, _ in laws]))
-    rms = base.rms(problem.inputs)
-    alone, beside = (projected(errors.whiten, fit) for fit in (base, cause))
-    start = 0
-    for name, shape, correlations in laws:
-        columns = white[:, start : start + shape.shape[1]]
-        start += shape.shape[1]
-        gain = alone.score(columns, correlations, rms) - beside.score(columns, correlations, rms) - paid
-        if gain < least:
-            least, over = gain, name
-    return least, over
+    sized, rms = problem.with_model_error(cause.score.sizes), base.rms(problem.inputs)
+    paid = cost(problem, len(cause.fit.z) - len(base.z)) + settings.calibration()["pair"] * (len(cause.names) - 1)
+    alone, beside = (Projection.of(sized, fit) for fit in (base, cause.fit))
+    least = (np.inf, "")
+    for label, shape, roots in _laws(problem, base):
+        scores = [score(one.clean(shape), one.residual, roots, rms) for one in (alone, beside)]
+        least = min(least, (scores[0] - scores[1] - paid, label))
+    return least
 
 
 def _laws(problem: Problem, base: Fitted) -> Iterator[tuple[str, Array, list[Array]]]:
-    """Of each variable: its name, hats (rows, k), and the square roots (k, k) of their correlation at each length."""
-    ahead, rest = forward(problem), np.zeros((len(base.residual) - problem.inputs, 1))
+    """Of each variable: its label, hats (rows, k), and the square roots (k, k) of their correlation at each length;
+    for a law that is the same both ways, then for one each way."""
+    others = len(base.residual) - problem.inputs
     for v in variables(problem, base.residual[: problem.inputs]):
         if v.name == "direction":
             continue
@@ -68,10 +59,9 @@ def _laws(problem: Problem, base: Fitted) -> Iterator[tuple[str, Array, list[Arr
         apart = np.abs(knots[:, None] - knots) / float(np.ptp(v.edges))
         apart = np.minimum(apart, 1.0 - apart) if v.wraps else apart
         roots = [_root(np.exp(-0.5 * (apart / length) ** 2)) for length in LENGTHS]
-        both = np.hstack([np.where(ahead[:, None], shape, 0.0), np.where(ahead[:, None], 0.0, shape)])
         each_way = [np.asarray(np.kron(np.eye(2), root), dtype=float) for root in roots]
-        for columns, each in ((shape, roots), (both, each_way)):
-            yield v.name, np.vstack([columns, np.repeat(rest, columns.shape[1], axis=1)]), each
+        for columns, its in ((shape, roots), (basis(problem, v)[0], each_way)):
+            yield v.label, np.pad(columns, ((0, others), (0, 0))), its
 
 
 def _root(correlation: Array) -> Array:
@@ -79,37 +69,15 @@ def _root(correlation: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-@dataclass(frozen=True, eq=False)
-class Projected:
-    """explained: orthonormal columns (rows, m) of what a fit's parameters explain; residual: (rows,) what is left
-    without that. The tolerances are rows of their own, at the end."""
-
-    explained: Array
-    residual: Array
-
-    def score(self, columns: Array, roots: list[Array], rms: float) -> float:
-        """Of the fit with a law beside it at its best length and size, or without one, up to what all fits have."""
-        shadow = self.explained[: len(columns)].T @ columns
-        gram = columns.T @ columns - shadow.T @ shadow
-        pull = columns.T @ self.residual[: len(columns)]  # the residual is clean: so is its product
-        least = 0.0
-        for root in roots:
-            values, vectors = np.linalg.eigh(root.T @ gram @ root)
-            energy = (vectors.T @ (root.T @ pull)) ** 2
-            for size in SIZES:
-                variance = (size * rms) ** 2
-                spread = 1.0 + variance * np.maximum(values, 0.0)
-                least = min(least, float(np.sum(np.log(spread) - variance * energy / spread)))
-        return float(self.residual @ self.residual) + least
-
-
-def projected(whiten: Callable[[Array], Array], fit: Fitted) -> Projected:
-    std = bounds_of(fit.free)[2]
-    hold = np.where(np.isfinite(std), 1.0 / std, 0.0)
-    white = whiten(np.column_stack([fit.jacobian, fit.residual]))
-    rows = np.vstack([white[:, :-1], np.diag(hold)])
-    sizes = np.linalg.norm(rows, axis=0)
-    u, s, _ = np.linalg.svd(rows / np.where(sizes > 0.0, sizes, 1.0), full_matrices=False)
-    explained = u[:, s > RIDGE * s[0]]
-    residual = np.concatenate([white[:, -1], hold * fit.z])
-    return Projected(explained, residual - explained @ (explained.T @ residual))
+def score(columns: Array, residual: Array, roots: list[Array], rms: float) -> float:
+    """Of a law with these columns (rows, k), whitened and clean as the residual (rows,) is, up to what all fits have:
+    at its best length and size, or without it."""
+    gram, pull, least = columns.T @ columns, columns.T @ residual, 0.0
+    for root in roots:
+        values, vectors = np.linalg.eigh(root.T @ gram @ root)
+        energy = (vectors.T @ (root.T @ pull)) ** 2
+        for size in SIZES:
+            variance = (size * rms) ** 2
+            spread = 1.0 + variance * np.maximum(values, 0.0)
+            least = min(least, float(np.sum(np.log(spread) - variance * energy / spread)))
+    return float(residual @ residual) + least

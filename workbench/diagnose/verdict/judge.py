@@ -41,7 +41,6 @@ IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all sample
 SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
 FILTER = "torque_filter"
 OTHER, BOUND = "the other effect", "a bound"  # what speaks against a fit that is none of its law
-FREE = "a free law of the "  # and a variable: what does without the cause
 
 
 @dataclass(frozen=True)
@@ -100,10 +99,12 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     vetoes = vetoes_of(problem, near, weighed, best)
     # An unlisted effect that is about as good as the best listed one is left out; a mimic has no evidence, unless a law
     # of one variable does without it: then its evidence is that law's.
+    for_unknown = {w.names for w in vetoes} | {names for names, why in mimics.items() if why.free}
     counted = tuple(
-        (() if w.rival or free else w.names, min(w.evidence, 0.0) if w.names in mimics and not free else w.evidence)
+        ((), w.evidence)
+        if w.names in for_unknown
+        else (w.names, min(w.evidence, 0.0) if w.names in mimics else w.evidence)
         for w in weighed
-        for free in [w.names in mimics and mimics[w.names].over.startswith(FREE)]
         if not w.rival or w in vetoes
     )
     groups = groups_of(problem, [w for w in weighed if not w.rival and w.names not in mimics])
@@ -200,10 +201,10 @@ def established(
             continue
         why = next((one for one in constancies(problem, base, near, w.fit) if one.broken), None)
         if why is None:
-            gained, over = worth(problem, base, w.fit, w.score.sizes)
-            if gained > 0.0:
+            evidence, variable = worth(problem, base, w)
+            if evidence > 0.0:
                 return w, mimics | no_laws
-            why = Constancy(w.names[-1], FREE + over, -gained)
+            why = Constancy(w.names[-1], variable, 0.0, free=True)
         imitated = True
         mimics[w.names] = why
     mimics = {**mimics, **no_laws}
@@ -289,8 +290,8 @@ def _reasons(
             reasons.append(Reason(ReasonKind.ON_A_BOUND))
         if why.over == OTHER:
             reasons.append(Reason(ReasonKind.UNDO_EACH_OTHER, effects=names))
-        if why.over.startswith(FREE):
-            reasons.append(Reason(ReasonKind.FREE_LAW, effects=(why.over.removeprefix(FREE),)))
+        if why.free:
+            reasons.append(Reason(ReasonKind.FREE_LAW, effects=names, over=why.over))
     return tuple(reasons)
 
 
