@@ -34,7 +34,7 @@ def test_a_law_gains_what_the_density_of_all_samples_gains_by_a_gaussian_process
     parameter = SimpleNamespace(lowest=(-9.0,), highest=(9.0,), prior_std=(std,), size=1, logarithmic=False)
     fit = SimpleNamespace(free=(parameter,), z=np.array([0.1]), jacobian=slope, residual=residual)
     correlations = [np.exp(-0.5 * ((knots[:, None] - knots) / length) ** 2) for length in LENGTHS]
-    roots = [np.linalg.cholesky(k + 1e-12 * np.eye(7)) for k in correlations]
+    roots = [np.asarray(np.linalg.cholesky(k + 1e-12 * np.eye(7)), dtype=float) for k in correlations]
 
     def surprise(law: Array) -> float:
         spread = np.eye(n) + law + std**2 * slope @ slope.T
