@@ -14,13 +14,13 @@ from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import PhaseOfEachRun, Setting, bounds_of, logarithmic_of, setting_of
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.search import STUCK
 
 BLOCKS = 4  # that a single run is cut into
 STRETCHES = 8  # of a run: so long a residual may hang together
 PARTS = (1.0, 0.3, 0.1)  # of a step
 MOST_STEPS = 20
 MOST_EVALUATIONS = 40  # of the fit at another minimum
-STUCK = 0.5  # of the logarithm of how friction turns over: further apart lie different minima
 AS_GOOD = 20.0  # of the objective of all rows: a worse minimum is not the best one of some of them either
 SETTLED = 0.005  # of the objective: a step that gains less ends the refit
 ROUNDING = 1e-6  # of a signature: what another run's own value adds to this one's rows
@@ -69,7 +69,7 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
 def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
     folds = int(np.max(fold_of_row)) + 1 if len(fold_of_row) else 0
     inside = [fold_of_row == fold for fold in range(folds)]
-    settings = tuple(refit.setting for refit in fitted_without(problem, fitted, inside))
+    settings = tuple(refit.setting for refit in fitted_without(problem, fitted, inside, elsewhere=True))
     residual = np.empty(problem.samples)
     for row, mine in zip(problem.residuals(settings), inside, strict=True):
         residual[mine] = row[mine]
@@ -85,13 +85,13 @@ class Refit:
 
 
 def fitted_without(
-    problem: Problem, fitted: Fitted, inside: Sequence[np.ndarray], most: int = MOST_STEPS
+    problem: Problem, fitted: Fitted, inside: Sequence[np.ndarray], most: int = MOST_STEPS, *, elsewhere: bool = False
 ) -> list[Refit]:
-    """The refit to the other rows for each of several choices of rows, (samples,) bool; see `held_out`. most: steps;
-    fewer than MOST_STEPS tell where the joint fit's own minimum leads."""
+    """The refit to the other rows for each of several choices of rows, (samples,) bool; see `held_out`. most: steps.
+    elsewhere: also from another minimum than the joint fit's."""
     lowest, highest, std = bounds_of(fitted.free)
     prior = np.diag(1.0 / std**2)
-    starts = [fitted, *(_elsewhere(problem, fitted, std) if most == MOST_STEPS else [])]
+    starts = [fitted, *(_elsewhere(problem, fitted, std) if elsewhere else [])]
     asked, inside = len(inside), [*inside] * len(starts)
     z, slopes, rows = [], [], []
     for start in starts:
