@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -29,10 +29,8 @@ from workbench.view import style
 from workbench.view.numbers import NOTHING, figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
+from workbench.view.style import Figure
 from workbench.view.words import listed
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
 
 MARGINS = (
     Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),

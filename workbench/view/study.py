@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,10 +27,7 @@ from workbench.study.run import StudyResult, peak_limit
 from workbench.view import study_figures as draw
 from workbench.view.page import Section, save_page
 from workbench.view.study_figures import QUANTITIES, over_time, plane
-from workbench.view.style import label
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from workbench.view.style import Figure, label
 
 __all__ = ["over_time", "plane"]  # beside what is defined here
 MARK = "workbench report"
@@ -40,7 +37,7 @@ WIDEST_HEAD, WIDEST_RUN, WIDEST_NAME = 12, 42, 26  # characters of a head's line
 MOST_LINES = 60  # runs that are listed one by one
 MOST_CURVES, MOST_GROUPS, MOST_NAMED = 6, 3, 12
 SWING = "wire_tension_swing_n"
-Noted = tuple["Figure", str]
+Noted = tuple[Figure, str]
 
 
 def _case(rows: Sequence[Row]) -> list[Column]:
