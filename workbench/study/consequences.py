@@ -24,13 +24,14 @@ from workbench.core.json_records import plain
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
+from workbench.core.yaml_strict import checked
 from workbench.effects import effects_for, sizes_of
 from workbench.machines import LOOPED, AnyKind, Axis, Hoist, Kind, kind_of, looped, studied
 from workbench.metrics import Metric, find, set_of
 from workbench.references import Limits
 from workbench.study.grid import RunSpec
 from workbench.study.labels import NO_CHANGE, listed
-from workbench.study.load import Study, changed, checked, plan_study
+from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row
 from workbench.study.run import run_specs
 from workbench.study.scenario import Scenario, key_in
@@ -429,6 +430,7 @@ def small_study(
     limits = Limits(speed, acceleration, _digits(1.5 * acceleration**2 / speed))
     unit, rest = kind.moved.unit, 2.0 if hoist else 1.0  # s; an axis settles soon
     scenario = checked(
+        Scenario,
         {
             "name": "consequences",
             "payloads_kg": loads if hoist else None,
@@ -439,7 +441,7 @@ def small_study(
             "controller": usual_settings(machine)[0] if controller is None else controller,
             "settle_s": rest,
             "outputs": {"signals": "none"},
-        }
+        },
     )
     return SmallStudy(scenario, kind, start, travel, limits, loads, bool(moved), controller is not None, own=False)
 
