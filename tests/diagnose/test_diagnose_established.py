@@ -84,13 +84,16 @@ def test_the_delivered_file_gives_the_fits_residual_run_by_run(bump: tuple[Campa
 def test_the_freer_of_two_laws_is_named_where_it_is_true_whatever_else_is_missing(
     name: str, amounts: dict[str, float], tmp_path: Path
 ):
-    """A large cause beside it lets neither law be further off than it would be alone."""
+    """A large cause beside it lets neither law be further off than it would be alone; and the two are never weighed
+    together, where they would be one law twice, with levels of 39 and -36 kN."""
     large = {"friction_position_dependent": {"peak_n": 9000.0, "centre_m": 9.6, "width_m": 0.5}}
     machine = default_hoist().model_copy(update={"effects": large | {name: amounts}})
     campaign = read_campaign(simulated_campaign(tmp_path / "two", machine))
     problem, laws = Problem(campaign.machine, campaign.runs), ("friction_coulomb", "friction_coulomb_asymmetric")
     effects = [find(one, "hoist") for one in (*large, *laws)]
-    found = judged_to_help(searched(problem, effects, 2, base=base_parameters(campaign.machine, campaign.runs)))
+    search = searched(problem, effects, 3, base=base_parameters(campaign.machine, campaign.runs))
+    assert not any({*laws} <= {*names} for names in search.fits)
+    found = judged_to_help(search)
     assert (found.word, set(found.names)) == ("named", {*large, name})
 
 

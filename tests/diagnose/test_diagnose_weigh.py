@@ -20,7 +20,7 @@ from tests.support.noisy_runs import hoist_runs
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import either, sentence_of
 from workbench.diagnose.gap import folds_of, shrink_of, stretch_of, worst_tolerance
-from workbench.diagnose.hypotheses.evidence import MOST, Score, Weighed, cost, score_of
+from workbench.diagnose.hypotheses.evidence import MOST, Score, Weighed, cost, nested, score_of
 from workbench.diagnose.hypotheses.fit import Fitted, covariance, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     FreeParameter,
@@ -35,7 +35,7 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.diagnose.verdict.answer import Hypothesis, rank
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runners_up, vetoes_of
-from workbench.effects import find, ranges_of
+from workbench.effects import effects_for, find, ranges_of
 from workbench.machines import default_hoist
 
 TORQUE = "torque_motor_nm"
@@ -342,6 +342,17 @@ def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Probl
     # A further run is asked for against a rival that the runs leave open only.
     assert runners_up(judged((viscous,), {(viscous,): 109.0, (freer,): 98.0, (mass,): 83.0}), "hoist") == ((mass,),)
     assert runners_up(judged((viscous,), {(viscous,): 539.0, (mass,): 117.0}), "hoist") == ()
+
+
+def test_a_law_of_each_direction_holds_that_of_both_and_no_other_kind_of_law():
+    for kind in ("hoist", "slew_boom", "two_inertia"):
+        names = effects_for(kind)
+        pairs = {frozenset(pair) for pair in itertools.combinations(names, 2) if nested(*pair, kind)}
+        assert pairs == {
+            frozenset({"friction_viscous", "friction_viscous_asymmetric"}),
+            frozenset({"friction_coulomb", "friction_coulomb_asymmetric"}),
+        }
+        assert all(nested(*reversed(sorted(pair)), kind) for pair in pairs)
 
 
 def test_a_sentence_has_both_names_of_a_cause():

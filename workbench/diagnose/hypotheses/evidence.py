@@ -313,3 +313,14 @@ def same_but_freer(freer: str, simpler: str, kind: str) -> bool:
     """Whether an effect has the place and regime of another one and more parameters: the same cause by a freer law."""
     a, b = find(freer, kind), find(simpler, kind)
     return len(a.parameters) > len(b.parameters) and (a.subsystem(kind), a.regime) == (b.subsystem(kind), b.regime)
+
+
+def nested(one: str, other: str, kind: str) -> bool:
+    """Whether one of two effects contains the other: the same cause by a freer law with amounts of the same unit, as a
+    friction of each direction and one of both. Together they are one law twice, with amounts that cancel."""
+
+    def units(name: str) -> set[str]:
+        return {parameter.size for parameter in find(name, kind).parameters}
+
+    freer = same_but_freer(one, other, kind) or same_but_freer(other, one, kind)
+    return freer and units(one) == units(other)

@@ -26,6 +26,7 @@ from workbench.diagnose.hypotheses.evidence import (
     discounted,
     inexact,
     likeliest,
+    nested,
     score_of,
     weigh,
 )
@@ -476,7 +477,7 @@ class Search:
         late = self.base.get(LOG_TIMING)
         if late is not None and float(at.z[self._place_of(late)][0]) > TOLERANCES * late.std:
             strained |= {e.id for e in self.effects.values() for r in self._ranges(e) if r.symbol == self.problem.late}
-        for name in strained - set(at.effects):
+        for name in (name for name in strained if self._new_to(at.effects, name)):
             ranges, values = self._ranges(self.effects[name]), dict(at.setting)
             own = [one for key, one in self.nuisances.items() if key.partition(".")[0] == name]
             if not own:
@@ -543,7 +544,7 @@ class Search:
         for k, w in enumerate(leaders[:LEADERS]):
             leader = w.fit
             self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders[:LEADERS]), w.names))
-            again = self._signatures([e for e in self.effects.values() if e.id not in w.names], leader)
+            again = self._signatures([e for e in self.effects.values() if self._new_to(w.names, e.id)], leader)
             inexactly = inexact(self.problem, result.within_tolerances, leader, w.score)
             added = [
                 (self._worth_beside(leader, promise, inexactly), promise)
@@ -563,6 +564,10 @@ class Search:
                     self._try(names, lambda w=way: self._fit_with(w.leader, w.promise))  # type: ignore[misc]
         for w in leaders[:LEADERS]:
             self._in_place(w.fit)
+
+    def _new_to(self, names: Names, effect: str) -> bool:
+        """Whether an effect is none of a hypothesis, nor the same law as one of it, freer or simpler."""
+        return not any(effect == name or nested(effect, name, self.problem.active.kind) for name in names)
 
     def weighed(self, result: SearchResult) -> tuple[Weighed, ...]:
         """All fits so far, as the verdict weighs them."""
@@ -610,7 +615,7 @@ class Search:
         pairs: dict[tuple[str, str], tuple[float, Signature, Signature, Array]] = {}
         for (_, a, left), (_, b, right) in combinations(shapes, 2):
             names = (a.effect.id, b.effect.id)
-            if names[0] == names[1] or names in self.fits:
+            if not self._new_to(names[:1], names[1]) or names in self.fits:
                 continue
             both, signs = np.hstack([left, right]), [*columns_signed(a), *columns_signed(b)]
             data, prior, amounts = linear_gain(both, projection.residual, signs, projection.priors)
