@@ -15,10 +15,8 @@ from tests.support.ideal import ideal_hoist
 from workbench.analysis.linearise import MOTIONS, LinearPlant, OperatingPoint, linearise
 from workbench.analysis.loop import linear_loop
 from workbench.analysis.margins import Margins, margins
-from workbench.analysis.tune import try_out, usual_trial
 from workbench.cli import cli
 from workbench.control import PiSettings
-from workbench.core.errors import InputError
 from workbench.effects import effects_for, sizes_of
 from workbench.machines import Effects, Hoist, Memory, save_machine
 
@@ -41,12 +39,6 @@ def at_start(name: str, *, off: bool) -> Hoist:
 
 def element(plant: LinearPlant, of_state: str, by: str) -> float:
     return float(plant.A[plant.states.index(of_state), plant.states.index(by)])
-
-
-def damping(plant: LinearPlant) -> float:
-    """Of the slowest oscillating mode."""
-    s = min((e for e in np.linalg.eigvals(plant.A) if e.imag > 0.0), key=abs)
-    return float(-s.real / abs(s))
 
 
 def margins_of(machine: Hoist, settings: PiSettings = SETTINGS) -> Margins:
@@ -82,16 +74,6 @@ def test_gearbox_inertia_lowers_the_crossover_in_proportion_to_the_inertia(more:
     assert before.crossover_hz / after.crossover_hz == pytest.approx(1.0 + more / INERTIA, rel=0.005)
 
 
-def test_viscous_friction_damps_the_carriage_by_its_slope_over_the_mass():
-    slope, mass = 9000.0, ideal_hoist().carriage.mass_kg + 4500.0
-    plain, damped = (
-        linearise(m, POINT) for m in (ideal_hoist(), with_effects(friction_viscous={"viscous_n_s_per_m": slope}))
-    )
-    own = "speed_carriage_m_s"
-    assert element(damped, own, own) - element(plain, own, own) == pytest.approx(-slope / mass, rel=1e-9)
-    assert damping(damped) > damping(plain) + 0.01
-
-
 def test_a_ripple_is_no_spring_on_the_shaft():
     # Its slope over the angle, 900 N m/rad, is seven times the wire's; under way it averages out.
     rippled = with_effects(torque_ripple={"amplitude_nm": 30.0, "order_per_turn": 30.0})
@@ -120,22 +102,6 @@ def test_the_memory_of_a_brake_that_has_let_go_is_no_state_of_the_loop():
     released = with_effects(brake_drag={"torque_nm": 60.0})
     assert linearise(released, POINT).states == linearise(ideal_hoist(), POINT).states
     assert margins_of(released) == margins_of(ideal_hoist())
-
-
-def test_a_memory_without_a_steady_state_is_an_error_and_no_traceback():
-    counting = Memory("count", lambda s, p: s.speed_carriage_m_s + 1.0, lambda p: 0.0, lambda p: 1.0)
-    with pytest.raises(InputError, match="no steady state"):
-        linearise(ideal_hoist(), POINT, effects=Effects({}, (), [counting]))
-
-
-def test_the_trials_runs_bear_the_machines_effects():
-    rough = with_effects(friction_coulomb={"level_n": 6000.0})
-    scores = [try_out(usual_trial(m, (9000.0,), 0.001), [SETTINGS])[0] for m in (ideal_hoist(), rough)]
-    # Saturated as soon as it moves: the level, seen by one of two motors through drum and gearbox, and its overshoot.
-    torque = 6000.0 * ideal_hoist().lift_m_per_rad / 2.0
-    more = scores[1].peak_percent - scores[0].peak_percent
-    level = 100.0 * torque / ideal_hoist().motor.nominal_torque_nm
-    assert level < more < 1.3 * level
 
 
 def test_the_loop_command_says_what_is_in_the_loop_and_what_is_not(tmp_path: Path):

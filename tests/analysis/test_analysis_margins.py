@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.family import operating_points
 from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.loop import LinearLoop, linear_loop
 from workbench.analysis.margins import margins
 from workbench.control import Notch, PiSettings
-from workbench.core.errors import InputError
 from workbench.machines import Effects, Hoist, with_values
 
 PI = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
@@ -131,9 +129,3 @@ def test_python_controls_systems_are_the_same_loop(loop: LinearLoop):
     assert closed.dt == loop.dt
     ours, theirs = np.sort(np.abs(loop.poles())), np.sort(np.abs(closed.poles()))
     np.testing.assert_allclose(ours, theirs, atol=1e-7)
-
-
-@pytest.mark.parametrize("height", [-1.0, 25.0, 30.0])
-def test_a_height_without_free_wire_is_refused(height: float):
-    with pytest.raises(InputError, match="off the rail"):
-        operating_points(ideal_hoist(), (0.0,), (height,))

@@ -16,7 +16,6 @@ from workbench.analysis.margins import margins
 from workbench.analysis.tune import Goal, tune, usual_trial
 from workbench.control import PiSettings
 from workbench.core.errors import InputError
-from workbench.core.run import Array
 from workbench.machines import Hoist, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import LoopCase, simulate_loop
@@ -129,27 +128,6 @@ def test_scheduled_gains_are_those_of_the_payload():
     assert scheduled.at(9000.0).kp == 50.0  # beyond the last row nothing is extrapolated
     with pytest.raises(InputError, match="payload"):
         scheduled.at(None)
-
-
-def shaped_speed(kind: str, hz: float, zeta: float) -> Array:
-    plan = plan_motion("trapezoid", [Step(by_m=2.0)], HEIGHT, Limits(0.6, 0.6), (0.0, 22.0), 0.5, 4.0)
-    speed = motor_speed_rad_s(plan.sample(0.001).speed_m_s, RINGING.gearbox.ratio, RINGING.winch.drum_diameter_m)
-    shaper = {"kind": kind, "frequency_hz": hz, "damping": zeta}
-    case = LoopCase("a", RINGING, 9000.0, HEIGHT, settings_with(input_shaper=shaper), speed)
-    return np.asarray(simulate_loop([case], record_every=1)[0].run["speed_reference_rad_s"])
-
-
-def test_the_controllers_shaper_is_the_shaped_reference():
-    from workbench.machines import load_of
-
-    load = load_of(RINGING, 9000.0)
-    assert load is not None
-    hz = load.angular_frequency_rad_s / (2.0 * math.pi)
-    plan = plan_motion("zvd", [Step(by_m=2.0)], HEIGHT, Limits(0.6, 0.6), (0.0, 22.0), 0.5, 4.0, load)
-    expected = motor_speed_rad_s(plan.sample(0.001).speed_m_s, RINGING.gearbox.ratio, RINGING.winch.drum_diameter_m)
-    given = shaped_speed("zvd", hz, load.damping)
-    n = min(len(given), len(expected))
-    assert np.max(np.abs(given[:n] - expected[:n])) < 0.01 * np.max(expected)
 
 
 def test_tuning_chooses_no_notch_shaper_or_schedule_that_is_worse_than_none():

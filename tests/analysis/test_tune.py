@@ -191,22 +191,6 @@ def test_weight_on_the_torque_peak_buys_a_lower_peak(tuned: Tuned):
     assert gentle.winner.score.tracking_percent > tuned.winner.score.tracking_percent
 
 
-def test_scores_are_the_worst_run_of_the_closed_loop():
-    from workbench.simulate.loop import LoopCase, simulate_loop
-
-    machine, trial = slow_drive(), short_trial(slow_drive())
-    (score,) = try_out(trial, [BASE])
-    speed = trial.references["trapezoid"]
-    runs = simulate_loop(
-        [LoopCase("", machine, payload, trial.start_position_m, BASE, speed) for payload in PAYLOADS], record_every=1
-    )
-    errors = [r.run["speed_reference_rad_s"] - r.run["speed_motor_rad_s"] for r in runs]
-    worst = max(float(np.sqrt(np.mean(e**2))) for e in errors)
-    assert score.tracking_percent == pytest.approx(100.0 * worst / machine.motor.nominal_speed_rad_s, rel=1e-6)
-    peaks = [float(np.abs(r.run["torque_motor1_nm"]).max()) for r in runs]
-    assert score.peak_percent == pytest.approx(100.0 * max(peaks) / machine.motor.nominal_torque_nm, rel=1e-9)
-
-
 def test_a_candidate_whose_run_fails_has_no_score_and_costs_without_bound():
     heavy = Trial(slow_drive(), (60_000.0,), 6.0, short_trial(slow_drive()).references)
     (score,) = try_out(heavy, [BASE])
@@ -291,19 +275,6 @@ def test_gains_for_an_ideal_drive_carry_a_warning_and_others_none(tmp_path: Path
     assert read_controller(out).kp_nm_s_per_rad > 500.0  # which is what it warns of
     for name in ("torque_lag_s", "speed_filter_s", "speed_delay_s"):
         assert warning(with_values(ideal_hoist(), {f"drive.{name}": 0.002})) is None
-
-
-def test_a_scenario_gives_machine_controller_payloads_and_moves():
-    from workbench.study.loop_design import load_case
-
-    case = load_case(None, ROOT / "scenarios" / "payloads.yaml", None, None, None)
-    assert case.payloads_kg == (0.0, 4500.0, 9000.0)
-    assert case.settings.kp_nm_s_per_rad == 31.0
-    trial = case.trial()
-    assert set(trial.references) == {"trapezoid", "ruckig", "ruckig_equal_time"}
-    assert trial.start_position_m == 4.0
-    # 0.7 m/s of the carriage at the motor, on two falls and a drum of 0.6 m behind a ratio of 31.
-    assert max(trial.references["ruckig"]) == pytest.approx(0.7 * 4.0 * 31.0 / 0.6, rel=1e-9)
 
 
 def test_a_scenario_that_samples_its_machine_is_analysed_at_the_nominal_one():

@@ -34,7 +34,6 @@ from benchmarks.validation.axis_motion import (
 from benchmarks.validation.campaign import built, input_change, make_campaign, simulated
 from benchmarks.validation.content import draw
 from benchmarks.validation.families import FAMILIES
-from benchmarks.validation.sensors import Sensors, Window, sampled, shown_input
 from workbench import effects
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
@@ -207,40 +206,6 @@ def test_friction_only_takes_energy():
     power = record[:, FRICTION] * record[:, SPEED]
     assert np.mean(power < -1e-9 * axis.force * axis.speed) < 0.01
     assert np.sum(power) > 0.0
-
-
-@pytest.mark.parametrize(
-    ("changed", "law"),
-    [
-        ({"gain": 1.07}, lambda f, v: 1.07 * f),
-        ({"offset": 0.1 * F}, lambda f, v: f + 0.1 * F),
-        ({"gain_forward": 0.05}, lambda f, v: f * (1.0 + 0.05 * np.tanh(v / (0.01 * V)))),
-        ({"bend": 0.1 / F}, lambda f, v: f + 0.1 / F * f * np.abs(f)),
-    ],
-)
-def test_the_logged_force_is_what_its_sensor_makes_of_the_true_one(changed, law):
-    _, _, record, _ = plain_run()
-    sensors = Sensors(input_noise=0.0, speed_noise=0.0, count=1e-6, speed_turn=0.01 * V, **changed)
-    shown, _ = shown_input(record[:, FORCE], record[:, SPEED], RECORD_S, sensors, np.random.default_rng(1), 0.0)
-    assert shown == pytest.approx(law(record[:, FORCE], record[:, SPEED]), rel=1e-12)
-
-
-def test_an_encoder_that_slips_loses_way_while_its_event_lasts():
-    _, _, record, _ = plain_run()
-    logs = []
-    for slip in (0.0, 0.1):
-        sensors = Sensors(input_noise=0.0, speed_noise=0.0, speed_turn=1.0, count=1e-6, slip=slip)
-        streams = np.random.default_rng(1), np.random.default_rng(2)
-        motion = record[:, FORCE], record[:, SPEED], record[:, POSITION]
-        logs.append(sampled(*motion, RECORD_S, sensors, *streams, rate_hz=1000.0, window=Window(3.0, 0.5))[0])
-    well, ill = logs
-    before, after = well.time_s < 3.0, well.time_s > 3.5
-    assert np.array_equal(ill.position[before], well.position[before])
-    lost = (well.position - ill.position)[after]
-    during = ~before & ~after
-    assert np.ptp(lost) < 1e-9 * L
-    assert lost[0] == pytest.approx(np.sum((well.speed - ill.speed)[during]) * 1e-3, rel=0.01)
-    assert np.max(np.abs(well.speed - ill.speed)) == pytest.approx(0.1 * np.max(np.abs(well.speed[during])), rel=0.2)
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

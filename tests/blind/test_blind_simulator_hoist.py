@@ -6,7 +6,6 @@ import ast
 import dataclasses
 import json
 import math
-import re
 from functools import cache
 from pathlib import Path
 
@@ -21,7 +20,6 @@ from benchmarks.validation.hoist_causes import (
     IN_THE_LIBRARY,
     LISTED,
     UNLISTED,
-    USUAL,
     scales_of,
 )
 from benchmarks.validation.hoist_machines import practice_machine, reference
@@ -38,12 +36,11 @@ from benchmarks.validation.hoist_motion import (
     nominal_truth,
     simulate,
 )
-from benchmarks.validation.orders import families_of, orders
-from benchmarks.validation.sensors import Sensors, Window, shown_input
+from benchmarks.validation.sensors import Window
 from benchmarks.validation.standstill import LAWS as STANDSTILL_LAWS
-from benchmarks.validation.standstill import bend, drawn_standstill
+from benchmarks.validation.standstill import drawn_standstill
 from workbench import effects
-from workbench.blind.seal import CASES, MIXED
+from workbench.blind.seal import CASES
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 
@@ -219,14 +216,6 @@ def test_a_load_is_held_by_its_weight_times_the_lever_over_the_gear(payload_kg):
     assert np.ptp(record[:, HEIGHT]) < 1e-4
 
 
-def test_what_sticks_holds_within_its_friction():
-    p = nominal_truth(MACHINE)._replace(bristles=1.0, bristle_m=3e-4, z_0=0.6)
-    nothing = np.zeros(4000)
-    above = np.mean(simulate(p, nothing, nothing, nothing)[:, TORQUE])
-    free = np.mean(simulate(p._replace(z_0=0.0), nothing, nothing, nothing)[:, TORQUE])
-    assert 2.0 < above - free < at_motor(p.F_up)
-
-
 def test_without_friction_the_motors_work_is_what_the_load_gained():
     """From rest to rest; the wire's own damping takes the rest, which is little and never negative."""
     p, record, _ = plain_run("fast", F_up=0.0, F_dn=0.0, mu=0.0, rho=0.0)
@@ -234,28 +223,6 @@ def test_without_friction_the_motors_work_is_what_the_load_gained():
     gained = (p.m_c + p.m_p) * p.g * (record[-1, HEIGHT] - record[0, HEIGHT])
     moved = np.sum(np.abs(record[:, TORQUE] * record[:, SPEED])) * RECORD_S
     assert -1e-4 * moved < work - gained < 0.01 * moved
-
-
-def shown(record, window=None, **changed):
-    """Torque as a sensor without noise shows it, and where the sensor has wandered to."""
-    sensors = Sensors(input_noise=0.0, speed_noise=0.0, speed_turn=1.0, count=1e-4, **changed)
-    walk = np.random.default_rng(1)
-    return shown_input(record[:, TORQUE], record[:, SPEED], RECORD_S, sensors, walk, 0.0, window)
-
-
-@pytest.mark.parametrize(
-    ("sensors", "law"),
-    [
-        ({"gain": 1.07}, lambda T, w: 1.07 * T),
-        ({"offset": -30.0}, lambda T, w: T - 30.0),
-        ({"gain_forward": 0.05}, lambda T, w: T * (1.0 + 0.05 * np.tanh(w))),
-        ({"bend": 1e-4}, lambda T, w: T + 1e-4 * T**2),
-    ],
-)
-def test_the_logged_torque_is_what_its_sensor_makes_of_the_true_one(sensors, law):
-    _, record, _ = plain_run("fast")
-    logged, _ = shown(record, **sensors)
-    assert logged == pytest.approx(law(record[:, TORQUE], record[:, SPEED]), rel=1e-12)
 
 
 def logged(content, seed, number):
@@ -356,22 +323,6 @@ def test_a_drawn_machine_without_a_gap_is_identified_down_to_the_noise(tmp_path,
     assert fit.residual_rms < 1.25 * fit.noise_rms
 
 
-def ordered(seed, names, **asked):
-    return orders(seed, {"simulator": families_of(names)}, **asked)
-
-
-def test_orders_hold_each_family_and_each_effect_as_often_as_the_others():
-    families = ("hoist_small", "hoist_large")
-    wanted = ordered(4, families, count=132)
-    cases = [order.case for order in wanted]
-    assert {case: cases.count(case) for case in CASES} == {"singles": 88, "none": 22, "pairs": 13, "unknown": 9}
-    assert sum(MIXED.values()) == pytest.approx(1.0)
-    for family in families:
-        singles = [order.names[0] for order in wanted if order.case == "singles" and order.family == family]
-        assert {name: singles.count(name) for name in USUAL} == dict.fromkeys(USUAL, 2)
-    assert wanted == ordered(4, families, count=132)
-
-
 # place -> the torque at the motor of 100 N m there, or of a force of so much on the carriage.
 AT_MOTOR = {
     "event_motor": lambda r: np.full(len(r), 100.0),
@@ -393,17 +344,6 @@ def test_an_event_takes_its_torque_at_its_place_while_it_lasts(name):
     assert np.max(np.abs(change[time > 13.0])) < 3.0
 
 
-def test_events_are_in_one_run_and_the_label_says_where_and_when(tmp_path):
-    content = draw((7, 2), "hoist_small", "unknown", ["event_guide"])
-    label = make_campaign(tmp_path / "once", (7, 2), content)
-    (event,) = label.events
-    assert event["subsystem"] == "guide" == label.where[0]["subsystem"]
-    assert label.where[0]["regime"] == "event"
-    seconds = input_change(content, (7, 2)).by_second_nm
-    assert [name for name, size in seconds.items() if max(size) > 0.5] == [event["run"]]
-    assert int(event["from_s"]) - 1 <= int(np.argmax(seconds[event["run"]])) <= int(event["to_s"]) + 1
-
-
 # Laws near standstill
 
 
@@ -421,17 +361,6 @@ def test_a_law_near_standstill_is_coulombs_at_speed_and_rises_by_its_peak_before
     assert np.sum(moving) > 5.0 / RECORD_S
     assert np.median(np.abs(relative - expected)[moving]) < 0.005
     assert np.max(relative[moving]) < 1.05 + drawn.peak
-
-
-@pytest.mark.parametrize("relax_s", [0.0, 20.0])
-def test_bristles_reach_their_level_and_give_way_only_where_they_creep(relax_s):
-    z, h = 0.0, 1e-4
-    for _ in range(20_000):  # 2 s at 5 mm/s over bristles of 0.5 mm
-        z = bend(z, 0.005, 5e-4, 1.06, relax_s, h)
-    assert z == pytest.approx(1.06, rel=0.01)
-    for _ in range(100_000):  # 10 s at rest
-        z = bend(z, 0.0, 5e-4, 1.06, relax_s, h)
-    assert z == pytest.approx(1.06 * (math.exp(-10.0 / relax_s) if relax_s else 1.0), rel=0.01)
 
 
 PHYSICS = {"HOIST", "KINDS", "LINEAR", "PLANTS", "ROTARY", "TWO_INERTIA", "kind_of", "plant_of"}
@@ -456,8 +385,3 @@ def test_a_source_shares_nothing_with_the_plant_but_the_machines_records(which, 
             elif isinstance(node, ast.Import):
                 imports |= {alias.name for alias in node.names if alias.name.startswith("workbench")}
     assert imports == allowed
-
-
-def test_the_package_imports_no_benchmark():
-    for module in (ROOT / "workbench").rglob("*.py"):
-        assert "benchmarks" not in re.findall(r"^(?:from|import) (\w+)", module.read_text(encoding="utf-8"), re.M)

@@ -64,19 +64,6 @@ def test_text_sets_words_left_numbers_right_and_units_in_the_last_line_of_the_he
     ]
 
 
-def test_text_is_no_wider_than_asked_for():
-    assert max(len(line) for line in TABLE.text(24).splitlines()) <= 24
-
-
-def test_markdown_has_alignment_and_escapes_its_own_mark():
-    shown = Table(TABLE.columns, [["a | b", "1", "2"]]).markdown()
-    assert shown.splitlines() == [
-        "| run | speed error open loop % | probability |",
-        "|---|---:|---:|",
-        r"| a \| b | 1 | 2 |",
-    ]
-
-
 def test_html_holds_each_cell_escaped_and_the_note():
     html = TABLE.html()
     assert "full &lt;&amp;&gt; fast" in html
@@ -92,13 +79,6 @@ CELL = st.text(st.characters(codec="utf-8", exclude_characters="\r\x00"), max_si
 def test_whatever_a_cell_says_html_says_it_back_and_nothing_else(rows: list[list[str]]):
     html = Table([words("a"), Column("b")], rows).html()
     assert Cells(html).rows[1:] == [[cell.strip() for cell in row] for row in rows]
-
-
-def test_a_table_without_rows_is_false_and_still_has_a_head():
-    empty = Table(TABLE.columns, [])
-    assert not empty
-    assert TABLE
-    assert "run" in empty.text()
 
 
 def test_a_template_refuses_to_leave_a_value_out():

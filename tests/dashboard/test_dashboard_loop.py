@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.support.dashboard_app import errors, figures, page
 from workbench.analysis.family import family, operating_points
-from workbench.analysis.loop import INPUTS, SHOWN, step_response
-from workbench.analysis.tune import Goal, Weights
 from workbench.analysis.usual import usual_controller
 from workbench.control import PiSettings
-from workbench.core.errors import InputError
-from workbench.dashboard.desk import edited, usual_desk
-from workbench.dashboard.pages import loop
 from workbench.dashboard.pages.loop import gain_steps, rule_settings
 from workbench.machines import default_hoist, with_values
-from workbench.view.loop import HZ, RAD_S, bode, gang_of_four
 
 KP, KI, WEIGHT = "loop kp", "loop ki", "loop weight"
 KP_STEPS = gain_steps("kp", rule_settings(default_hoist()).kp)
@@ -49,16 +40,6 @@ def test_the_page_draws_bode_nyquist_steps_and_the_gang_of_four():
     assert figures(app)[0]["layout"]["xaxis2"]["title"]["text"] == "frequency (rad/s)"
 
 
-def test_the_table_holds_every_payload_at_every_height():
-    app = page("Loop").run()
-    app.text_input(key="loop payloads").set_value("0, 3000").run()
-    app.text_input(key="loop heights").set_value("2, 9, 20").run()
-    table = app.dataframe[0].value
-    assert list(zip(table["load kg"], table["height m"], strict=True)) == [
-        (load, height) for load in ("0", "3000") for height in ("2", "9", "20")
-    ]
-
-
 def test_the_numbers_are_the_weakest_loops_own(lagging):
     drive = {"drive.torque_lag_s": 0.004, "drive.speed_filter_s": 0.003, "drive.speed_delay_s": 0.002}
     machine = with_values(default_hoist(), drive)
@@ -66,15 +47,6 @@ def test_the_numbers_are_the_weakest_loops_own(lagging):
     expected = max(member.margins.ms for member in family(machine, usual_controller(machine), points))
     assert number(lagging, "Largest Ms") == f"{expected:.2f}"
     assert "4 ms torque lag" in lagging.markdown[1].value.replace("\\", "")
-
-
-def test_a_larger_gain_costs_margin_and_the_delta_says_so():
-    app = page("Loop").run()
-    app.number_input(key=f"loop speed_delay_s {OWN['speed_delay_s']}").set_value(5.0).run()
-    before = number(app, "Largest Ms")
-    app.select_slider(key=KP).set_value(KP_STEPS[110]).run()
-    assert float(number(app, "Largest Ms")) > float(before)
-    assert next(metric for metric in app.metric if metric.label == "Largest Ms").delta.startswith("+")
 
 
 def test_gains_that_lose_the_loop_are_called_unstable():
@@ -107,28 +79,6 @@ def test_tune_fills_the_sliders_and_keeps_to_its_goal():
     assert app.select_slider(key=KP).value == tuned.kp_nm_s_per_rad
 
 
-def test_weights_and_what_is_tuned_too_reach_the_tuning(monkeypatch: pytest.MonkeyPatch):
-    asked: dict[str, Any] = {}
-
-    def tune(machine: Any, settings: Any, points: Any, trial: Any, goal: Any, weights: Any, **more: Any) -> None:
-        asked.update(more, goal=goal, weights=weights)
-        raise InputError("enough")
-
-    monkeypatch.setattr(loop, "tune", tune)
-    app = page("Loop").run()
-    app.pills(key="loop also").set_value(["notch", "schedule"])
-    app.number_input(key="loop peak").set_value(5.0)
-    app.radio(key="loop goal").set_value(loop.REJECTION)
-    app.button(key="loop tune").click().run()
-    assert errors(app) == ["enough"] and not app.exception
-    assert (asked["also"], asked["weights"], asked["goal"]) == (
-        ("notch", "schedule"), Weights(1.0, 5.0, 1.0), Goal(None, 1.4),
-    )  # fmt: skip
-    for what in ("tracking error", "peak", "rms"):
-        app.number_input(key=f"loop {what}").set_value(0.0)
-    assert errors(app.run()) == ["Weights: 0, 0 and 0, expected at least one above 0"]
-
-
 def test_a_bandwidth_out_of_reach_says_what_the_drive_allows(lagging):
     lagging.number_input(key="loop hertz").set_value(40.0)
     lagging.button(key="loop tune").click().run()
@@ -151,40 +101,3 @@ def test_bad_payloads_and_heights_are_one_sentence(key, text, said):
     app.text_input(key=f"loop {key}").set_value(text).run()
     assert errors(app) == [said]
     assert not app.exception
-
-
-def test_bode_in_radians_shows_the_same_loop_at_two_pi_times_the_frequency():
-    machine = default_hoist()
-    members = family(machine, usual_controller(machine), operating_points(machine, (4500.0,), (9.0,)))
-    for make in (lambda unit: bode(members, unit=unit), lambda unit: gang_of_four(members, 1.4, unit=unit)):
-        hertz, radians = make(HZ), make(RAD_S)
-        for one, other in zip(hertz.data, radians.data, strict=True):
-            assert other.x == pytest.approx(2.0 * math.pi * one.x)
-            assert (other.y == one.y).all()
-    crossover = members[0].margins.crossover_hz
-    words = [note.text for note in bode(members, unit=RAD_S).layout.annotations]
-    assert f"crossover {2.0 * math.pi * crossover:.3g} rad/s" in words
-    assert f"crossover {crossover:.3g} Hz" in [note.text for note in bode(members).layout.annotations]
-
-
-def test_the_step_response_is_that_of_the_loop_taken_sample_by_sample():
-    drive = {"drive.torque_lag_s": 0.004, "drive.speed_filter_s": 0.003, "drive.speed_delay_s": 0.002}
-    machine = with_values(default_hoist(), drive)
-    (member,) = family(machine, usual_controller(machine), operating_points(machine, (4500.0,), (9.0,)))
-    for column, name in enumerate(INPUTS):
-        response = step_response(member.loop, name, 1.5)
-        inputs = np.zeros((len(response.time_s), len(INPUTS)))
-        inputs[:, column] = 1.0
-        slowly = member.loop.closed.run(inputs)
-        for signal, values in zip(SHOWN, slowly.T, strict=True):
-            assert response.signals[signal] == pytest.approx(values, abs=1e-9 * np.max(np.abs(values)))
-
-
-def test_the_page_says_that_its_loop_is_the_lumped_machines_where_study_runs_on_the_multibody_one():
-    said = "Study runs on the multi-body machine; this loop is that of the lumped one, which is linearised."
-    desk, key = usual_desk(default_hoist()), "desk hoist"
-    app = page("Loop")
-    app.session_state[key] = replace(desk, scenario=edited(desk.scenario, default_hoist(), {"plant": "multibody"}))
-    assert said in [caption.value for caption in app.run().caption]
-    app.session_state[key] = desk
-    assert said not in [caption.value for caption in app.run().caption]

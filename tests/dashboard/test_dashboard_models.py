@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.support.dashboard_app import downloads, errors, good, made_job, page, the_job, titles, words
-from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
+from tests.support.log_campaign import hoist_columns, write_campaign
 from workbench.dashboard import jobs
 from workbench.dashboard.pages import validate
 from workbench.logs import read_campaign
@@ -63,14 +63,6 @@ def test_without_the_extra_the_button_says_how_to_get_it(server: Path, lift: Pat
     (said,) = errors(compared())
     engine.cache_clear()
     assert "pip install '.[multibody]'" in said and not list(server.glob("work-*"))
-
-
-def test_an_axis_has_one_model_only(lift: Path):
-    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
-    write_campaign(lift.parent / "drive", axis_columns(), machine=AXIS, runs=runs)
-    app = page("Validate").run()
-    app.selectbox(key="validate campaign").set_value("drive").run()
-    assert "validate models" not in [button.key for button in good(app).button]
 
 
 def test_what_cannot_be_compared_is_said_without_the_servers_folder(server: Path, lift: Path):

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import math
 import os
-import re
 import signal
 import socket
 import subprocess
@@ -16,7 +13,6 @@ import urllib.request
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from streamlit.testing.v1 import AppTest
 
@@ -24,17 +20,14 @@ from tests.support.dashboard_app import errors, figures, good, metrics, page, se
 from workbench.cli import cli
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
-from workbench.dashboard import chosen as machines
 from workbench.dashboard import session, widgets
 from workbench.dashboard.desk import desk_of, edited, from_address, in_address, usual_desk, with_gains
 from workbench.dashboard.pages import compare as kept
-from workbench.dashboard.pages.compare import difference, machine_told_apart, under_gains
-from workbench.dashboard.pages.study import OWN
-from workbench.dashboard.server import OPTIONS, SCRIPT
-from workbench.machines import Hoist, default_hoist, with_values
-from workbench.metrics import find
+from workbench.dashboard.pages.compare import under_gains
+from workbench.dashboard.server import OPTIONS
+from workbench.machines import default_hoist, with_values
 from workbench.study.load import load_study, plan_study, read_standalone, standalone_text
-from workbench.study.run import StudyResult, run_study
+from workbench.study.run import run_study
 from workbench.study.scenario import Scenario
 
 KP, KI = "loop kp", "loop ki"
@@ -200,48 +193,8 @@ def test_a_link_that_was_cut_is_one_error(cut: float):
         from_address(whole[: int(cut * len(whole))])
 
 
-def test_gains_are_carried_from_loop_to_study_and_back():
-    loop = page("Loop").run()
-    loop.number_input(key=f"{KI} typed").set_value(918.0).run()
-    assert not loop.exception and loop.select_slider(key=KI).value == 918.0
-    study = page("Study")
-    study.session_state["desk hoist"] = loop.session_state["desk hoist"]
-    study.run()
-    assert study.slider(key="study.ki").value == 918.0 and not study.exception
-    study.number_input(key="study.kp typed").set_value(150.0).run()
-    back = page("Loop")
-    back.session_state["desk hoist"] = study.session_state["desk hoist"]
-    back.run()
-    assert back.select_slider(key=KP).value == 150.0 and back.select_slider(key=KI).value == 918.0
-
-
 def trapezoid_and_ruckig(app: Any) -> Any:
     return app.pills(key="study.references").set_value(["ruckig"]).run()
-
-
-def test_a_stretch_of_time_stays_while_sliders_move_and_a_bad_one_is_said():
-    app = page("Study").run()
-    app.segmented_control(key="study stretch").set_value(OWN).run()
-    app.number_input(key="study from (s)").set_value(17.0)
-    app.number_input(key="study to (s)").set_value(21.0).run()
-    for _ in range(2):
-        times = figures(app)[0]["data"][0]["x"]
-        drawn = np.frombuffer(base64.b64decode(times["bdata"]), times["dtype"]) if isinstance(times, dict) else times
-        assert min(drawn) > 16.9 and max(drawn) < 21.1
-        app.slider(key="study.jerk").set_value(1.2).run()
-    app.number_input(key="study from (s)").set_value(500.0).run()
-    assert errors(app)[0].startswith("from … to: 500 to 21 s, expected a stretch") and not app.exception
-
-
-def test_at_a_payload_that_no_reference_carries_none_is_taken_and_the_other_keeps_its_own_choice():
-    app = page("Study").run()
-    app.pills(key="study.references").set_value(["ruckig", "optimal"])
-    app.multiselect(key="study.payloads").set_value([0.0, "22000"]).run()
-    (said,) = (each.value.replace("\\", "") for each in app.warning)
-    assert "22000 kg, least torque peak: " in said
-    taken = app.info[0].value.replace("\\", "")
-    assert re.match(r"Take [^.:]+ at 0 kg: .* Take none of these at 22000 kg: ", taken), taken
-    assert errors(app)[0].startswith("Overload: torque peak 100 %") and not app.exception
 
 
 def test_limits_and_weights_that_are_set_decide():
@@ -298,24 +251,6 @@ def test_a_bad_scenario_is_one_clear_error_and_leaves_the_controls(text: str, sa
     assert app.slider(key="study.jerk").value == 0.8
 
 
-def test_an_uploaded_machine_is_what_is_run(drawn):
-    app = trapezoid_and_ruckig(page("Study").run())
-    app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
-    assert not app.exception and "Choose a machine.yaml." in [info.value for info in app.info]
-    assert len(figures(app)) == 2  # of the machine chosen before
-    bad = sent(app, "name: x\nwinch: 3\n", "study machine file")
-    assert errors(bad)[0].startswith("machine.yaml:") and not bad.exception
-    from workbench.machines.files import machine_text
-
-    heavier = with_values(default_hoist(), {"carriage.mass_kg": 12000.0})
-    app.file_uploader(key="study machine file").upload("m.yaml", machine_text(heavier).encode(), "application/yaml")
-    app.run()
-    assert not app.exception
-    (overload,) = errors(app)
-    assert overload.startswith("Overload: rms torque 105 % of nominal torque")
-    assert metrics(app)["Smallest wire tension"] != metrics(drawn)["Smallest wire tension"]
-
-
 def test_a_saved_scenario_is_read_by_the_study_command(tmp_path: Path):
     machine = with_values(default_hoist(), {"carriage.mass_kg": 9500.0, "drive.torque_lag_s": 0.002})
     down = {"down speed": 0.5, "down acceleration": 0.4, "down jerk": 0.6}
@@ -327,61 +262,6 @@ def test_a_saved_scenario_is_read_by_the_study_command(tmp_path: Path):
     assert study.specs[0].limits == plan_study(scenario, machine).specs[0].limits
     rows, own = run_study(study).rows, run_study(plan_study(scenario, machine)).rows
     assert [row.metrics for row in rows] == [row.metrics for row in own]
-
-
-def test_kept_runs_stand_side_by_side_in_compare():
-    source = (
-        "import streamlit as st\nfrom workbench.dashboard.shell import run_page\n"
-        "run_page(st.session_state.get('page', 'Study'))\n"
-    )
-    app = AppTest.from_string(source, default_timeout=60.0).run()
-    app.button(key="study keep").click().run()
-    assert app.button(key="study keep").disabled
-    app.slider(key="study.jerk").set_value(2.0).run()
-    app.button(key="study keep").click().run()
-    app.session_state["page"] = "Compare"
-    app.run()
-    assert not app.exception
-    table = app.table[0].value
-    assert list(table.columns) == ["", "what-if", "what-if \\(2\\)"]
-    machine, limits = table.values.tolist()[:2]
-    assert machine[0] == "machine" and machine[1] == machine[2]
-    assert limits == ["limits", "0.7 m/s, 0.6 m/s², 0.8 m/s³", "0.7 m/s, 0.6 m/s², 2 m/s³"]
-    peak = next(row for row in table.values.tolist() if row[0].startswith("Torque peak per motor"))
-    assert ":red[" in peak[2]
-    time = next(row for row in table.values.tolist() if row[0].startswith("Move time"))
-    assert ":green[" in time[2]
-    app.button(key="compare remove what-if (2)").click().run()
-    assert list(app.session_state["runs kept"]) == ["what-if"]
-    # Back on the Study page the sliders stand where they were left.
-    app.session_state["page"] = "Study"
-    app.run()
-    assert app.slider(key="study.jerk").value == 2.0
-
-
-@pytest.mark.parametrize(
-    ("metric", "value", "base", "colour"),
-    [
-        ("peak_torque_motor_nm", 110.0, 100.0, "red"),
-        ("min_wire_tension_n", 110.0, 100.0, "green"),
-        ("position_error_end_m", -0.1, 0.2, "green"),
-    ],
-)
-def test_a_difference_has_the_colour_of_its_metric(metric: str, value: float, base: float, colour: str):
-    declared = find(metric)
-    assert f":{colour}[" in difference(value, base, declared)
-    for invisible in (0.0, 0.9 * declared.visible * declared.scale):
-        assert difference(base + invisible, base, declared) == " (=)"
-
-
-def test_a_difference_of_per_cents_is_in_points():
-    """72.6 to 79.9 % is 7.3 points, and 10 %."""
-    assert difference(79.9, 72.6, find("thermal_load_percent")) == " :red[(+7.3 pp)]"
-    source = (
-        "from workbench.dashboard.widgets import Number, numbers\n"
-        "numbers([Number('Load', 79.9, '%', 7.3, 'lower'), Number('Peak', 110.0, 'N m', 10.0, 'lower')])\n"
-    )
-    assert [card.delta for card in AppTest.from_string(source).run().metric] == ["+7.3 pp", "+10 N m"]
 
 
 @pytest.mark.parametrize(
@@ -406,17 +286,6 @@ def test_under_the_same_gains_two_studies_that_differ_in_nothing_else_are_one(se
     assert under_gains(first, other).result.rows[0].metrics == other.result.rows[0].metrics
 
 
-def test_a_number_has_three_digits_that_are_right_whatever_its_size():
-    for value in [*np.geomspace(1e-9, 9e6, 97), *-np.geomspace(1e-9, 9e6, 97)]:
-        said = widgets.text(float(value))
-        mantissa, _, raised = said.replace("\N{MINUS SIGN}", "-").partition("·10")
-        power = raised.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))
-        assert float(mantissa) * 10.0 ** int(power or 0) == pytest.approx(value, rel=5.1e-3), said
-        digits = mantissa.lstrip("-0.").replace(".", "")
-        assert len(digits) <= 3 or "." not in mantissa, said
-    assert widgets.text(math.nan) == "–" and widgets.text(0.0) == "0"
-
-
 def test_an_error_shows_the_files_name_and_no_markdown():
     app = AppTest.from_string(
         "from workbench.dashboard.widgets import guarded\nfrom workbench.core.errors import InputError\n"
@@ -438,11 +307,6 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read():
 
     with pytest.raises(InputError, match=r"machine.yaml: 2.0 MB, expected at most 1 MB"):
         session.stored(Large(), "machine.yaml")
-
-
-def test_the_whole_app_runs_in_its_frame():
-    app = AppTest.from_file(str(SCRIPT), default_timeout=60.0).run()
-    assert not app.exception and app.info
 
 
 def test_streamlit_run_and_the_command_set_the_server_up_alike():
@@ -508,13 +372,3 @@ def test_the_command_serves_on_localhost_from_any_folder_and_ends_its_server(tmp
         assert opened.read_text(encoding="utf-8").strip() == f"http://127.0.0.1:{port}"
     with socket.socket() as after:
         assert after.connect_ex(("127.0.0.1", port)) != 0
-
-
-def test_compare_tells_machines_of_one_name_apart():
-    def study(machine: Hoist) -> kept.Kept:
-        scenario = edited(usual_desk(machine).scenario, machine, {"payloads_kg": (700.0,), "way": 1.0})
-        return kept.Kept("one", scenario, machine, StudyResult(plan_study(scenario, machine), (), {}))
-
-    plain, heavier = study(default_hoist()), study(with_values(default_hoist(), {"carriage.mass_kg": 9000.0}))
-    assert machine_told_apart(plain, [plain, heavier]) == default_hoist().name
-    assert machine_told_apart(heavier, [plain, heavier]).endswith(": carriage.mass kg 9000")

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.noisy_runs import hoist_runs
-from workbench.diagnose.hypotheses.model_error import ErrorModel, carries, model_error_of
+from workbench.diagnose.hypotheses.model_error import ErrorModel, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.machines import default_hoist, kind_of
 
@@ -53,19 +51,6 @@ def test_whitened_rows_are_independent_and_of_variance_one(default: ErrorModel, 
     assert errors.log_det() == pytest.approx(np.linalg.slogdet(dense(errors))[1], abs=1e-8)
 
 
-@given(models())
-@settings(max_examples=20, deadline=None)
-def test_a_vector_is_whitened_as_a_column_is(errors: ErrorModel):
-    rows = np.random.default_rng(1).normal(size=(len(errors.white), 3))
-    assert errors.whiten(rows[:, 1]) == pytest.approx(errors.whiten(rows)[:, 1])
-
-
-def test_without_discrepancy_rows_are_divided_by_their_noise():
-    errors = ErrorModel(np.array([0.5, 2.0, 4.0]), np.zeros(3), np.zeros(3), np.array([0.0, 0.9, 0.9]))
-    assert errors.whiten(np.array([1.0, 1.0, 1.0])) == pytest.approx([2.0, 0.5, 0.25])
-    assert errors.log_det() == pytest.approx(2.0 * math.log(0.5 * 2.0 * 4.0))
-
-
 def test_a_constant_residual_of_a_long_correlation_counts_as_few_values():
     """One bias held through a run is one observation of the discrepancy, however many samples show it."""
     carry = np.full(400, 0.999)
@@ -89,9 +74,3 @@ def test_the_discrepancy_of_a_hoist_grows_with_the_torque_and_near_standstill(pr
     slow, fast = speed < 0.02 * problem.bench.scale, speed > 0.5 * problem.bench.scale
     if np.any(slow) and np.any(fast):
         assert np.mean(d[slow]) > np.mean(d[fast])
-
-
-def test_each_run_begins_anew(problem: Problem):
-    rho = carries(problem.bench, problem.rows)
-    assert np.count_nonzero(rho == 0.0) == len(problem.runs)
-    assert np.all((rho >= 0.0) & (rho < 1.0))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -19,7 +18,7 @@ from workbench.core.run import Array
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.gap import delivered_of
 from workbench.diagnose.hypotheses.fit import estimates, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, base_parameters
+from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
@@ -28,7 +27,7 @@ from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.readiness.noise import motion_noise
 from workbench.diagnose.verdict.answer import Hypothesis, shared
 from workbench.diagnose.verdict.constancy import constancies
-from workbench.diagnose.verdict.judge import judged_to_help, smooths
+from workbench.diagnose.verdict.judge import judged_to_help
 from workbench.effects import find
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
@@ -215,16 +214,6 @@ def test_one_direction_of_a_real_axis_half_without_friction_is_one_cause(shared_
     half = EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089").replace("forward_n: 20.3935", "forward_n: 10.2")
     emps_in(tmp_path, shared_data, half)
     assert diagnose(read_campaign(tmp_path), study=False).verdict.effects == ("friction_coulomb_asymmetric",)
-
-
-@pytest.mark.parametrize(("late_s", "smoother"), [(0.007, True), (0.001, False), (0.02, False)])
-def test_a_filter_whose_lag_a_late_motion_undoes_is_no_filter(shared_data: Path, late_s: float, smoother: bool):
-    campaign = read_campaign(shared_data / "axes" / "17")
-    problem = Problem(campaign.machine, campaign.runs)
-    setting = {"torque_filter__time_constant_s": 0.0066, LOG_TIMING: 0.0005, problem.late: late_s - 0.0005}
-    fit = SimpleNamespace(effects=("speed_delay", "torque_filter"), setting=setting)
-    assert smooths(problem, cast(Any, fit)) == smoother
-    assert not smooths(problem, cast(Any, SimpleNamespace(effects=("speed_delay",), setting=setting)))
 
 
 def test_a_play_is_heard_in_a_late_log(shared_data: Path):

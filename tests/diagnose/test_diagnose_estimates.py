@@ -9,9 +9,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from tests.support.fitted_runs import fitted_to
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fit import covariance, estimates
+from workbench.diagnose.hypotheses.fit import covariance
 from workbench.diagnose.hypotheses.free_parameters import Scalar
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.effects import Effect, library_effects
@@ -55,19 +54,6 @@ def test_correlated_noise_widens_the_interval_of_a_level_as_theory_says(carry: f
     ones, rows = (errors.whiten(one) for one in (np.ones(n), ramp))
     at_the_fit = ramp - (ones @ rows) / (ones @ ones)
     assert variance(at_the_fit) == pytest.approx(theory + np.mean(at_the_fit) ** 2, rel=1e-3)
-
-
-def test_a_standard_error_adds_what_the_law_simplifies_to_the_scatter():
-    truth = {"friction_stribeck": {"peak_hoisting_n": 4000.0, "peak_lowering_n": 3000.0, "stribeck_speed_m_s": 0.05}}
-    problem, fit = fitted_to(truth, dict(truth["friction_stribeck"]))
-    scatter, whole = (
-        {e.name: e for e in estimates(problem, fit, exact)["friction_stribeck"]} for exact in (True, False)
-    )
-    values = [scatter[name].value for name in ("peak_hoisting_n", "peak_lowering_n", "stribeck_speed_m_s")]
-    off = of(named("friction_stribeck", "F_up"), **dict(zip(("F_up", "F_dn", "v_S"), cast(Any, values), strict=True)))
-    for name, s in zip(scatter, off.values(), strict=True):
-        assert whole[name].value == scatter[name].value
-        assert whole[name].std_error == pytest.approx(math.hypot(cast(float, scatter[name].std_error), s))
 
 
 @pytest.mark.parametrize(("effect", "parameter"), SIMPLIFIED)

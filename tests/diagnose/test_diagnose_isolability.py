@@ -10,7 +10,7 @@ import pytest
 from tests.support.searched_campaign import simulated_search
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection
-from workbench.diagnose.isolability import angle_between, groups, isolability, separations, smallest_amount
+from workbench.diagnose.isolability import angle_between, isolability, separations, smallest_amount
 from workbench.diagnose.isolability import best_signatures as signatures
 
 TRIED = (
@@ -51,25 +51,6 @@ def test_the_smallest_visible_amount_is_worth_exactly_nothing(data: float, prior
     assert a * a * (data + prior) == pytest.approx(2.0 * math.log(scale))
 
 
-def test_what_never_shows_is_never_visible():
-    assert smallest_amount(0.0, 0.0, 1, 400.0) == math.inf
-
-
-def test_groups_hold_only_what_is_mutually_near():
-    apart = np.array([[0.0, 1.0, 9.0, 9.0], [1.0, 0.0, 2.0, 9.0], [9.0, 2.0, 0.0, 9.0], [9.0, 9.0, 9.0, 0.0]])
-    assert groups(apart, 3.0) == [[0, 1]]
-    assert groups(apart, 9.5) == [[0, 1, 2, 3]]
-    assert groups(apart, 0.5) == []
-
-
-def test_the_matrix_is_symmetric_with_zeros_on_its_diagonal(heavier: SearchResult):
-    answer = isolability(heavier.problem, heavier)
-    assert set(answer.names) == set(TRIED)
-    assert np.array_equal(answer.angle, answer.angle.T)
-    assert np.all(np.diag(answer.angle) == 0.0)
-    assert np.all((answer.angle >= 0.0) & (answer.angle <= 90.0))
-
-
 def test_an_offset_and_an_error_of_mass_are_alike_and_a_bump_is_like_neither(heavier: SearchResult):
     answer = isolability(heavier.problem, heavier)
     at = {name: k for k, name in enumerate(answer.names)}
@@ -104,8 +85,3 @@ def test_visible_amounts_are_in_the_first_parameters_unit_and_below_what_was_put
     machine = heavier.problem.machine
     assert name == "peak_n"
     assert amount > least / machine.lift_m_per_rad
-
-
-def test_a_signature_half_as_strong_is_visible_from_twice_the_amount():
-    scale = 400.0
-    assert smallest_amount(10.0, 0.0, 1, scale) == pytest.approx(2.0 * smallest_amount(40.0, 0.0, 1, scale))

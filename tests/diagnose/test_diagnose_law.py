@@ -14,7 +14,7 @@ from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.law import Law, find_law, unit_of
+from workbench.diagnose.law import Law, find_law
 from workbench.effects.loading import load_effects
 from workbench.effects.registry import forget_users
 from workbench.machines import LinearAxis, load_machine
@@ -112,11 +112,3 @@ def test_a_mean_that_no_tolerance_holds_is_a_level_of_the_law():
     assert wave.shape["d"] == pytest.approx(0.05, rel=0.01)
     assert max(law.amplitudes) == pytest.approx(8.0, rel=0.02) == law.amplitudes[law.formulas.index("sign v")]
     assert law.explains > 0.99
-
-
-@pytest.mark.parametrize(
-    ("suffix", "said"),
-    [("n_s2_per_m2", "N s²/m²"), ("nm", "N m"), ("n_per_m", "N/m"), ("s_per_m", "s/m"), ("fraction", "")],
-)
-def test_a_unit_reads_as_people_write_it(suffix: str, said: str):
-    assert unit_of(suffix) == said

@@ -57,14 +57,6 @@ def test_predictions_that_a_base_parameter_brings_together_are_apart_by_its_tole
     assert separation(fitted(), fitted(), [(line(0.0, 1e3), line(2.5e3, 1e3))]) == pytest.approx(2.5, rel=1e-3)
 
 
-def test_less_than_the_least_of_the_noise_sets_nothing_apart():
-    assert separation(fitted(), fitted(), [(line(0.0, 0.0), line(0.9 * LEAST, 0.0))]) == 0.0
-
-
-def test_what_each_run_has_of_its_own_explains_for_free():
-    assert separation(fitted(), fitted(), [(line(0.0, 0.0), line(3.0, 0.0, own=True))]) == pytest.approx(0.0, abs=1e-6)
-
-
 def test_a_run_that_sees_the_parameter_otherwise_sets_apart_what_the_campaign_did_not():
     """On the campaign the base parameter hides the difference; on the new run it cannot."""
     campaign = (line(0.0, 1e3), line(1e3, 1e3))
@@ -82,16 +74,6 @@ def offer(apart: float, seconds: float, *signals: str) -> Offer:
 def test_the_shortest_run_that_decides_is_chosen_before_one_that_sets_more_apart():
     offers = [offer(9.0, 60.0), offer(4.0, 20.0), offer(2.0, 10.0), offer(30.0, 10.0, "tension_dead_line_n")]
     assert choose(offers, 0.5) is offers[1]
-
-
-def test_where_nothing_decides_the_run_that_sets_most_apart_is_chosen():
-    offers = [offer(1.0, 10.0), offer(2.0, 20.0), offer(1.99, 15.0)]
-    assert choose(offers, 0.5) is offers[2]
-
-
-def test_a_run_that_adds_nothing_does_not_decide():
-    offers = [offer(APART + 1.1, 10.0), offer(9.0, 30.0)]
-    assert choose(offers, APART + 1.0) is offers[1]
 
 
 def test_nothing_open_asks_for_no_run(heavier: SearchResult):
@@ -147,21 +129,6 @@ def test_the_chance_to_decide_is_that_of_drawn_likelihoods():
         data = rng.normal(size=(20000, 50))  # the true hypothesis predicts 0, the other one `shift`
         ratio = 0.5 * np.sum((data - shift) ** 2 - data**2, axis=1)
         assert chance_to_decide(apart) == pytest.approx(np.mean(ratio > math.log(20.0)), abs=0.02)
-
-
-def test_the_same_question_has_the_same_answer(heavier: SearchResult):
-    first, second = (next_run(heavier.problem, heavier, ["torque_offset", "carriage_mass_error"]) for _ in range(2))
-    assert first == second
-
-
-def test_what_was_not_refitted_is_taken_from_its_signature(heavier: SearchResult):
-    fits = {names: fit for names, fit in heavier.fits.items() if names != ("carriage_mass_error",)}
-    bare = SearchResult(
-        heavier.problem, heavier.base, heavier.within_tolerances, fits, heavier.linear, heavier.signatures
-    )
-    advice = next_run(heavier.problem, bare, ["torque_offset", "carriage_mass_error"])
-    assert advice is not None
-    assert advice.separation > advice.now
 
 
 def test_the_files_of_the_next_run_are_a_study_and_a_motion_for_a_drive(heavier: SearchResult, tmp_path: Path):

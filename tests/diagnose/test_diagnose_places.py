@@ -13,7 +13,7 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.location.places import Placed, Weigher, comes_back, pulses_of, weighed
+from workbench.diagnose.location.places import Placed, Weigher, pulses_of, weighed
 from workbench.diagnose.location.survey import Course, Survey, at_rows, loop_of, survey_of
 from workbench.logs import read_campaign
 
@@ -151,14 +151,3 @@ def test_a_force_that_the_loop_answered_is_not_the_sensors(followed: Problem):
     struck = weighed(replace(survey, residual=survey.residual + 60.0 * survey.shown(rows, 0.0, False)[:, 0]))
     assert struck.port.regime == "event"
     assert "torque_sensor" not in [place.subsystem for place in struck.places]
-
-
-def test_what_comes_back_with_the_same_state_is_no_event():
-    rng = np.random.default_rng(0)
-    state, mine = rng.uniform(size=(400, 1)), np.arange(400) < 20
-    residue = np.exp(-((state[:, 0] / 0.1) ** 2)) * (state[:, 0] < 0.5) + rng.normal(scale=0.01, size=400)
-    state[mine] *= 0.1  # the stretch lies where the residue is
-    residue[mine] = np.exp(-((state[mine, 0] / 0.1) ** 2))
-    assert comes_back(residue, mine, [state])
-    once = np.where(mine, residue, 0.0)
-    assert not comes_back(once, mine, [state])

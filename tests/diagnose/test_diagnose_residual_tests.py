@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,13 +80,3 @@ def test_as_many_runs_are_called_unlike_by_chance_as_the_test_says():
     random = np.random.default_rng(8)
     called = [bool(np.any(outliers(np.exp(0.3 * random.normal(size=6))) < 0.01)) for _ in range(4000)]
     assert np.mean(called) < 0.015
-
-
-def test_a_wrong_payload_in_one_run_is_left_by_that_run_alone(folder: Path):
-    """Seen in the replay: the run whose payload is written wrong differs, and no other."""
-    campaign = read_campaign(folder)
-    machine = with_values(campaign.machine, TRUTH)
-    runs = [replace(r, payload_kg=1.1 * r.payload_kg) if r.name == "full" else r for r in campaign.runs]
-    rms = [run.residual_rms_moving for run in replay_runs(machine, [*runs[:2], *runs[:2], runs[2]]).runs]
-    p = outliers(np.array(rms))
-    assert p[-1] < 0.01 < min(p[:-1])

@@ -52,10 +52,6 @@ def test_noise_does_not(problem: Problem):
     assert repeated_share(problem, np.random.default_rng(1).normal(size=problem.samples)) < 0.05
 
 
-def test_nothing_left_is_no_share(problem: Problem):
-    assert repeated_share(problem, np.zeros(problem.samples)) == pytest.approx(0.0)
-
-
 def test_an_impact_is_sudden_and_noise_is_not(problem: Problem):
     noise = np.random.default_rng(1).normal(size=problem.samples)
     impact = np.where(np.arange(problem.samples) == problem.samples // 3, 100.0, 0.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,20 +12,16 @@ import pytest
 from tests.support.searched_campaign import searched_in, simulated_search
 from workbench.core.run import Array
 from workbench.diagnose.gap import Gap, gap_of
-from workbench.diagnose.hypotheses.fit import parts_of
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.location.places import Placed, weighed
 from workbench.diagnose.location.profiles import (
     Free,
     Variable,
-    _taken,
     best_of,
     explain,
     forward,
     held_out,
-    share_of,
     spacing,
     times,
     variables,
@@ -34,12 +29,11 @@ from workbench.diagnose.location.profiles import (
     wave_in_time,
     way,
 )
-from workbench.diagnose.location.survey import survey_of
 from workbench.diagnose.location.where import HELD, where_of, windows_of
-from workbench.diagnose.machines import corrected_machine, refitted_machine
+from workbench.diagnose.machines import refitted_machine
 from workbench.effects import find
 from workbench.logs import Campaign
-from workbench.machines import Hoist, load_machine, save_machine
+from workbench.machines import Hoist
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.25}}
@@ -64,12 +58,6 @@ def nothing_free(problem: Problem) -> Free:
 
 def noise_of(problem: Problem) -> Array:
     return np.random.default_rng(5).normal(scale=problem.noise, size=problem.inputs)
-
-
-def placed_in(campaign: tuple[Campaign, SearchResult], gap: Array) -> Placed:
-    """Where a gap would lie in a campaign that has none."""
-    survey = survey_of(campaign[1].problem, campaign[1].within_tolerances)
-    return weighed(replace(survey, residual=gap))
 
 
 MADE: dict[str, Callable[[Variable, Array], Array]] = {
@@ -98,20 +86,6 @@ def test_a_gap_made_of_one_variable_is_explained_by_it_on_runs_that_were_held_ou
     assert best.interval[0] <= best.share <= best.interval[1]
 
 
-def test_a_sensor_that_saturates_is_found_by_the_torque_that_the_motion_takes(even: tuple[Campaign, SearchResult]):
-    problem = even[1].problem
-    plain = next(v for v in variables(problem, np.zeros(problem.inputs)) if v.name == "input").at
-    square = plain**2 / np.max(np.abs(plain)) - 0.6 * plain
-    gap = 10.0 * problem.noise * square / np.sqrt(np.mean(square**2)) + noise_of(problem)
-    shares = [
-        explain(problem, gap, v, nothing_free(problem), 0)
-        for v in variables(problem, even[1].within_tolerances.residual)
-    ]
-    best = best_of(shares)
-    assert best.variable.name == "input"
-    assert placed_in(even, gap).places[0].subsystem == "torque_sensor"
-
-
 def test_noise_alone_is_explained_by_nothing_however_many_bins_there_are(even: tuple[Campaign, SearchResult]):
     problem = even[1].problem
     gap = 3.0 * noise_of(problem)
@@ -129,17 +103,6 @@ def test_a_wave_in_time_with_a_phase_of_each_run_is_found_at_its_frequency(even:
     mine = np.searchsorted(profile.edges, 0.31) - 1
     assert profile.share[mine] == np.max(profile.share) > 0.9
     assert np.max(profile.share[profile.edges[:-1] > 0.6]) < 0.1
-
-
-def test_a_wave_takes_what_a_fit_of_sine_and_cosine_takes():
-    rng = np.random.default_rng(2)
-    at, tried = np.sort(rng.uniform(0.0, 20.0, 300)), np.linspace(0.1, 1.0, 37)
-    gap = np.sin(2.0 * np.pi * 0.4 * at) + 0.3 * rng.normal(size=300)
-    taken = _taken(gap, at, tried)
-    for k in (0, 12, 30):
-        a = np.stack([np.cos(2.0 * np.pi * tried[k] * at), np.sin(2.0 * np.pi * tried[k] * at)], axis=1)
-        left = gap - a @ np.linalg.lstsq(a, gap, rcond=None)[0]
-        assert taken[k] == pytest.approx(float(gap @ gap - left @ left), abs=0.02 * float(gap @ gap))
 
 
 def test_a_wave_along_the_way_is_found_at_its_length(even: tuple[Campaign, SearchResult]):
@@ -168,21 +131,6 @@ def test_a_held_out_part_never_saw_its_own_fold():
     assert part[mine] == pytest.approx(columns[mine] @ other, rel=1e-3, abs=1e-4)
 
 
-def test_the_base_parameters_help_a_profile_within_their_bounds_only():
-    gap, column = np.full(40, 5.0), np.ones((40, 1))
-    nothing = np.zeros((40, 0))
-    held = Free(column, np.array([-2.0]), np.array([2.0]), np.array([1e-6]))
-    assert held_out(gap, nothing, np.zeros((0, 0)), held, np.arange(40) % 2) == pytest.approx(2.0)
-
-
-def test_a_share_is_what_is_gone_of_the_energy_beyond_noise(even: tuple[Campaign, SearchResult]):
-    problem = even[1].problem
-    gap = np.full(problem.inputs, 5.0 * problem.noise)
-    share, (low, high) = share_of(problem, gap, 0.6 * gap, 0)
-    assert share == pytest.approx(0.64 * 25.0 / 24.0)
-    assert low == pytest.approx(share) == high
-
-
 def test_windows_lie_where_the_energy_is_and_hold_most_of_it_in_little_time(even: tuple[Campaign, SearchResult]):
     problem = even[1].problem
     t, run = times(problem), problem.run_of_row[: problem.inputs]
@@ -193,13 +141,6 @@ def test_windows_lie_where_the_energy_is_and_hold_most_of_it_in_little_time(even
     assert loudest.windows[0].to_s - loudest.windows[0].from_s >= 2.0 / problem.band_hz - 0.1
     assert loudest.held >= HELD
     assert loudest.time < 0.15
-
-
-def test_windows_of_an_even_gap_take_their_share_of_the_time(even: tuple[Campaign, SearchResult]):
-    problem = even[1].problem
-    loudest = windows_of(problem, np.ones(problem.inputs))
-    assert loudest.held == pytest.approx(loudest.time)
-    assert loudest.held >= HELD
 
 
 def test_a_bump_in_the_rail_is_found_in_the_guide_by_its_height_without_any_candidate(
@@ -232,21 +173,6 @@ def test_windows_of_a_named_bump_are_its_passages(bump: tuple[Campaign, SearchRe
     assert np.sum(spacing(problem)[inside]) < 0.6 * np.sum(spacing(problem))
 
 
-def test_the_parts_of_effects_are_what_they_add_to_the_prediction(bump: tuple[Campaign, SearchResult]):
-    problem, search = bump[1].problem, bump[1]
-    fit = search.fits[("friction_position_dependent",)]
-    (part,) = parts_of(problem, fit, [("friction_position_dependent",)])
-    without = problem.residuals([{**fit.setting, "friction_position_dependent__peak_n": 0.0}])[0]
-    assert without == pytest.approx(fit.residual + part, abs=0.02 * problem.noise)
-
-
-def test_the_same_seed_gives_the_same_place(bump: tuple[Campaign, SearchResult]):
-    first, second = (where_of(bump[1].problem, bump[1].within_tolerances, seed=4) for _ in range(2))
-    assert (first.windows, first.share, first.interval, first.sentences) == (
-        second.windows, second.share, second.interval, second.sentences,
-    )  # fmt: skip
-
-
 def gap_in(campaign: Campaign, search: SearchResult) -> Gap:
     problem = search.problem
     keys = base_parameters(problem.machine, problem.runs)
@@ -264,16 +190,6 @@ def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Camp
     assert gap.speed_rmse_percent < 0.2 * gap.nominal_speed_rmse_percent
 
 
-def test_a_gap_is_given_as_torque_as_force_on_the_carriage_and_as_speed(bump: tuple[Campaign, SearchResult]):
-    search = bump[1]
-    gap = gap_in(*bump)
-    machine = search.problem.machine
-    assert isinstance(machine, Hoist)
-    assert gap.significant
-    assert gap.force_rms_n == pytest.approx(gap.residual_rms / machine.lift_m_per_rad)
-    assert any(f"{gap.residual_rms:.3g} N m" in sentence for sentence in gap.sentences)
-
-
 def test_the_refitted_machine_leaves_the_residual_of_its_fit(bump: tuple[Campaign, SearchResult]):
     campaign, search = bump
     problem = search.problem
@@ -283,31 +199,6 @@ def test_the_refitted_machine_leaves_the_residual_of_its_fit(bump: tuple[Campaig
     left = again.residuals([{}])[0]
     assert left == pytest.approx(search.within_tolerances.residual, abs=0.02 * problem.noise)
     assert not machine.effects
-
-
-def test_the_corrected_machine_is_saved_loaded_and_replayed(bump: tuple[Campaign, SearchResult], tmp_path: Path):
-    campaign, search = bump
-    problem = search.problem
-    fit = search.fits[("friction_position_dependent",)]
-    machine = corrected_machine(problem, base_parameters(problem.machine, problem.runs), fit)
-    assert machine.effects["friction_position_dependent"]["peak_n"] == pytest.approx(4000.0, rel=0.1)
-    save_machine(machine, tmp_path / "machine.yaml")
-    again = load_machine(tmp_path / "machine.yaml")
-    assert again == machine
-    replayed = replay_runs(again, campaign.runs, problem.band_hz)
-    assert replayed.residual_rms_moving < 1.3 * problem.noise
-
-
-def test_a_machine_file_holds_what_is_each_runs_own(bump: tuple[Campaign, SearchResult]):
-    campaign, search = bump
-    fit = search.fits[("heave",)]
-    machine = corrected_machine(search.problem, base_parameters(search.problem.machine, search.problem.runs), fit)
-    phases = fit.setting["heave__phase_rad"]
-    assert isinstance(phases, tuple)
-    own = [machine.log.of_runs[run.name]["heave"]["phase_rad"] for run in campaign.runs]
-    assert own == pytest.approx(phases)
-    replayed = replay_runs(machine, campaign.runs, search.problem.band_hz)
-    assert replayed.residual_rms_moving == pytest.approx(fit.rms(search.problem.inputs), rel=0.03)
 
 
 PRACTICE = {

@@ -99,15 +99,6 @@ def test_what_is_added_at_a_place_of_the_axis_does_what_the_place_says(place, ex
     assert axis.accelerations(0.0, [0.1], [0.2], 7.0, p, constant_at(place, 3.0)) == [pytest.approx(expected)]
 
 
-def test_what_an_effect_makes_of_the_switch_scales_the_coulomb_level_of_that_way():
-    axis = PLANTS["axis-linear"]
-    p = SimpleNamespace(M=2.0, B=0.5, F_f=3.0, F_b=4.0, v_s=1e-4, G=0.0, C=0.0)
-    for added, friction in ((0.0, 3.0), (-0.5, 0.5 * 3.0), (-1.5, -0.5 * 4.0)):
-        effects = constant_at("axis_switch", added)
-        expected = (7.0 - friction - 0.5 * 0.2) / 2.0
-        assert axis.accelerations(0.0, [0.1], [0.2], 7.0, p, effects) == [pytest.approx(expected)]
-
-
 def test_every_place_is_tested():
     own = set(PLANTS["two_inertia"].places) - set(PLANTS["axis-rotary"].places)  # see test_plants_two_inertia
     assert {*ACTS, "wire_compliance_m_per_n", "axis_force", "axis_inertia", "axis_switch"} == set(PLACES) - own
@@ -153,9 +144,3 @@ def test_an_uneven_drum_neither_makes_nor_loses_energy(seed):
     h = 1e-5
     rate = (energy(s + h * rates) - energy(s - h * rates)) / (2.0 * h)
     assert rate == pytest.approx(torque * s[3], rel=1e-6, abs=0.05)
-
-
-def test_an_uneven_drum_is_refused_where_it_cannot_be_derived():
-    s, hold, p = hanging()
-    with pytest.raises(TypeError, match="trace the plant"):
-        HOIST.accelerations(0.0, s[:3], s[3:], hold, p, Effects({"wound_length_m": [eccentric]}))

@@ -287,21 +287,6 @@ def test_the_plcopen_xml_holds_the_block_of_the_text():
         )
 
 
-def test_the_record_on_disk_is_the_record():
-    text = controller_files("st", PLAIN, HOIST)["test_record.csv"]
-    rows = np.array([line.split(",") for line in text.splitlines()[2:]], dtype=float)
-    record = record_of(PLAIN, HOIST)
-    assert np.array_equal(rows[:, 0], record.reference_rad_s)
-    assert np.array_equal(rows[:, 3], record.torque_nm)
-
-
-def test_siemens_takes_newton_metres_and_milliseconds_of_one_motor():
-    made = drive_settings("siemens-s120", PLAIN, HOIST)["parameters"]
-    assert made["p1460"]["value"] == pytest.approx(KP / 2.0) and made["p1460"]["unit"] == "Nms/rad"
-    assert made["p1462"]["value"] == pytest.approx(1000.0 * KP / KI) and made["p1462"]["unit"] == "ms"
-    assert made["p1520"]["value"] == pytest.approx(480.0 * 1.6)
-
-
 def test_abb_takes_parts_of_nominal_torque_per_part_of_nominal_speed():
     """10 % speed error on the drive's own scale gives the torque that kp gives in SI."""
     made = drive_settings("abb-acs880", PLAIN, HOIST)["parameters"]
@@ -325,12 +310,6 @@ def test_inertia_fed_forward_is_the_torque_of_the_machine():
     made = {n: row["value"] for n, row in drive_settings("siemens-s120", settings, HOIST, 4500.0)["parameters"].items()}
     turning = 2 * 0.8 + 55.0 / 31.0**2 + 12500.0 * HOIST.lift_m_per_rad**2
     assert made["p0341"] * made["p0342"] * 2 == pytest.approx(turning)
-
-
-def test_a_weight_of_zero_is_a_set_point_filter_of_the_integral_time():
-    settings = PiSettings(kp_nm_s_per_rad=KP, ki_nm_per_rad=KI, set_point_weight=0.0)
-    made = {n: row["value"] for n, row in drive_settings("siemens-s120", settings, HOIST)["parameters"].items()}
-    assert made["p1416"] == pytest.approx(made["p1462"])
 
 
 class Later(PiSettings):

@@ -206,17 +206,6 @@ def test_a_fault_that_is_mended_or_kept_is_the_one_note(tmp_path, signal, rows, 
         assert np.array_equal(run[signal], columns[signal])
 
 
-def test_line_of_a_fault_counts_blank_lines(tmp_path):
-    text = csv_text(changed("time_s", 200, 1.5)).replace("\n0.0,", "\n\n\n0.0,", 1)
-    assert "at line 204" in refusal(tmp_path, text)
-
-
-def test_repeated_samples_are_dropped_and_said(tmp_path):
-    run = read(tmp_path, "\n".join([*LINES[:100], LINES[99], LINES[99], *LINES[100:]]))
-    assert np.array_equal(run.time_s, hoist_columns()["time_s"])
-    assert run.notes == ("2 repeated samples (same time, same values) dropped, first at 0.98 s",)
-
-
 def test_irregular_time_and_gaps_are_kept_and_said(tmp_path):
     columns = {name: np.delete(column, slice(200, 230)) for name, column in hoist_columns().items()}
     run = read(tmp_path, columns)
@@ -295,18 +284,6 @@ def test_flipped_torque_and_one_motors_torque_for_the_sum_are_pointed_out(tmp_pa
     one, _ = columns.pop("torque_motor1_nm"), columns.pop("torque_motor2_nm")
     assert "is it one motor's only?" in read(tmp_path, columns | {"torque_motor_nm": one}).notes[0]
     assert "is its sign flipped?" in read(tmp_path, columns | {"torque_motor_nm": -2 * one}).notes[0]
-
-
-def test_payload_in_newtons_is_pointed_out(tmp_path):
-    columns = hoist_columns()
-    for name in ("torque_motor1_nm", "torque_motor2_nm"):
-        columns[name] *= 1.6
-    folder = write_campaign(tmp_path, columns, runs=RUNS.replace("4500.0", "170000.0"))
-    with pytest.raises(InputError, match="or is the payload wrong"):
-        read_campaign(folder)
-    columns["speed_motor_rad_s"][:] = 0.0
-    folder = write_campaign(tmp_path, columns, runs=RUNS.replace("4500.0", "170000.0"))
-    assert read_campaign(folder).runs[0].notes[0].startswith("payload 170000 kg is more than 20 times the carriage's")
 
 
 def test_axis_without_force_is_refused_and_one_at_rest_said(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.logs import raw_run, read_campaign
+from workbench.logs import read_campaign
 from workbench.logs.samples import find_spikes
 from workbench.machines import default_hoist
 
@@ -111,14 +111,6 @@ def test_a_coarse_logger_and_a_quiet_signal_rest_without_a_word(tmp_path):
     assert len(run.time_s) == 2000
 
 
-def test_a_coasting_axis_is_said_and_kept(tmp_path):
-    columns = axis_columns(1000)
-    columns["force_n"][400:600] = 0.0
-    run = read_axis(tmp_path, columns)
-    assert len(run.time_s) == 1000
-    assert run.notes == ("force_n is exactly 0 from 0.8 s to 1.198 s while the machine moves; kept",)
-
-
 def test_a_frozen_optional_signal_is_dropped(tmp_path):
     columns = hoist_columns(2000)
     position = height(columns)
@@ -160,13 +152,6 @@ def test_steps_pulses_and_loud_signals_are_no_spikes():
     assert find_spikes(time, np.where(np.arange(1000) % 10 == 0, 100.0, 0.1 * noise)) == []
 
 
-def test_a_slow_log_keeps_its_peaks():
-    column = np.sin(0.01 * np.arange(1000, dtype=np.float64))
-    column[500] = 50.0
-    assert find_spikes(0.001 * np.arange(1000, dtype=np.float64), column) == [(500, 501)]
-    assert find_spikes(0.1 * np.arange(1000, dtype=np.float64), column) == []
-
-
 # Sizes and scales
 
 
@@ -186,16 +171,3 @@ def test_optional_signals_in_another_unit_are_dropped_and_said(tmp_path, scale):
     assert not {"speed_reference_rad_s", "position_carriage_m", "tension_dead_line_n"} & run.signals.keys()
     assert all(note.endswith("is it in another unit?") for note in run.notes)
     assert len(run.notes) == 3
-
-
-def test_a_wide_gaussian_by_fft_is_the_one_by_sums(monkeypatch: pytest.MonkeyPatch):
-    """A log of 10 million rows took half an hour by sums."""
-    values = 1e3 + np.cumsum(np.random.default_rng(0).normal(size=20_000))
-    by_fft = raw_run.smoothed(values, 250.0)
-    monkeypatch.setattr(raw_run, "WIDE", 1e9)
-    assert by_fft == pytest.approx(raw_run.smoothed(values, 250.0), rel=1e-12)
-
-
-def test_an_optional_signal_of_absurd_size_is_dropped(tmp_path):
-    run = read(tmp_path, hoist_columns() | {"tension_dead_line_n": np.full(500, 1e300)})
-    assert run.notes[0] == "tension_dead_line_n dropped: it reaches 1e+300, expected at most 1e+09 in SI units"

@@ -10,8 +10,6 @@ from workbench.core.errors import InputError
 from workbench.effects import of
 from workbench.machines import default_hoist, load_machine, save_machine, value_names
 from workbench.machines.kinds.hoist import Hoist
-from workbench.study.load import standalone_text
-from workbench.study.scenario import Scenario
 
 DELIVERED = Hoist.model_validate(
     default_hoist().model_dump()
@@ -45,21 +43,3 @@ def test_a_runs_own_value_of_an_effect_that_is_not_there_is_one_error():
     log = DELIVERED.log.model_copy(update={"of_runs": {"full": {"haeve": {"phase_rad": 2.0}}}})
     with pytest.raises(InputError, match=r"haeve is no effect of this machine.*heave"):
         of(DELIVERED.model_copy(update={"log": log}))
-
-
-def test_a_scenario_that_stands_alone_can_name_it(tmp_path: Path):
-    save_machine(DELIVERED, tmp_path / "machine.yaml")
-    scenario = Scenario.model_validate(
-        {
-            "name": "delivered",
-            "machine": str(tmp_path / "machine.yaml"),
-            "payloads_kg": [0.0],
-            "start_position_m": 4.0,
-            "moves": [{"by_m": 2.0}],
-            "limits": {"speed_m_s": 0.7, "acceleration_m_s2": 0.6, "jerk_m_s3": 0.8},
-            "references": ["trapezoid"],
-            "controller": {"kp_nm_s_per_rad": 31.0, "ki_nm_per_rad": 122.0},
-        }
-    )
-    text = standalone_text(scenario, DELIVERED)
-    assert "friction_viscous" in text and "heave" in text and "speed_late_s" not in text

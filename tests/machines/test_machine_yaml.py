@@ -126,31 +126,9 @@ def test_several_mistakes_are_listed_in_one_line_and_at_most_five():
     assert said.endswith("more problems)")
 
 
-def test_list_for_a_machine_is_refused():
-    assert "is not a block of keys" in refusal("- 1\n- 2\n")
-
-
 def test_axis_with_the_other_motions_key_is_told_the_right_one():
     assert "did you mean 'coulomb_forward_n'?" in refusal(LINEAR.replace("coulomb_forward_n", "coulomb_forward_nm"))
     assert "unknown key 'mass_kg'" in refusal(ROTARY.replace("inertia_kg_m2", "mass_kg"))
-
-
-def test_force_gain_and_torque_gain_are_one_tolerance():
-    for name in ("force_gain", "torque_gain"):
-        machine = machine_of(LINEAR + f"tolerances: {{{name}: 0.02}}\n")
-        assert isinstance(machine, LinearAxis)
-        assert machine.tolerances.force_gain == 0.02
-    both = LINEAR + "tolerances: {force_gain: 0.02, torque_gain: 0.01}\n"
-    assert "'torque_gain' and 'force_gain' mean the same; give one of them" in refusal(both)
-
-
-def test_offset_tolerance_of_an_axis_is_a_tenth_of_a_per_cent_of_the_largest_input_unless_stated():
-    machine = machine_of(LINEAR)
-    assert isinstance(machine, LinearAxis)
-    assert machine.offset_tolerance(150.0) == pytest.approx(0.15)
-    stated = machine_of(LINEAR + "tolerances: {force_offset_n: 0.7}\n")
-    assert isinstance(stated, LinearAxis)
-    assert stated.offset_tolerance(150.0) == 0.7
 
 
 def test_effects_are_kept_and_unknown_ones_named_by_line_by_whoever_knows_them(tmp_path):
@@ -165,16 +143,6 @@ def test_effects_are_kept_and_unknown_ones_named_by_line_by_whoever_knows_them(t
         load_machine(file, check_effects=check)
     last = len(file.read_text().splitlines())
     assert str(caught.value).startswith(f"{file}:{last}: effects.drum_ecentricity: unknown effect")
-
-
-def test_value_names_are_all_there_is_and_can_be_read():
-    machine = default_hoist()
-    names = value_names(machine)
-    assert names[:3] == ("motor.count", "motor.rotor_inertia_kg_m2", "motor.nominal_torque_nm")
-    assert {"guide.coulomb_hoisting_n", "gravity_m_s2", "tolerances.payload"} <= set(names)
-    assert "rail.highest_position_m" not in names, "what is not set has no value"
-    assert all(math.isfinite(get_value(machine, name)) for name in names)
-    assert get_value(machine, "guide.coulomb_hoisting_n") == 6000.0
 
 
 def test_with_values_changes_just_those_and_leaves_the_machine_alone():
@@ -199,15 +167,6 @@ def test_with_values_checks_like_a_file():
         get_value(default_hoist(), "rail.highest_position_m")
     with pytest.raises(InputError, match="whole number"):
         with_values(default_hoist(), {"motor.count": 1.5})
-
-
-def test_machine_that_cannot_be_written_is_an_input_error_and_leaves_nothing(tmp_path):
-    with pytest.raises(InputError, match="cannot be written"):
-        save_machine(default_hoist(), tmp_path / "nowhere" / "machine.yaml")
-    (tmp_path / "machine.yaml").mkdir()
-    with pytest.raises(InputError, match="cannot be written"):
-        save_machine(default_hoist(), tmp_path / "machine.yaml")
-    assert [path.name for path in tmp_path.iterdir()] == ["machine.yaml"]
 
 
 POSITIVE = st.floats(min_value=0.01, max_value=1e4, allow_nan=False)  # within the bounds of every value

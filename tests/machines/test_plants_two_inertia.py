@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -142,18 +140,6 @@ def test_what_is_added_at_a_place_does_what_the_place_says(place, added, expecte
     effects = Effects({place: [lambda s, p: added]})
     rates = PLANT.accelerations(0.0, [0.01, 0.0], [0.0, 0.0], 7.0, SimpleNamespace(**FREE), effects)
     assert rates[place == "load_inertia_kg_m2"] == pytest.approx(expected, rel=1e-6)
-
-
-def _added(amount: float, s: Any, p: Any) -> float:
-    return amount
-
-
-def test_what_an_effect_makes_of_the_switch_scales_the_motors_coulomb_level_of_that_way():
-    p = SimpleNamespace(**{**FREE, "F_f": 0.3, "F_b": 0.4})
-    for added, torque in ((0.5, 0.5 * 0.3), (-0.5, -0.5 * 0.4)):
-        effects = Effects({"axis_switch": [partial(_added, added)]})
-        rates = PLANT.accelerations(0.0, [0.01, 0.0], [0.0, 0.0], 7.0, p, effects)
-        assert rates[0] == pytest.approx((7.0 - torque - 900.0 * 0.01) / 0.02, rel=1e-6)
 
 
 @pytest.mark.parametrize("load", [-2.0, 0.0, 2.0])

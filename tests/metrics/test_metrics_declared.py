@@ -17,11 +17,9 @@ from tests.support.made_pages import made_pages
 from tests.support.scenario_text import write
 from workbench.cli import cli
 from workbench.core.errors import InputError
-from workbench.dashboard.desk import START
 from workbench.machines import default_hoist
-from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
+from workbench.metrics import LoopMetric, RunMetric, add, columns, find, forget_added, measure
 from workbench.study.conclude import sentences
-from workbench.study.load import plan_study
 from workbench.study.rows import Row
 from workbench.study.store import read_finished
 from workbench.view import study as tables
@@ -162,24 +160,6 @@ def test_the_dashboard_shows_it_on_study_and_compare(declared: None) -> None:
 
 def test_a_log_is_measured_by_it(declared: None) -> None:
     assert measure(trace(), P)["peak_drum_torque_nm"] == pytest.approx(300.0 * P.ratio)
-
-
-def test_a_study_with_it_is_another_study(declared: None) -> None:
-    with_it = plan_study(START, default_hoist()).fingerprint
-    forget_added()
-    without = plan_study(START, default_hoist()).fingerprint
-    add(DRUM, LONGEST)
-    assert with_it != without
-
-
-def test_a_name_is_taken_once(declared: None) -> None:
-    with pytest.raises(InputError, match=r"the metric name 'peak_drum_torque_nm' is taken"):
-        add(DRUM)
-
-
-def test_a_metric_that_is_shown_nowhere_stands_in_the_index_only() -> None:
-    everywhere = {metric.name for view in View for metric in shown_in(view)}
-    assert "rail_margin_m" not in everywhere and "rail_margin_m" in columns()
 
 
 def test_a_misspelt_metric_of_a_row_is_answered_with_the_nearest_one() -> None:

@@ -128,12 +128,6 @@ def test_the_bodies_weigh_what_the_carriage_and_the_payload_do():
     assert sum(b.mass_kg for b in bodies.values()) == pytest.approx(MACHINE.carriage.mass_kg + 4500.0)
 
 
-def test_play_in_the_rollers_lets_the_dollies_lean_and_moves_no_load():
-    tight, loose = (hang(MACHINE, 9000.0, 9.0, Switches(clearance_m=c)) for c in (0.0, 2e-3))
-    assert loose.hold_torque_nm == pytest.approx(tight.hold_torque_nm, rel=1e-6)
-    assert loose.normal_n == pytest.approx(tight.normal_n, rel=0.02)
-
-
 @pytest.mark.parametrize(
     ("values", "said"),
     [

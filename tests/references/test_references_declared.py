@@ -32,7 +32,6 @@ from workbench.references import (
     planned,
     planned_kind,
     planned_kinds,
-    usual_kinds,
 )
 from workbench.references.limits import Step
 from workbench.references.shape import shortest_move, shortest_ramp
@@ -80,13 +79,6 @@ def test_its_own_duration_counts_and_not_the_trapezoids() -> None:
 
 
 @pytest.mark.usefixtures("declared")
-def test_its_own_ramp_makes_its_jogs() -> None:
-    plan = plan_motion("half_acceleration", [Step(speed_m_s=0.5, for_s=4.0), Step(speed_m_s=0.0, for_s=3.0)], 4.0,
-                       LIMITS, RAIL)  # fmt: skip
-    assert np.abs(plan.sample(0.01).acceleration_m_s2).max() == pytest.approx(0.25)
-
-
-@pytest.mark.usefixtures("declared")
 def test_a_scenario_runs_it_and_all_that_shows_a_study_shows_it(tmp_path: Path) -> None:
     study = study_of(tmp_path, "", "references: [trapezoid, ruckig]", "references: [trapezoid, half_acceleration]")
     assert study.plans["half_acceleration"].duration_s > study.plans["trapezoid"].duration_s
@@ -122,23 +114,6 @@ def test_the_dashboard_offers_it() -> None:
     assert "half acceleration" in [str(option) for option in choice.options]
 
 
-@pytest.mark.usefixtures("declared")
-def test_a_scenario_with_it_is_another_study_where_it_is_declared_otherwise(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    texts = "", "[trapezoid, ruckig]", "[trapezoid, half_acceleration]"
-    first = study_of(tmp_path, *texts).fingerprint
-    monkeypatch.setattr("workbench.references.kind._digest", lambda kind: "other")
-    assert study_of(tmp_path, *texts).fingerprint != first
-
-
-def test_a_scenario_that_names_no_references_runs_the_usual_ones_only(declared: PlannedKind, tmp_path: Path) -> None:
-    assert usual_kinds() == ("trapezoid", "ruckig", "ruckig_equal_time")
-    study = study_of(tmp_path, "", "references: [trapezoid, ruckig]\n", "")
-    assert study.scenario.kinds == usual_kinds()
-    assert json_schema("scenario")["properties"]["references"]["default"] == list(usual_kinds())
-
-
 def test_a_kind_may_take_the_time_of_any_other(declared: PlannedKind) -> None:
     quick = Limits(LIMITS.speed_m_s, 1.5 * LIMITS.acceleration_m_s2)
     add(replace(declared, name="quick", move=lambda move: shortest_move(move.distance_m, quick)))
@@ -146,11 +121,6 @@ def test_a_kind_may_take_the_time_of_any_other(declared: PlannedKind) -> None:
     wanted = 12.0 / 0.7 + 0.7 / 0.75
     assert move_shape(as_long, 12.0, LIMITS).duration_s == pytest.approx(wanted, abs=1e-9)
     assert move_time_s(as_long, 12.0, LIMITS) == pytest.approx(wanted, abs=1e-9)
-
-
-def test_a_name_is_taken_once() -> None:
-    with pytest.raises(InputError, match="the reference name 'ruckig' is taken"):
-        add(planned_kind("ruckig"))
 
 
 @pytest.mark.parametrize("name", sorted(name for name, kind in planned_kinds().items() if not kind.needs_load))

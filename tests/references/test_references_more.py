@@ -97,13 +97,6 @@ def test_a_jerk_limited_change_of_speed_takes_its_closed_form() -> None:
     assert equal.duration_s == pytest.approx(0.6 / 0.5)
 
 
-def test_jogs_that_go_on_into_one_another_are_one_move() -> None:
-    plan = jogged("ruckig", (0.4, 5.0), (0.1, 4.0), (0.0, 3.0), (-0.2, 5.0), (0.0, 3.0))
-    (start, end), (second, _) = plan.move_windows
-    assert start == 0.0 and second == 12.0
-    assert end == pytest.approx(9.0 + plan.moves[2][1].duration_s)
-
-
 speeds = st.floats(-0.4, 0.4).map(lambda v: round(v, 3))
 
 
@@ -235,10 +228,3 @@ def test_an_emergency_stop_ends_v_squared_over_two_a_further_on(base: Plan) -> N
     assert profile.position_m[-1] == pytest.approx(stopped.end_position_m)
     assert np.abs(np.diff(profile.speed_m_s)).max() <= 1.25 * 0.001 * (1 + 1e-6)
     assert stopped.move_windows[-1][1] == pytest.approx(stopped.rest_s)
-
-
-def test_an_emergency_stop_at_rest_changes_nothing_but_what_would_follow() -> None:
-    plan = plan_motion("ruckig", (Step(by_m=2.0), Step(dwell_s=5.0), Step(by_m=2.0)), 4.0, UP, RAIL)
-    stopped = StoppedPlan(plan, plan.move_windows[0][1] + 1.0, 1.0)
-    assert stopped.end_position_m == pytest.approx(6.0)
-    assert len(stopped.move_windows) == 1

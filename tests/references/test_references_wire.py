@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from workbench.core.errors import InputError
 from workbench.machines import Hoist, Load, default_hoist, load_of, with_values
 from workbench.references import (
     Limits,
@@ -81,15 +80,6 @@ def test_a_shaped_move_is_continuous_and_arrives(name: str):
     assert np.max(np.abs(np.diff(position))) <= 0.7 * (t[1] - t[0]) * (1.0 + 1e-6)
     assert speed.max() <= 0.7 + 1e-9 and np.abs(acceleration).max() <= 0.6 + 1e-9
     np.testing.assert_allclose(np.gradient(position, t)[5:-5], speed[5:-5], atol=2e-4)
-
-
-def test_a_load_that_hardly_swings_is_not_shaped():
-    assert impulses(ZVD, replace(STEADY, damping_time_s=0.2)) == ((0.0, 1.0),)
-
-
-def test_a_reference_that_knows_its_machine_is_refused_without_one():
-    with pytest.raises(InputError, match="planned for a machine's load"):
-        move_shape(planned_kind("zv"), 5.0, LIMITS)
 
 
 WITH_A_MACHINE = sorted(name for name, kind in planned_kinds().items() if kind.needs_load)

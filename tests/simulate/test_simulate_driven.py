@@ -48,13 +48,6 @@ def test_the_driven_simulation_gives_back_the_torque_of_the_closed_loop(runs):
         assert np.max(np.abs(balance.residual[balance.moving])) < 1.0
 
 
-def test_the_carriage_of_the_driven_simulation_moves_as_in_the_closed_loop():
-    result = simulate_loop([LoopCase("fast", MACHINE, 9000.0, 6.0, SETTINGS, reference(100.0, 20.0))])[0]
-    (balance,) = InverseSimulation(MACHINE, [logged(result.run)]).balances()
-    assert balance.states[:, 1] == pytest.approx(result.run["position_carriage_m"], abs=2e-3)
-    assert balance.states[:, 3] == pytest.approx(result.run["speed_carriage_m_s"], abs=5e-3)
-
-
 def test_every_part_of_the_effects_predicts_what_the_whole_does(runs):
     """Every effect at work alone: in the smallest part that has it, and with none left out."""
     active = searchable(MACHINE, runs)
@@ -72,15 +65,6 @@ def test_every_part_of_the_effects_predicts_what_the_whole_does(runs):
         for (full, _), (part, _) in zip(whole.predict(sets)[0], by_parts.predict(sets)[0], strict=True):
             assert part == pytest.approx(full, abs=1e-9 * np.max(np.abs(full)))
     assert needed == {0, 1, 2}
-
-
-def test_a_bench_of_runs_of_unequal_length_balances_each_as_alone(runs):
-    for together, run in zip(InverseSimulation(MACHINE, runs).balances(), runs, strict=True):
-        band = together.band_hz
-        (alone,) = InverseSimulation(MACHINE, [run], band).balances()
-        assert len(together.residual) == len(run.time_s)
-        assert together.predicted == pytest.approx(alone.predicted, abs=0.02)
-        assert np.array_equal(together.moving, alone.moving)
 
 
 def test_a_force_that_the_model_lacks_shows_in_the_residual_with_its_size(runs):

@@ -51,11 +51,6 @@ def test_a_loss_of_a_hundredth_of_the_speed_is_no_plain_impact():
     assert all(len(impacts) == 0 for impacts in found(moved(TIMES, 0.01), moved(TIMES, 0.01, seed=2)))
 
 
-def test_a_run_of_a_few_samples_has_no_impacts():
-    short = Run("short", np.linspace(0.0, 0.004, 5), {"velocity_m_s": np.ones(5), "force_n": np.zeros(5)})
-    assert [len(impacts) for impacts in found(short, short)] == [0, 0]
-
-
 def test_the_acceleration_runs_straight_across_an_impact_and_is_kept_beside_it():
     t = np.arange(0.0, 1.0, 0.001)
     a = 2.0 * t + np.where(np.abs(t - 0.5) < 0.005, 100.0, 0.0)

@@ -17,7 +17,6 @@ from workbench.metrics import fixed_columns
 from workbench.study.compare import (
     compare,
     matched,
-    metric_named,
     parse_limits,
     percent,
     regressions,
@@ -91,15 +90,6 @@ def test_worse_is_what_the_metric_says_is_worse(metric: str, a: float, b: float,
     assert [hit.worse for hit in hits] == ([] if percent is None else [pytest.approx(percent)])
     still = regressions(comparison, parse_limits([f"{metric}=7%"], fixed_columns()))
     assert [hit.worse for hit in still] == ([percent] if percent == float("inf") else [])
-
-
-def test_a_metric_is_known_without_its_unit_and_a_typo_gets_the_nearest() -> None:
-    assert metric_named("peak_torque", fixed_columns()) == "peak_torque_percent"
-    assert metric_named("peak_torque_motor", fixed_columns()) == PEAK
-    assert metric_named("speed_error_rms", fixed_columns()) == "speed_error_rms_rad_s"
-    assert metric_named(PEAK, fixed_columns()) == PEAK
-    with pytest.raises(InputError, match=r"unknown metric 'peek_torque'; did you mean 'peak_torque'\?"):
-        metric_named("peek_torque", fixed_columns())
 
 
 @pytest.mark.parametrize("text", ["peak_torque", "peak_torque=", "peak_torque=5 percent", "peak_torque=-5%", "=5%"])

@@ -155,30 +155,11 @@ def test_a_scenario_that_cannot_be_run_says_where(tmp_path: Path, place: str, ol
     assert (caught.value.place, caught.value.line) == (place, line)
 
 
-def test_a_trapezoid_alone_needs_no_jerk_limit(tmp_path: Path) -> None:
-    study = study_of(tmp_path, "", ", jerk_m_s3: 0.8}\nreferences: [trapezoid, ruckig]", "}\nreferences: [trapezoid]")
-    assert len(study.specs) == 2
-
-
 def test_what_is_swept_need_not_stand_there_besides(tmp_path: Path) -> None:
     study = study_of(
         tmp_path, "sweep: {start_position_m: [4, 5], limits.jerk_m_s3: [1]}\n", "start_position_m: 4.0\n", ""
     )
     assert {spec.start_position_m for spec in study.specs} == {4.0, 5.0}
-
-
-def test_shipped_scenario_stays_within_nominal_speed_and_fifty_seconds() -> None:
-    study = load_study(ROOT / "scenarios" / "payloads.yaml")
-    assert study.machine.name == "vertical pipe racker gripper-arm winch"
-    assert 40.0 <= study.duration_s <= 50.0
-    speed = study.scenario.limits.speed_m_s
-    assert speed is not None
-    assert speed / study.machine.lift_m_per_rad < study.machine.motor.nominal_speed_rad_s
-
-
-def test_all_runs_of_a_study_are_equally_long(tmp_path: Path) -> None:
-    study = load_study(write(tmp_path, GOOD))
-    assert study.duration_s == study.plans["ruckig"].duration_s > study.plans["trapezoid"].duration_s
 
 
 def test_a_scenario_that_is_not_there_or_is_a_folder_is_named(tmp_path: Path) -> None:

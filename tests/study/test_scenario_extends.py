@@ -10,8 +10,6 @@ from tests.support.scenario_text import GOOD, write
 from workbench.core.errors import InputError
 from workbench.study.load import LONGEST_CHAIN, load_study
 
-ROOT = Path(__file__).resolve().parents[2]
-
 
 def child(folder: Path, text: str, base: str = GOOD) -> Path:
     write(folder, base, "base.yaml")
@@ -61,16 +59,6 @@ def test_an_extended_scenario_is_the_same_study_as_one_written_out(tmp_path: Pat
 def test_an_error_names_the_file_in_which_its_key_stands(tmp_path: Path, text: str, base: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
         load_study(child(tmp_path, text, base))
-
-
-def test_a_machine_is_sought_beside_the_file_that_names_it(tmp_path: Path) -> None:
-    deep = tmp_path / "deep"
-    deep.mkdir()
-    shipped = (ROOT / "workbench" / "machines" / "default_hoist.yaml").read_text(encoding="utf-8")
-    write(deep, shipped.replace("mass_kg: 8000.0", "mass_kg: 7000.0"), "mine.yaml")
-    write(deep, GOOD + "machine: mine.yaml\n", "base.yaml")
-    path = write(tmp_path, "extends: deep/base.yaml\nname: child\n", "child.yaml")
-    assert load_study(path).machine.carriage.mass_kg == 7000.0
 
 
 def test_a_circle_is_named(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
@@ -11,17 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from tests.support.scenario_text import GOOD
-from workbench.cli.study import schema as command
 from workbench.core.yaml_strict import load, loads
 from workbench.machines.files import machine_text
 from workbench.study.front import fronts
 from workbench.study.load import Study, load_study
 from workbench.study.rows import Row
 from workbench.study.run import run_specs
-from workbench.study.scenario import KINDS, json_schema
+from workbench.study.scenario import json_schema
 
 ROOT = Path(__file__).resolve().parents[2]
 GALLERY = sorted((ROOT / "scenarios").glob("*.yaml"))
@@ -65,13 +62,6 @@ def shipped(request: pytest.FixtureRequest) -> Path:
     return request.param
 
 
-def test_the_gallery_is_there() -> None:
-    assert {path.stem for path in GALLERY} >= {
-        "payloads", "jerk_pareto", "wire_length", "emergency_stop", "motor_failure", "brake_late", "tolerances",
-        "hoist_lower_limits",
-    }  # fmt: skip
-
-
 def test_a_shipped_scenario_expands_into_runs_that_are_all_ok(shipped: Path) -> None:
     study, rows = study_of(shipped.stem), rows_of(shipped.stem)
     assert study.scenario.name == shipped.stem
@@ -95,13 +85,6 @@ def test_the_schema_refuses_what_the_reader_refuses(more: str) -> None:
     assert list(validator("scenario").iter_errors(loads(GOOD + more, "x").data))
 
 
-def test_the_schema_asks_for_less_where_a_scenario_extends_another() -> None:
-    check = validator("scenario")
-    assert list(check.iter_errors({"name": "x"}))
-    assert not list(check.iter_errors({"name": "x", "extends": "y.yaml", "controller": {"ki_nm_per_rad": 3.0}}))
-    assert list(check.iter_errors(loads(GOOD.replace("kp_nm_s_per_rad: 31.0, ", ""), "x").data))
-
-
 def test_machines_and_run_lists_are_valid_by_their_schemas() -> None:
     from workbench.machines import default_hoist
 
@@ -117,12 +100,6 @@ def test_machines_and_run_lists_are_valid_by_their_schemas() -> None:
     }
     assert not list(runs.iter_errors(listed))
     assert list(runs.iter_errors({"runs": []}))
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_command_prints_the_schema(kind: str) -> None:
-    shown = CliRunner().invoke(command, [kind], catch_exceptions=False)
-    assert json.loads(shown.output) == json_schema(kind)
 
 
 def test_jerk_and_acceleration_trade_time_for_torque_and_the_knee_is_inside() -> None:

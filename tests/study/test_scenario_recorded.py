@@ -84,14 +84,6 @@ def test_a_recording_where_the_rail_ends_is_refused(folder: Path) -> None:
         study_in(folder)
 
 
-def test_two_of_a_kind_need_names(folder: Path) -> None:
-    write(folder, SCENARIO.replace("kind: s_curve", "kind: recorded").replace(", smoothing_s: 0.5", ""))
-    with pytest.raises(InputError, match="reference recorded stands there twice"):
-        study_in(folder)
-    write(folder, SCENARIO.replace("run: up,", "run: up, name: other,"))
-    assert study_in(folder).scenario.kinds == ("recorded", "other")
-
-
 def test_a_measured_campaign_gives_its_references(campaigns: Path, tmp_path: Path) -> None:
     campaign = read_campaign(campaigns / "01")
     name = campaign.runs[0].name
@@ -99,9 +91,3 @@ def test_a_measured_campaign_gives_its_references(campaigns: Path, tmp_path: Pat
     write(tmp_path, text)
     rows = [row for row, _ in run_specs(study_in(tmp_path).specs)]
     assert all(row.ok and row["move_time_s"] > 1.0 for row in rows)
-
-
-def test_a_run_that_is_not_in_the_campaign_is_named(folder: Path) -> None:
-    write(folder, SCENARIO.replace("run: up,", "run: pu,"))
-    with pytest.raises(InputError, match=r"no run 'pu'.*up"):
-        study_in(folder)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import pickle
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.scenario_text import study_of
@@ -77,14 +76,6 @@ def test_a_slice_is_the_same_runs_as_one_by_one(start: int, stop: int, step: int
     assert specs[-1] == specs[len(specs) - 1]
 
 
-def test_expansion_and_runs_can_be_sent_to_another_process() -> None:
-    specs = specs_of(sample={"count": 5, "tolerances": True})
-    specs[:]
-    again = pickle.loads(pickle.dumps(specs))
-    assert again[3] == specs[3]
-    assert pickle.loads(pickle.dumps(specs[:])) == specs[:]
-
-
 @given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3), st.integers(2, 200))
 def test_a_linear_range_has_its_ends_and_even_steps(low: float, width: float, steps: int) -> None:
     values = RangeBlock.model_validate({"from": low, "to": low + width, "steps": steps}).values()
@@ -103,38 +94,6 @@ def test_a_limit_without_a_direction_sets_both_and_one_with_a_direction_goes_ove
     limits = specs[0].limits
     assert limits is not None
     assert (limits.hoisting.jerk_m_s3, limits.lowering.jerk_m_s3) == (5.0, 2.0)
-
-
-def test_every_kind_of_field_reaches_its_run() -> None:
-    (spec, *_) = specs_of(
-        payloads_kg=None,
-        references=["ruckig"],
-        sweep={
-            "payload_kg": [1234.0],
-            "start_position_m": [5.0],
-            "moves[0].by_m": [2.0],
-            "controller.anti_windup": ["conditional"],
-            "controller.notch.frequency_hz": [3.0],
-            "controller.feed_forward.inertia": [0.5],
-            "drive.torque_lag_s": [0.004],
-            "drive.field_weakening": [False],
-            "drive.encoder_counts_per_turn": [1024],
-            "machine.motor.count": [2],
-            "machine.wire.segment_length_m": [30.0],
-            "machine.wire.breaking_load_n": [4e5],
-            "events.motor_fails_s": [3.0],
-            "solver.step_s": [0.0005],
-        },
-    )
-    assert (spec.payload_kg, spec.start_position_m, spec.moves[0].by_m) == (1234.0, 5.0, 2.0)
-    assert spec.controller.anti_windup == "conditional" and spec.controller.notch.frequency_hz == 3.0
-    assert spec.controller.feed_forward.inertia == 0.5 and spec.step_s == 0.0005
-    assert (spec.machine.drive.torque_lag_s, spec.machine.drive.field_weakening) == (0.004, False)
-    assert spec.machine.drive.encoder_counts_per_turn == 1024
-    assert spec.machine.wire.segment_length_m == 30.0 and spec.machine.wire.breaking_load_n == 4e5
-    assert spec.events.motor_fails_s == 3.0
-    assert spec.assigned["sweep.drive.field_weakening"] == 0.0
-    assert spec.assigned["sweep.controller.anti_windup"] == "conditional"
 
 
 @pytest.mark.parametrize("signals", ["none", "thinned", "full"])
@@ -200,15 +159,6 @@ def test_draws_follow_their_distribution(name: str, method: Any) -> None:
     assert stats.kstest(drawn, theirs.cdf).statistic < 3.0 / 1024
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(st.integers(1, 300), st.integers(0, 10_000))
-def test_a_latin_hypercube_fills_each_of_its_rows_once(count: int, seed: int) -> None:
-    block = SampleBlock(count=count, values={n: Distribution(distribution="uniform", low=0.0, high=1.0) for n in "abc"})
-    drawn = draws(block, block.values, seed)
-    for column in drawn.T:
-        assert sorted(np.floor(column * count).astype(int)) == list(range(count))
-
-
 def test_the_seed_decides_the_draws() -> None:
     def values_of(**changes: Any) -> list[Any]:
         specs = specs_of(sample={"count": 8, "tolerances": True, **changes.pop("sample", {})}, **changes)
@@ -257,15 +207,6 @@ def test_a_relative_draw_multiplies_the_swept_value_and_the_listed_payload() -> 
         base = spec.assigned["sweep.controller.kp_nm_s_per_rad"]
         factors[base].add(round(spec.controller.kp_nm_s_per_rad / base, 9))
     assert factors[10.0] == factors[40.0] and len(factors[10.0]) == 16
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.lists(st.floats(1e-6, 1e6), min_size=1, max_size=6, unique=True))
-def test_ids_tell_payloads_apart_that_look_alike(payloads: list[float]) -> None:
-    close = sorted({*payloads, *(p * (1 + 1e-9) for p in payloads)})
-    specs = specs_of(payloads_kg=[p for p in close if p <= 1e6] or [1.0])
-    ids = [s.run_id for s in specs]
-    assert len(set(ids)) == len(ids) and all(SAFE.fullmatch(i) for i in ids)
 
 
 def test_a_written_scenario_is_read_back_with_its_sweep_and_sample(tmp_path: Path) -> None:

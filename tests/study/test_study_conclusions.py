@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from workbench.metrics import fixed_columns, metrics
+from workbench.metrics import fixed_columns
 from workbench.study.conclude import rank_correlations, sentences
-from workbench.study.labels import drawn_columns, metric_label, swept_axes
+from workbench.study.labels import drawn_columns, swept_axes
 from workbench.study.load import changed, load_study, plan_study
 from workbench.study.rows import Row
 from workbench.study.run import run_study
 from workbench.study.scenario import MoveBlock
-from workbench.view import study as tables
 from workbench.view.study import conclusions
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,13 +30,6 @@ def row(assigned: dict[str, float | str], payload: float = 9000.0, kind: str = "
     }  # fmt: skip
     name = "_".join([f"{payload:g}kg", kind, *(f"{value}" for value in assigned.values())])
     return Row(name, "s", "ok", "", payload, kind, metrics | changes, assigned)
-
-
-def test_every_metric_of_the_loop_has_words_and_its_declared_unit():
-    for metric in metrics():
-        label = metric_label(metric.name)
-        assert label.unit == metric.unit.replace("–", "")
-        assert "_" not in label.words
 
 
 def test_fields_that_are_walked_together_are_one_axis_and_a_grid_is_two():
@@ -113,20 +105,6 @@ def test_rank_correlation_is_that_of_scipy_with_ties():
     (correlation,) = rank_correlations(rows, drawn_columns(rows), "speed_error_max_rad_s")
     wanted = spearmanr(values, [of_run["speed_error_max_rad_s"] for of_run in rows]).statistic
     assert correlation.value == pytest.approx(wanted, rel=1e-12)
-
-
-def test_quantiles_are_of_each_payload_and_reference_and_failures_are_counted():
-    rows = [row({JERK: float(j)}, kind=kind, peak_torque_motor_nm=400.0 + j) for kind in ("a", "b") for j in range(101)]
-    rows[0] = Row("x", "s", "failed", "ran away", 9000.0, "a", {}, {JERK: 0.0})
-    lines = tables.quantile_table(rows).rows
-    assert len(lines) == 10
-    assert lines[0][:3] == ["9000", "a", "100 + 1 failed"]
-    assert [line[4] for line in lines[5:]] == ["400", "405", "450", "495", "500"]
-
-
-def test_where_each_run_has_its_own_torque_limit_none_is_said_to_be_reached():
-    rows = [row({"sweep.drive.overload": o}, peak_torque_motor_nm=900.0) for o in (1.0, 2.0)]
-    assert "limit" not in " ".join(sentences(rows, LIMIT))
 
 
 def test_a_cycle_that_is_said_to_be_repeatable_heats_no_winding_beyond_nominal_torque_however_often():

@@ -13,7 +13,6 @@ from workbench.study.store import place_for, run_batch
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
-KP = "sweep.controller.kp_nm_s_per_rad"
 SCENARIO = """\
 format: 1
 name: gains
@@ -50,11 +49,3 @@ def test_duckdb_answers_the_query_of_the_docs(results: Path) -> None:
         assert len(here) == 2
         assert peak == max(row["peak_torque_percent"] for row in here)
         assert error == min(row["speed_error_max_rad_s"] for row in here)
-
-
-def test_duckdb_reads_the_signals_of_all_runs_at_once(results: Path) -> None:
-    duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
-    (query,) = re.findall(r"`(SELECT \* FROM read_parquet.*?)`", DOCS)
-    ((runs, samples),) = duckdb.sql(f"SELECT count(DISTINCT filename), count(*) FROM ({query})").fetchall()
-    assert runs == 8
-    assert samples > 8 * 500

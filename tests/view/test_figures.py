@@ -21,7 +21,7 @@ from workbench.view.identify import correlation_matrix
 from workbench.view.page import Section, save_page
 from workbench.view.panels import PASSES, STRAIGHT, straightened, thin
 from workbench.view.replay import inputs, speeds
-from workbench.view.study_figures import harder_worked_nm, over_time, peak_torque_over_payload, slack_stretches
+from workbench.view.study_figures import over_time, peak_torque_over_payload, slack_stretches
 from workbench.view.style import LINES
 
 TIME = np.linspace(0.0, 40.0, 4001)
@@ -62,16 +62,6 @@ def test_thinning_keeps_extremes_ends_and_order(n: int, most: int, seed: int) ->
     assert kept_time[-1] == time[-1]
     assert np.all(np.diff(kept_time) > 0)
     np.testing.assert_array_equal(kept, values[kept_time.astype(int)])
-
-
-def test_thinning_keeps_one_sample_wide_peaks_beside_gaps() -> None:
-    values = np.zeros(20000)
-    values[7000:9000] = np.nan
-    values[[123, 15001]] = 5.0, -7.0
-    _, kept = thin(np.arange(20000.0), values, 600)
-    assert np.nanmax(kept) == 5.0
-    assert np.nanmin(kept) == -7.0
-    assert np.isnan(kept).any()
 
 
 @given(n=st.integers(0, 400), seed=st.integers(0, 99), noise=st.sampled_from([0.0, 1e-5, 1e-2]))
@@ -115,12 +105,6 @@ def test_slack_is_shaded_from_its_start_to_its_end() -> None:
     assert [note.text for note in figure.layout.annotations].count("slack") == 1
 
 
-def test_harder_worked_motor_is_the_one_with_more_torque_either_way() -> None:
-    one, two = np.array([1.0, -5.0, 2.0]), np.array([3.0, 4.0, -2.5])
-    run = Run("x", np.arange(3.0), {"torque_motor1_nm": one, "torque_motor2_nm": two})
-    np.testing.assert_array_equal(harder_worked_nm(run), [3.0, -5.0, -2.5])
-
-
 def test_a_replays_figures_are_in_parts_of_nominal_torque_and_in_per_cent_of_nominal_speed() -> None:
     machine = default_hoist()
     run = Run("run a", TIME, {"torque_motor_nm": np.full_like(TIME, 1440.0), "speed_motor_rad_s": 0.0 * TIME}, 0.0, 5.0)
@@ -149,13 +133,6 @@ def test_page_needs_no_network_and_has_the_same_bytes_each_time(tmp_path: Path) 
     for text in ("yes &lt;no&gt;", "<li>a &gt; b</li>", "&lt;one&gt;", "All &amp; each.", "&lt;note&gt;"):
         assert text in page
     assert page.count('class="plotly-graph-div"') == 2
-
-
-def test_a_section_leaves_out_what_is_empty() -> None:
-    empty = Table([words("word")], [])
-    section = Section("head", ["", "said"], [""], [empty], [(None, "no figure")])
-    assert (section.sentences, section.points, section.tables, section.figures) == (["said"], [], [], [])
-    assert section and not Section("head", [""], tables=[empty])
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, OSError("no space left")])
