@@ -12,11 +12,7 @@ from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import Member, family, operating_points, weakest
 from workbench.control import PiSettings
 from workbench.machines import with_values
-from workbench.view.loop import (
-    bode,
-    member_name,
-    nyquist,
-)
+from workbench.view.loop import bode, member_name, nyquist
 
 MACHINE = with_values(ideal_hoist(), {"drive.speed_delay_s": 0.005, "drive.torque_lag_s": 0.004})
 SETTINGS = PiSettings(kp_nm_s_per_rad=40.0, ki_nm_per_rad=300.0, set_point_weight=0.8)

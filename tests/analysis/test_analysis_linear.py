@@ -9,14 +9,7 @@ import numpy as np
 import pytest
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.linearise import (
-    MOTIONS,
-    OUTPUTS,
-    STIFFNESS_BY_LENGTH,
-    LinearPlant,
-    OperatingPoint,
-    linearise,
-)
+from workbench.analysis.linearise import MOTIONS, OUTPUTS, STIFFNESS_BY_LENGTH, LinearPlant, OperatingPoint, linearise
 from workbench.analysis.loop import Sampled, linear_controller, sampled_plant
 from workbench.control import PiSettings
 from workbench.core.errors import InputError

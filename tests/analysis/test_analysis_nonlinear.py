@@ -27,10 +27,7 @@ def with_effects(**effects: dict[str, float]) -> Hoist:
 
 CASES = {
     "ideal drive": (with_drive(), PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)),
-    "set-point weight": (
-        with_drive(),
-        PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=250.0, set_point_weight=0.5),
-    ),
+    "set-point weight": (with_drive(), PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=250.0, set_point_weight=0.5)),
     "torque lag": (with_drive(torque_lag_s=0.004), PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)),
     "counted speed": (
         # So finely that what is seen is the mean over a sample and not the counts.

@@ -32,8 +32,7 @@ PAYLOADS = (0.0, 9000.0)
 
 def slow_drive() -> Hoist:
     return with_values(
-        ideal_hoist(),
-        {"drive.torque_lag_s": 0.004, "drive.speed_filter_s": 0.003, "drive.speed_delay_s": 0.002},
+        ideal_hoist(), {"drive.torque_lag_s": 0.004, "drive.speed_filter_s": 0.003, "drive.speed_delay_s": 0.002}
     )
 
 

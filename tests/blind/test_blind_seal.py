@@ -263,8 +263,7 @@ def test_labels_sealed_anew_by_another_key_are_no_labels(made: Made, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("key", "sentence"),
-    [("", "no key there"), ("short", "is not the key"), ("A" * 43 + "=", "is not the key")],
+    ("key", "sentence"), [("", "no key there"), ("short", "is not the key"), ("A" * 43 + "=", "is not the key")]
 )
 def test_without_the_right_key_nothing_is_opened(made: Made, tmp_path: Path, key: str, sentence: str):
     answered(made)

@@ -10,13 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.validation.axis_causes import (
-    EVENTS,
-    IN_THE_LIBRARY,
-    LISTED,
-    UNLISTED,
-    scales_of,
-)
+from benchmarks.validation.axis_causes import EVENTS, IN_THE_LIBRARY, LISTED, UNLISTED, scales_of
 from benchmarks.validation.axis_machines import KINDS, MOTIONS, drawn_axis, excitation
 from benchmarks.validation.axis_motion import (
     ACCELERATION,

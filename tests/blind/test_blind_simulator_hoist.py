@@ -15,13 +15,7 @@ import pytest
 from benchmarks.validation.campaign import built, input_change, log_columns, make_campaign, simulated
 from benchmarks.validation.content import draw
 from benchmarks.validation.families import FAMILIES
-from benchmarks.validation.hoist_causes import (
-    EVENTS,
-    IN_THE_LIBRARY,
-    LISTED,
-    UNLISTED,
-    scales_of,
-)
+from benchmarks.validation.hoist_causes import EVENTS, IN_THE_LIBRARY, LISTED, UNLISTED, scales_of
 from benchmarks.validation.hoist_machines import practice_machine, reference
 from benchmarks.validation.hoist_motion import (
     CARRIAGE_SPEED,
@@ -143,21 +137,13 @@ LAWS = {
         {"ecc_e": 0.008, "ecc_ph": 1.0},
         lambda p, r, t: r[:, SHAFT] / p.ratio * 0.008 * np.sin(r[:, DRUM] + 1.0) / p.R,
     ),
-    "wire": (
-        "slow",
-        {"rho": nominal_truth(MACHINE).rho + 8.0},
-        lambda p, r, t: ARM * 8.0 * p.g * (p.L - r[:, HEIGHT]),
-    ),
+    "wire": ("slow", {"rho": nominal_truth(MACHINE).rho + 8.0}, lambda p, r, t: ARM * 8.0 * p.g * (p.L - r[:, HEIGHT])),
     "heave": (
         "slow",
         {"heave_A": 0.3, "heave_w": 0.7, "heave_ph": 2.0},
         lambda p, r, t: -0.3 * 0.49 * np.sin(0.7 * t + 2.0) * (r[:, SHAFT] / p.ratio / p.g),
     ),
-    "carriage": (
-        "slow",
-        {"m_c": 8500.0},
-        lambda p, r, t: at_motor(500.0 * 9.81) * np.ones(len(r)),
-    ),
+    "carriage": ("slow", {"m_c": 8500.0}, lambda p, r, t: at_motor(500.0 * 9.81) * np.ones(len(r))),
     "fan": ("fast", {"fan_q": 0.002}, lambda p, r, t: 0.002 * r[:, SPEED] * np.abs(r[:, SPEED])),
     "rail step": (
         "fast",

@@ -10,18 +10,7 @@ from typing import Any
 import pytest
 from streamlit.testing.v1 import AppTest
 
-from tests.support.dashboard_app import (
-    after,
-    errors,
-    good,
-    made_job,
-    metrics,
-    page,
-    the_job,
-    titles,
-    until,
-    words,
-)
+from tests.support.dashboard_app import after, errors, good, made_job, metrics, page, the_job, titles, until, words
 from tests.support.log_campaign import hoist_columns, write_campaign
 from tests.support.made_diagnosis import made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign

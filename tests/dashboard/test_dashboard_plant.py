@@ -14,16 +14,7 @@ from benchmarks.serve import Served
 from tests.support.dashboard_app import errors, good, page
 from workbench.analysis.usual import usual_controller
 from workbench.core.errors import InputError
-from workbench.dashboard.plant import (
-    BUILT_IN,
-    READ,
-    Controller,
-    Numbers,
-    PlantProcess,
-    Recorder,
-    Wanted,
-    udp_order,
-)
+from workbench.dashboard.plant import BUILT_IN, READ, Controller, Numbers, PlantProcess, Recorder, Wanted, udp_order
 from workbench.machines import default_hoist
 from workbench.serve.plant import LivePlant
 from workbench.serve.serve import Wish

@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.made_diagnosis import made_diagnosis
-from workbench.view.diagnosis_figures import (
-    ALL,
-    RunSeries,
-    isolability,
-    profiles,
-    residuals,
-    shrink_bars,
-)
+from workbench.view.diagnosis_figures import ALL, RunSeries, isolability, profiles, residuals, shrink_bars
 from workbench.view.style import AFTER, BEFORE, REST, WINDOW
 
 WAYS = ("hoisting", "lowering")

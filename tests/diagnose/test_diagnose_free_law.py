@@ -51,8 +51,7 @@ FRICTIONS = ("friction_coulomb_asymmetric", "friction_coulomb", "friction_therma
 
 
 @pytest.mark.parametrize(
-    ("bend", "word", "names"),
-    [("gain_by_direction", "unknown", ()), ("drift", "named", ("friction_thermal_drift",))],
+    ("bend", "word", "names"), [("gain_by_direction", "unknown", ()), ("drift", "named", ("friction_thermal_drift",))]
 )
 def test_friction_is_named_where_it_is_and_not_for_a_gain_of_one_direction(
     bend: str, word: str, names: tuple[str, ...], shared_data: Path

@@ -13,9 +13,7 @@ from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
-from workbench.diagnose.tables import (
-    in_no_file,
-)
+from workbench.diagnose.tables import in_no_file
 from workbench.diagnose.unknown import Explained, explain, explained_machine, with_unknown
 from workbench.logs import read_campaign
 from workbench.machines import Hoist, LinearAxis, load_machine, save_machine

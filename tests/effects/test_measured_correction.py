@@ -19,16 +19,7 @@ from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import loads
 from workbench.effects import of
-from workbench.machines import (
-    Axis,
-    Hoist,
-    kind_of,
-    load_machine,
-    machine_from,
-    plant_of,
-    save_machine,
-    with_correction,
-)
+from workbench.machines import Axis, Hoist, kind_of, load_machine, machine_from, plant_of, save_machine, with_correction
 from workbench.machines.files import machine_text
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
 from workbench.simulate.plant_model import plant_model

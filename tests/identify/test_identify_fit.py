@@ -228,10 +228,7 @@ def axis_campaign(machine: LinearAxis) -> Campaign:
 
 
 AXIS = LinearAxis.model_validate(
-    {
-        "mass_kg": 60.0,
-        "friction": {"coulomb_forward_n": 5.0, "coulomb_backward_n": 5.0, "viscous_n_s_per_m": 100.0},
-    }
+    {"mass_kg": 60.0, "friction": {"coulomb_forward_n": 5.0, "coulomb_backward_n": 5.0, "viscous_n_s_per_m": 100.0}}
 )
 
 

@@ -33,12 +33,7 @@ def outputs(s: list[float], T: float, p: SimpleNamespace) -> dict[str, float]:
 def elongations(s: list[float], p: SimpleNamespace) -> tuple[float, float, float, float]:
     """delta_1, delta_2 and their rates by Eq. 3-6."""
     R, r, i = p.D_w / 2.0, p.D_s / 2.0, 1.0 / p.ratio
-    return (
-        R * i * s[0] + r * s[1] - s[2],
-        -r * s[1] - s[2],
-        R * i * s[3] + r * s[4] - s[5],
-        -r * s[4] - s[5],
-    )
+    return (R * i * s[0] + r * s[1] - s[2], -r * s[1] - s[2], R * i * s[3] + r * s[4] - s[5], -r * s[4] - s[5])
 
 
 def dissipation(s: list[float], p: SimpleNamespace) -> float:

@@ -16,8 +16,7 @@ from workbench.machines.multibody import Driven, MotionResult, Outcome, Shaft, S
 
 MACHINE = default_hoist()
 SMOOTH = with_values(
-    MACHINE,
-    {"guide.coulomb_hoisting_n": 0.0, "guide.coulomb_lowering_n": 0.0, "bearing.pin_friction_coefficient": 0.0},
+    MACHINE, {"guide.coulomb_hoisting_n": 0.0, "guide.coulomb_lowering_n": 0.0, "bearing.pin_friction_coefficient": 0.0}
 )
 # Nothing loses energy; the wire is as stiff as before and weighs next to nothing.
 LOSSLESS = with_values(

@@ -134,10 +134,7 @@ def test_a_jog_that_cannot_be_made_is_named_by_its_step(steps: list[Step], says:
         plan_motion("ruckig", steps, 10.0, UP, RAIL)
 
 
-@given(
-    st.lists(st.floats(0.0, 25.0), min_size=1, max_size=5),
-    st.sets(st.sampled_from(WITHOUT_A_MACHINE), min_size=1),
-)
+@given(st.lists(st.floats(0.0, 25.0), min_size=1, max_size=5), st.sets(st.sampled_from(WITHOUT_A_MACHINE), min_size=1))
 def test_motion_time_is_that_of_the_slowest_plan(heights: list[float], kinds: set[str]) -> None:
     steps, here = [], 4.0
     for height in heights:

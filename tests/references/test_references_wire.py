@@ -11,16 +11,7 @@ import numpy as np
 import pytest
 
 from workbench.machines import Hoist, Load, default_hoist, load_of, with_values
-from workbench.references import (
-    Limits,
-    Shape,
-    Step,
-    move_shape,
-    move_time_s,
-    plan_motion,
-    planned_kind,
-    planned_kinds,
-)
+from workbench.references import Limits, Shape, Step, move_shape, move_time_s, plan_motion, planned_kind, planned_kinds
 from workbench.references.least_peak import least_peak_limits, peak_force_n
 from workbench.references.library.wire import EI, ZV, ZVD, impulses
 from workbench.references.limits import raised

@@ -14,13 +14,7 @@ from click.testing import CliRunner, Result
 from workbench.cli.compare import compare as command
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.study.compare import (
-    compare,
-    matched,
-    parse_limits,
-    percent,
-    regressions,
-)
+from workbench.study.compare import compare, matched, parse_limits, percent, regressions
 from workbench.study.rows import Row, index_table
 
 MEASURED = dict.fromkeys(fixed_columns(), 1.0)
@@ -160,9 +154,7 @@ def test_json_holds_the_figures_and_no_infinity(folders: tuple[Path, Path], tmp_
     said = json.loads(file.read_text())
     assert said["metrics"][PEAK]["mean_delta"] == 4.0
     assert said["metrics"]["slack_time_s"]["mean_percent"] is None
-    assert said["regressions"] == [
-        {"limit": "slack_time_s=1%", "worse": None, "run": "a", "a": 0.0, "b": 1.0},
-    ]
+    assert said["regressions"] == [{"limit": "slack_time_s=1%", "worse": None, "run": "a", "a": 0.0, "b": 1.0}]
     assert said["only_b"] == ["b", "c"]
 
 

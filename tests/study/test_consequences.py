@@ -16,13 +16,7 @@ from workbench.core.run import Run
 from workbench.machines import Hoist, default_hoist, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import LoopCase, simulate_loop
-from workbench.study.consequences import (
-    Consequences,
-    as_json,
-    consequences_of,
-    consequences_table,
-    small_study,
-)
+from workbench.study.consequences import Consequences, as_json, consequences_of, consequences_table, small_study
 from workbench.study.load import load_study
 from workbench.study.run import run_study
 

@@ -14,12 +14,7 @@ import pytest
 from workbench.core.errors import InputError
 from workbench.machines import default_hoist, load_of, with_values
 from workbench.references import LimitPair, Limits
-from workbench.study.beside import (
-    QUESTIONS,
-    beside,
-    beyond_its_limits,
-    on_another_damping,
-)
+from workbench.study.beside import QUESTIONS, beside, beyond_its_limits, on_another_damping
 from workbench.study.conclude import (
     Answer,
     alarm,
@@ -30,15 +25,7 @@ from workbench.study.conclude import (
     utilisation,
     write_answer,
 )
-from workbench.study.decide import (
-    ALIKE,
-    Candidate,
-    Decision,
-    Given,
-    decisions,
-    take_sentences,
-    weight_that_turns,
-)
+from workbench.study.decide import ALIKE, Candidate, Decision, Given, decisions, take_sentences, weight_that_turns
 from workbench.study.grid import RunSpec
 from workbench.study.labels import words_of
 from workbench.study.load import Study, changed, load_study, plan_study

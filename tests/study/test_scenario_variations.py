@@ -52,11 +52,7 @@ def test_a_grid_holds_every_combination_once(kp: list[float], jerk: list[float],
     unlike = st.lists(st.floats(0.0, 3.0), min_size=together, max_size=together, unique=True)
     first, second = data.draw(unlike), data.draw(unlike)
     specs = specs_of(
-        sweep={
-            "controller.kp_nm_s_per_rad": kp,
-            "limits.jerk_m_s3": jerk,
-            "zip": {"lead_s": first, "settle_s": second},
-        }
+        sweep={"controller.kp_nm_s_per_rad": kp, "limits.jerk_m_s3": jerk, "zip": {"lead_s": first, "settle_s": second}}
     )
     assert len(specs) == len(kp) * len(jerk) * together * 4
     runs: list[RunSpec] = specs[:]

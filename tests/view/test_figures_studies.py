@@ -11,15 +11,7 @@ from workbench.study.conclude import Correlation
 from workbench.study.front import fronts
 from workbench.study.labels import swept_axes
 from workbench.study.rows import Row
-from workbench.view.study_figures import (
-    changing,
-    envelope_nm,
-    metrics_over_axis,
-    pareto,
-    plane,
-    spread,
-    tornado,
-)
+from workbench.view.study_figures import changing, envelope_nm, metrics_over_axis, pareto, plane, spread, tornado
 
 JERK, KP = "sweep.limits.jerk_m_s3", "sweep.controller.kp_nm_s_per_rad"
 PEAK = "peak_torque_motor_nm"

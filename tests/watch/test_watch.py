@@ -197,17 +197,12 @@ def test_an_axis_shows_friction_and_a_constant_load_as_two_directions():
 
 @cache
 def logs(kind: str) -> tuple[Run, ...]:
-    change = {
-        "friction": friction_grows(70, 60),
-        "drift": sensor_drifts(70, 0.2),
-        "healthy": healthy,
-    }[kind]
+    change = {"friction": friction_grows(70, 60), "drift": sensor_drifts(70, 0.2), "healthy": healthy}[kind]
     return tuple(run for run, _ in month(HOIST, 100, change, 6))
 
 
 @pytest.mark.parametrize(
-    ("kind", "names"),
-    [("friction", {"friction both ways"}), ("drift", {"torque offset", "mass"})],
+    ("kind", "names"), [("friction", {"friction both ways"}), ("drift", {"torque offset", "mass"})]
 )
 def test_faults_of_simulated_months_raise_an_alarm_soon(kind: str, names: set[str]):
     judge = Judge(FEW)
