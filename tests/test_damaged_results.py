@@ -10,12 +10,11 @@ from typing import Any
 
 import pytest
 
-from benchmarks.attack.mangle import ROOT, finished_result
+from benchmarks.attack.mangle import finished_result
 from workbench.core.errors import InputError
 from workbench.core.whole_folder import replace_json
 from workbench.machines import default_hoist
 from workbench.study.conclude import alarm, sentences, utilisation
-from workbench.study.load import load_study
 from workbench.study.rows import INDEX, Row, check_whole, read_manifest, read_rows
 
 
@@ -80,13 +79,3 @@ def test_a_loop_that_hunts_below_its_limits_is_pointed_out_where_runs_are_judged
     assert lights["torque swings"] == "red"
     assert "torque swings 25 times 2 a second" in str(alarm(utilisation([hunting(350.0)], default_hoist())))
     assert "torque swings" not in {use.what for use in utilisation([hunting(14.0)], default_hoist())}
-
-
-@pytest.mark.parametrize("line", ["machine: {0}.yaml", "extends: {0}.yaml"])
-def test_a_name_that_no_file_can_have_is_one_sentence(tmp_path, line):
-    path = tmp_path / "scenario.yaml"
-    text = (ROOT / "scenarios" / "payloads.yaml").read_text()
-    kept = [row for row in text.splitlines() if not row.startswith("machine:")]
-    path.write_text("\n".join([*kept, line.format("9" * 300)]))
-    with pytest.raises(InputError, match="999"):
-        load_study(path)

@@ -334,16 +334,6 @@ def test_a_page_that_would_fetch_from_elsewhere_is_seen_and_a_link_to_follow_is_
     assert [text for text in followed if loaded(text)] == []
 
 
-def test_the_drawing_of_the_arm_is_made_from_the_models_geometry():
-    from workbench.machines import default_hoist
-
-    said = "run: python docs/site/arm_drawing.py > docs/img/arm.svg"
-    drawn = of_the_site("arm_drawing").arm_svg(default_hoist())
-    assert (DOCS / "img" / "arm.svg").read_text(encoding="utf-8") == drawn, said
-    fields = [name for name in type(default_hoist().arm).model_fields if name.endswith("_m") and "_per_" not in name]
-    assert len(fields) > 9 and [name for name in fields if f">{name}" not in drawn] == []
-
-
 def test_files_of_effects_that_name_the_folder_trace_are_still_read():
     from workbench.symbolic import expr as now
     from workbench.trace import expr as then

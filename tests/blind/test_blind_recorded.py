@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.commands import Commands
-from tests.support.emps_campaign import RUNS
+from tests.support.emps_campaign import emps_in
 from workbench.blind import make as making
 from workbench.blind.recorded import SINGLES, UNLISTED, bent, cases
 from workbench.blind.recording import Recording, recording, rms
@@ -17,13 +17,6 @@ from workbench.blind.seal import key_of, read_manifest, unseal
 from workbench.logs import read_campaign
 from workbench.machines import LinearAxis
 
-MACHINE = """\
-kind: axis
-motion: linear
-mass_kg: 50.0
-gravity: {constant_n: 0.0}
-friction: {coulomb_forward_n: 10.0, coulomb_backward_n: 10.0, viscous_n_s_per_m: 50.0}
-"""
 SEED = (5, 1)
 ON_AXES = [name for name in SINGLES if name not in ("payload", "load")]
 
@@ -31,11 +24,7 @@ ON_AXES = [name for name in SINGLES if name not in ("payload", "load")]
 @pytest.fixture(scope="module")
 def emps(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recorded") / "emps"
-    folder.mkdir()
-    (folder / "machine.yaml").write_text(MACHINE)
-    (folder / "runs.yaml").write_text(RUNS)
-    (folder / "runs").symlink_to(shared_data / "emps")
-    return folder
+    return emps_in(folder, shared_data, mass=50.0, coulomb=10.0, viscous=50.0, offset=0.0)
 
 
 @cache

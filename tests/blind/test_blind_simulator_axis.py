@@ -17,7 +17,6 @@ from benchmarks.validation.axis_motion import (
     FORCE,
     FRICTION,
     LOAD_POSITION,
-    LOAD_SPEED,
     POSITION,
     RECORD_S,
     SPEED,
@@ -86,7 +85,6 @@ def sign(r):
 # effect in the truth -> the force that it takes, from its law and the run's own motion.
 LAWS = {
     "viscous": ("steps", {"B_f": 0.1 * F / V, "B_b": 0.1 * F / V}, lambda p, r, t: 0.1 * F / V * r[:, SPEED]),
-    "viscous forward": ("steps", {"B_f": 0.1 * F / V}, lambda p, r, t: 0.1 * F / V * np.maximum(r[:, SPEED], 0.0)),
     "coulomb": ("shuttle", {"dF_f": 0.1 * F, "dF_b": 0.1 * F}, lambda p, r, t: 0.1 * F * sign(r)),
     "coulomb backward": ("shuttle", {"dF_b": 0.1 * F}, lambda p, r, t: -0.1 * F * (r[:, SPEED] < 0.0)),
     "stribeck": (
@@ -166,21 +164,6 @@ def test_a_load_beyond_play_lags_by_half_of_it_each_way():
     friction = 0.7 * (p.F_f + p.F_b) / 2.0 + 0.7 * p.B * V
     behind = np.median((stretch * np.sign(given.speed))[at_speed])
     assert behind == pytest.approx(0.5 * play + friction / p.k_c, rel=0.1)
-
-
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_two_sides_take_the_force_of_their_sum(motion):
-    axis = axis_of(motion)
-    p = coupled(nominal_truth(axis), 0.6, 120.0, 0.05, 0.4)._replace(x_0=axis.low)
-    given = excitation("moves", np.random.default_rng(3), axis, 9.0)
-    record = simulate(p, given.speed, given.pulses, np.zeros(len(given.speed)))
-    load_acceleration = np.gradient(record[:, LOAD_SPEED], RECORD_S)
-    v, v_l = record[:, SPEED], record[:, LOAD_SPEED]
-    side = [np.where(s > 0.0, p.F_f, -p.F_b) + p.B * s for s in (v, v_l)]
-    expected = p.M_m * record[:, ACCELERATION] + p.M_l * load_acceleration
-    expected += 0.4 * side[0] + 0.6 * side[1] + p.G * np.sin(record[:, LOAD_POSITION]) + p.C
-    moving = under_way(axis, record) & (np.sign(v) == np.sign(v_l))
-    assert rms((record[:, FORCE] - expected)[moving]) < 0.015 * axis.force
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

@@ -34,7 +34,6 @@ from benchmarks.validation.sensors import Window
 from benchmarks.validation.standstill import LAWS as STANDSTILL_LAWS
 from benchmarks.validation.standstill import drawn_standstill
 from workbench import effects
-from workbench.blind.seal import CASES
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 
@@ -99,11 +98,6 @@ def at_motor(force_n):
 # effect in the truth -> the torque it takes at the motor, from its law and the run's own motion.
 LAWS = {
     "viscous": ("fast", {"B_up": 3000.0, "B_dn": 3000.0}, lambda p, r, t: at_motor(3000.0 * r[:, CARRIAGE_SPEED])),
-    "viscous of hoisting": (
-        "fast",
-        {"B_up": 5000.0},
-        lambda p, r, t: at_motor(5000.0 * np.maximum(r[:, CARRIAGE_SPEED], 0.0)),
-    ),
     "coulomb": ("slow", {"dF_up": 4000.0, "dF_dn": 4000.0}, lambda p, r, t: at_motor(4000.0 * sign(r))),
     "coulomb of lowering": (
         "slow",
@@ -276,15 +270,6 @@ def test_a_seed_makes_the_same_campaign_to_the_byte_and_another_seed_another(tmp
     )
     assert a == b
     assert a != c
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_a_seeds_machine_and_runs_do_not_depend_on_what_ails_it(case):
-    content, well = draw(21, "hoist_middle", case), draw(21, "hoist_middle", "none")
-    assert (content.machine, content.runs, content.logging) == (well.machine, well.runs, well.logging)
-    assert len(content.causes) == {"none": 0, "pairs": 2}.get(case, 1)
-    if case == "pairs":
-        assert len({cause.subsystem for cause in content.causes}) == 2
 
 
 @pytest.mark.parametrize("family", FAMILY_NAMES)

@@ -160,14 +160,11 @@ TWICE = WIND.replace("def wind", "def gale")
 BAD = {
     "x = 1\n": ".py: declares no effect",
     "x = 1\nx = = 2\n": ".py:2: fails: SyntaxError: invalid syntax",
-    "x = 1\n\nimport nowhere_at_all\n": ".py:3: fails: ModuleNotFoundError: No module named 'nowhere_at_all'",
     "import sys\nsys.exit()\n": ".py:2: fails: SystemExit: without a word",
     WIND.replace("s.v", "s.vv"): ".py: effect wind: on kind hoist: reads 'vv', which is not there; "
     "at guide_force_n s has t, v, x,",
     WIND.replace("return -", "if s.v > 0: return 0.0\n    return -"): "physics cannot branch on a traced value",
     WIND.replace("return -(e.c", "return 5.0 - (e.c"): "wind: on kind hoist: gives 5 where its parameters vanish",
-    WIND.replace("guide_force_n", "guide_force"): ".py:6: fails: ValueError: effect wind: no place 'guide_force'",
-    WIND.replace("def wind", "def heave"): ".py: the effect name 'heave' is taken; choose another",
 }
 
 

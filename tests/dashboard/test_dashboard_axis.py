@@ -12,18 +12,16 @@ from workbench.control import LinearCascade
 from workbench.dashboard import chosen as machines
 from workbench.dashboard.desk import (
     Desk,
-    desk_of,
     edited,
     from_address,
     in_address,
-    scenario_file,
     shipped_desk,
     usual_desk,
 )
-from workbench.machines import default_hoist, kind_of, shipped, with_values
+from workbench.machines import default_hoist, kind_of, shipped
 from workbench.machines.files import machine_text
 from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
-from workbench.study.load import load_study, plan_study
+from workbench.study.load import plan_study
 from workbench.study.run import run_study
 
 
@@ -71,16 +69,6 @@ def test_an_axis_is_studied_in_its_own_units(study):
     assert not any("ayload" in name or "height" in name for name in labels(study))
     assert [metric.label for metric in study.metric] == ["Force peak", "Largest tracking error", "Move time"]
     assert len(figures(study)) == 2
-
-
-def test_its_table_and_verdict_are_those_of_the_library(study):
-    result = run_study(plan_study(shipped_axis_desk().scenario, EMPS))
-    (table,) = (text.value for text in study.markdown if text.value.startswith("| reference"))
-    peak = [line.split("|")[3].strip() for line in table.splitlines()]
-    assert "peak" in peak[0] and set(peak[2:]) == {f"{row['peak_force_n']:.4g}" for row in result.rows}
-    assert study.info[0].value.startswith("Take ")
-    (said,) = (text.value for text in study.markdown if text.value.startswith("| used of what is borne"))
-    assert "force peak" in said and "rms force" in said and "wire" not in said
 
 
 def test_an_uploaded_rotary_axis_is_studied_in_radians():
@@ -146,14 +134,3 @@ def test_the_usual_study_of_any_axis_runs_within_its_drive():
         name = "peak_force_n" if machine is EMPS else "peak_torque_nm"
         peaks = [row.metrics[name] for row in rows]
         assert all(peak is not None and 0.0 < peak < machine.drive.limit for peak in peaks)
-
-
-def test_a_saved_study_of_an_axis_is_read_by_the_study_command(tmp_path):
-    heavier = with_values(EMPS, {"mass_kg": 110.0})
-    scenario = shipped_axis_desk().scenario
-    (tmp_path / "own.yaml").write_text(machine_text(heavier), encoding="utf-8")
-    (tmp_path / "saved.yaml").write_text(scenario_file(scenario, heavier, "own.yaml"), encoding="utf-8")
-    study = load_study(tmp_path / "saved.yaml")
-    assert study.machine == heavier
-    assert desk_of(study.scenario, heavier).scenario.controller == scenario.controller
-    assert study.scenario.limits == scenario.limits and study.scenario.moves == scenario.moves

@@ -151,16 +151,6 @@ def test_after_a_reload_the_newest_is_shown_and_only_to_who_knows_the_address(ma
         assert "which effect the model lacks" in words(stranger)
 
 
-def test_a_reload_brings_back_the_campaign_too_and_another_one_its_own_answer(made, spring, tmp_path, offer):
-    offer(write_campaign(tmp_path / "autumn", hoist_columns()), spring.parent)
-    app = shown(made("named")[0])
-    assert app.selectbox(key=BOX).options[:2] == ["autumn", "spring"] and app.selectbox(key=BOX).value == "spring"
-    app.selectbox(key=BOX).set_value("autumn").run()
-    assert "Campaign autumn" in words(app) and "The machine lacks" not in words(app)
-    app.selectbox(key=BOX).set_value("spring").run()
-    assert "The machine lacks friction_viscous" in words(app)
-
-
 def test_an_uploaded_campaign_is_copied_for_its_job(server, spring, monkeypatch):
     monkeypatch.delenv(chosen.VARIABLE)
     app = page("Gap").run()

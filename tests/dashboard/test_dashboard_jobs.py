@@ -132,15 +132,6 @@ def test_a_stop_before_the_worker_can_hear_of_it_is_not_lost(workspace: Path, wa
     assert ended(job).state == "stopped" and not job.file("result").exists()
 
 
-def test_jobs_are_found_again_by_the_workspace_alone(workspace: Path):
-    first, second = begin(workspace, "counted", to=1), begin(workspace, "counted", to=2)
-    ended(first), ended(second)
-    assert jobs.jobs_of(workspace) == [second, first]
-    assert jobs.jobs_of(workspace, "other") == jobs.jobs_of(workspace / "nowhere") == []
-    first.file("job.json").write_text("{")  # damaged
-    assert jobs.jobs_of(workspace) == [second]
-
-
 @pytest.mark.parametrize("number", ["", "..", "../../etc", "a" * 15, "a" * 65, "aaaaaaaaaaaaaaaa/b", "\0" * 20, None])
 def test_an_id_that_is_none_is_no_path(number: str | None):
     assert not jobs.is_id(number)

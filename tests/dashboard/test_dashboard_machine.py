@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from tests.support.dashboard_app import errors, page
-from tests.support.log_campaign import AXIS, axis_columns, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from tests.view.test_figures_legible import contrast
 from workbench.analysis.usual import usual_controller
@@ -88,13 +87,6 @@ def test_a_measured_run_gets_the_tensions_and_heights_of_the_model(lift, tmp_pat
     assert 'id="carriage0"' in film(default_hoist(), [shown])
 
 
-def test_the_simulated_and_the_measured_way_agree_on_a_run(lift):
-    log = Run("log", lift.time_s, {name: lift[name] for name in ("torque_motor_nm", "speed_motor_rad_s")}, 4500.0, 6.0)
-    one, other = scene_of(default_hoist(), lift), scene_of(default_hoist(), log)
-    assert other.height_m == pytest.approx(one.height_m, abs=2e-3)
-    assert other.tension_drum_n == pytest.approx(one.tension_drum_n, rel=0.03)
-
-
 def test_the_page_shows_a_quick_run_and_another_reference_beside_it():
     app = page("Machine").run()
     assert not app.exception and errors(app) == []
@@ -132,9 +124,3 @@ def test_a_measured_run_of_the_validated_campaign_can_be_shown(chosen, tmp_path)
     assert not app.exception and errors(app) == []
     assert "spring, full" in app.markdown[0].value
     assert "of the model under the measured motor speed" in app.caption[0].value
-
-
-def test_an_axis_has_no_drawing_and_says_so(chosen, tmp_path):
-    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
-    app = chosen(write_campaign(tmp_path / "axis", axis_columns(), runs=runs, machine=AXIS))
-    assert errors(app) == ["machine.yaml: kind: is a machine of kind 'axis'; this drawing is of kind 'hoist'"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import socket
 import time
 from collections import deque
 from typing import Any
@@ -14,7 +13,7 @@ from benchmarks.serve import Served
 from tests.support.dashboard_app import errors, good, page
 from workbench.analysis.usual import usual_controller
 from workbench.core.errors import InputError
-from workbench.dashboard.plant import BUILT_IN, READ, Controller, Numbers, PlantProcess, Recorder, Wanted, udp_order
+from workbench.dashboard.plant import BUILT_IN, READ, Controller, Numbers, PlantProcess, Recorder, Wanted
 from workbench.machines import default_hoist
 from workbench.serve.plant import LivePlant
 from workbench.serve.serve import Wish
@@ -92,13 +91,6 @@ def test_a_plant_of_another_process_is_reached_over_udp():
         with pytest.raises(InputError, match="unknown point 'slak_m'"):
             process.ask("order", {"set": {"slak_m": 0.1}})
         process.end()
-
-
-def test_a_port_without_a_plant_is_one_clear_error():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        with pytest.raises(InputError, match="no plant answers over UDP on port"):
-            udp_order(taken.getsockname()[1])({"status": True})
 
 
 def until(app: Any, there: Any) -> Any:

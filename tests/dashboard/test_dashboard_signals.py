@@ -14,7 +14,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.dashboard.pages.signals import RAMP, part_of, with_computed
 from workbench.logs.signal_files import Labelled, as_csv, as_mat, as_parquet
-from workbench.view.signals import BEFORE_S, Stretch, browser, start_of_move
+from workbench.view.signals import Stretch, browser
 
 
 def run(n: int = 50_000, name: str = "long") -> Run:
@@ -33,16 +33,6 @@ def test_a_peak_of_one_sample_is_drawn_whatever_is_left_out():
     assert len(figure.data[0].x) < 5000
     assert max(figure.data[0].y) == 77.0
     assert figure.data[0].x[int(np.argmax(figure.data[0].y))] == pytest.approx(12.345)
-
-
-def test_time_is_counted_from_the_start_of_the_first_move():
-    start = start_of_move(run())
-    assert start is not None
-    assert start.zero_s == pytest.approx(10.0) and start.start_s == pytest.approx(10.0 - BEFORE_S)
-    assert start.cut("speed_motor_rad_s")[0][0] == pytest.approx(-BEFORE_S, abs=0.002)
-    still = Run("still", np.arange(5.0), {"speed_motor_rad_s": np.zeros(5)})
-    blind = Run("blind", np.arange(5.0), {"torque_motor_nm": np.ones(5)})
-    assert start_of_move(still) is None and start_of_move(blind) is None
 
 
 def test_what_is_taken_away_is_every_sample_of_the_stretch(tmp_path: Path):

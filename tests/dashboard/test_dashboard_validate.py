@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from tests.support.dashboard_app import downloads, errors, figures, good, metrics, page, titles, words
-from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
+from tests.support.dashboard_app import downloads, errors, metrics, page, titles, words
+from tests.support.log_campaign import hoist_columns, write_campaign
 from tests.support.simulated_campaign import TRUTH, simulated_campaign
 from workbench.dashboard import chosen as campaigns
 from workbench.identify.identify import identify
@@ -89,16 +89,6 @@ def test_identification_finds_the_friction_and_the_machine_can_be_kept_and_downl
     assert "Identified machine" not in words(app)
 
 
-def test_an_uploaded_zip_is_replayed_and_stays_choosable(simulated):
-    app = page("Validate").run()
-    app.file_uploader(key=f"{BOX} files 0").upload("../../spring lifts.zip", zipped(simulated), "application/zip")
-    good(app.run())
-    assert "Campaign spring lifts" in app.markdown[0].value
-    assert app.selectbox(key=BOX).options == ["spring lifts (uploaded)", campaigns.UPLOAD] or (
-        app.run().selectbox(key=BOX).options == ["spring lifts (uploaded)", campaigns.UPLOAD]
-    )
-
-
 def test_the_servers_copy_of_an_upload_is_let_go(simulated, monkeypatch):
     let_go: list[tuple[str, str]] = []
 
@@ -149,15 +139,3 @@ def test_a_log_outside_an_owners_campaign_is_not_read(offer, tmp_path):
     offer(folder)
     (shown,) = errors(page("Validate").run())
     assert "lies outside the campaign's folder" in shown
-
-
-def test_an_axis_is_replayed_and_identified_too(offer, tmp_path):
-    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
-    folder = write_campaign(tmp_path / "axis", axis_columns(3000), runs=runs, machine=AXIS)
-    offer(folder)
-    app = page("Validate").run()
-    assert not app.exception and errors(app) == []
-    app.button(key="validate identify").click().run()
-    assert not app.exception and errors(app) == []
-    axis = figures(app)[0]["layout"]["xaxis"]["title"]["text"]
-    assert axis == "distance from nominal (% of nominal)"

@@ -31,7 +31,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, loudest, signatures_of, start_of
+from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, loudest, signatures_of
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation
@@ -159,10 +159,6 @@ def test_runs_of_a_machine_leave_their_noise_under_that_machine(kind: str, reque
     assert abs(np.mean(residual)) < 0.2 * problem.noise
 
 
-def test_the_noise_of_white_torque_noise_is_its_share_of_the_band(hoist: Problem):
-    assert hoist.noise == pytest.approx(4.0 * math.sqrt(hoist.band_hz / 25.0), rel=0.1)
-
-
 def test_a_setting_is_the_machine_with_these_values(hoist: Problem):
     """By symbol or in machine.yaml: the residual is the same, but for the steps that the integration took."""
     values = {"carriage.mass_kg": 8300.0, "guide.coulomb_hoisting_n": 7000.0, "sensors.torque_gain": 1.02}
@@ -278,21 +274,11 @@ def test_a_signature_is_what_the_prediction_gains_by_that_much(hoist: Problem, n
         assert signature.scale[k] == pytest.approx(r.start - (r.vanishes_at or 0.0))
 
 
-def test_places_are_tried_where_the_runs_have_been_and_no_wave_beyond_the_band(hoist: Problem):
-    tight = signatures_of(hoist, [find("friction_position_dependent", "hoist")], {})
-    places = sorted({value for signature in tight for name, value in signature.at.items() if name.endswith("centre_m")})
-    assert 4.0 < places[0] < places[-1] < 13.0
-    assert max(np.diff(places)) < 0.5
-    swell = [signature.at["heave__frequency_rad_s"] for signature in signatures_of(hoist, [find("heave", "hoist")], {})]
-    assert max(swell) <= TURN * hoist.band_hz
-    assert max(np.diff(swell)) * 20.0 < math.pi  # two neighbours do not fall out of step within a run
-
-
 # Fits
 
 
 @given(st.integers(0, 10_000), st.integers(0, 2), st.integers(0, 4))
-@settings(max_examples=150)
+@settings(max_examples=60)
 def test_linear_gain_is_that_of_bounded_least_squares(seed: int, held: int, free: int):
     """No effect has more than two columns with a sign."""
     from scipy.optimize import lsq_linear
@@ -310,15 +296,6 @@ def test_linear_gain_is_that_of_bounded_least_squares(seed: int, held: int, free
     left = residual - columns @ amounts
     assert data == pytest.approx(np.sum(residual[:-priors] ** 2) - np.sum(left[:-priors] ** 2))
     assert data + prior == pytest.approx(residual @ residual - 2.0 * exact.cost, rel=1e-6, abs=1e-6)
-
-
-def test_columns_that_are_nearly_the_same_share_and_lose_nothing():
-    random = np.random.default_rng(2)
-    one, residual = random.normal(size=(60, 1)), random.normal(size=60)
-    alone = linear_gain(one, residual, [True], 5)
-    twice = linear_gain(np.hstack([one, one * (1.0 + 1e-13)]), residual, [True, True], 5)
-    assert sum(twice[:2]) == pytest.approx(sum(alone[:2]), rel=1e-6)
-    assert twice[2][0] == pytest.approx(twice[2][1], rel=1e-3)
 
 
 @dataclass
@@ -348,7 +325,7 @@ class Straight:
         return self.measured - self.columns @ values(z), -(self.columns @ slopes.T)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("base", [0, 2])
 def test_a_fit_ends_at_the_least_of_data_and_tolerances_within_bounds(seed: int, base: int):
     from scipy.optimize import lsq_linear
@@ -388,17 +365,6 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     for symbol, value in true.items():
         assert fit.setting[symbol] == pytest.approx(value, rel=0.002), symbol
     assert fit.effects == (effect.id,)
-
-
-@pytest.mark.parametrize("name", ["friction_viscous_asymmetric", "drum_eccentricity", "heave", "torque_scale"])
-def test_a_fit_begins_where_the_linear_one_ended(hoist: Problem, name: str):
-    """What the amounts of the signatures promise is what the setting at the start then takes away."""
-    signature = signatures_of(hoist, [find(name, "hoist")], {})[0]
-    amounts = np.full(signature.columns.shape[1], 0.5)
-    free, start = start_of(hoist, signature, amounts)
-    _, (change,) = hoist.differences({}, [setting_of(free, np.array(start))])
-    promised = signature.columns @ amounts
-    assert rms(-change - promised) < 0.06 * rms(promised)
 
 
 def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: Problem):

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.emps_campaign import RUNS
+from tests.support.emps_campaign import emps_in
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.verdict.answer import Reason, ReasonKind
 from workbench.logs import read_campaign
@@ -122,15 +122,6 @@ def test_a_late_speed_of_a_small_machine_is_named(shared_data: Path):
     assert diagnosis.shrink.after < 1.3 * diagnosis.shrink.noise < 0.25 * diagnosis.shrink.before
 
 
-# A real ball-screw axis whose values are published; see test_emps.py.
-MACHINE = """\
-kind: axis
-motion: linear
-mass_kg: 95.1089
-gravity: {constant_n: 0.0}
-friction: {coulomb_forward_n: COULOMB, coulomb_backward_n: COULOMB, viscous_n_s_per_m: 203.5034}
-sensors: {force_offset_n: OFFSET}
-"""
 Emps = Callable[..., Diagnosis]
 
 
@@ -138,11 +129,7 @@ Emps = Callable[..., Diagnosis]
 def emps(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Emps:
     @cache
     def diagnosed(coulomb: float = 20.3935, offset: float = -3.1648, more: str = "") -> Diagnosis:
-        folder = tmp_path_factory.mktemp("emps")
-        text = MACHINE.replace("COULOMB", str(coulomb)).replace("OFFSET", str(offset))
-        (folder / "machine.yaml").write_text(text + more)
-        (folder / "runs.yaml").write_text(RUNS)
-        (folder / "runs").symlink_to(shared_data / "emps")
+        folder = emps_in(tmp_path_factory.mktemp("emps"), shared_data, more, coulomb=coulomb, offset=offset)
         return diagnose(read_campaign(folder), most_effects=1, study=False)
 
     return diagnosed

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import types
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from typing import Any, cast
 
@@ -18,7 +17,7 @@ from tests.support.fitted_runs import fitted_to, made_by
 from tests.support.noisy_runs import hoist_runs
 from workbench.diagnose.diagnose import sentence_of
 from workbench.diagnose.gap import folds_of, shrink_of, stretch_of, worst_tolerance
-from workbench.diagnose.hypotheses.evidence import Score, Weighed, score_of
+from workbench.diagnose.hypotheses.evidence import Score, Weighed
 from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     FreeParameter,
@@ -44,23 +43,6 @@ NUMBERS = {
 
 
 # Score
-
-
-def test_a_score_without_discrepancy_to_speak_of_is_chi_squared_and_priors(tight: tuple[Problem, Fitted]):
-    problem, fit = tight
-    quiet = copy(problem)
-    quiet.errors = replace(problem.errors, moving=np.full(problem.samples, 1e-9), standstill=np.zeros(problem.samples))
-    score = score_of(quiet, fit)
-    assert score.sizes == (1.0, 1.0)
-    white = fit.residual / problem.errors.white
-    assert score.value == pytest.approx(float(white @ white) + fit.prior + quiet.errors.log_det(), rel=1e-6)
-
-
-def test_what_is_left_beyond_the_noise_asks_for_a_larger_discrepancy(tight: tuple[Problem, Fitted]):
-    problem, fit = tight
-    slow = 10.0 * problem.errors.model_error * np.sin(np.arange(problem.samples) / 40.0)
-    assert score_of(problem, replace(fit, residual=fit.residual + slow)).sizes[0] >= 4.0
-    assert score_of(problem, fit).sizes[0] <= 2.0
 
 
 # Held-out runs

@@ -133,19 +133,12 @@ def test_a_user_s_effect_is_one_file_and_no_other_edit(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("x = 1\n", "declares no effect"),
         ("import nowhere_at_all\n", "fails: ModuleNotFoundError"),
         (OWN.replace("downward_pull", "heave"), "the effect name 'heave' is taken"),
         (OWN.replace("guide_force_n", "guide_force"), "no place 'guide_force'"),
         (OWN.replace("0.01, 0.02", "0.01, 2.0"), "starts at 2, outside 0 to 1"),
         (OWN.replace(", vanishes_at=0.0", ""), "no parameter has a value at which it vanishes"),
         (OWN.replace('"force", 0.0', '"weight", 0.0'), "no size 'weight'"),
-        (
-            OWN.replace('"force", 0.0', '"force/speed/speed/speed", 0.0'),
-            "effect downward_pull: force_n: size 'force/speed/speed/speed' divides 3 times; expected one quotient, "
-            "force/speed*speed*speed",
-        ),
-        (OWN.replace('"force", 0.0', '"force/", 0.0'), "no size ''"),
         (OWN.replace('place={"hoist"', 'place={"hoits"'), "no kind 'hoits'; did you mean 'hoist'?"),
     ],
 )

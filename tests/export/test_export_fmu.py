@@ -397,18 +397,6 @@ def test_a_plant_whose_torque_nobody_sets_holds_its_load(fixture: str, request: 
         assert abs(one.get("speed_motor_rad_s")[0]) < 1e-6 and one.get("position_carriage_m") == pytest.approx([9.0])
 
 
-@pytest.mark.parametrize("name", ["hoist", "effects", "table", "linear", "two"])
-def test_dependencies_are_all_that_an_unknown_reads(name: str):
-    """No derivative by a state or input that is not listed; and not everything is listed."""
-    model = described()[name]
-    assert model.dependencies.keys() == set(model.unknowns)
-    assert any(len(reads) < len(model.knowns) for reads in model.dependencies.values())
-    if name == "hoist":
-        assert set(model.dependencies["der(position_carriage_m)"]) == {"speed_carriage_m_s"}
-        assert "torque_motor_nm" in model.dependencies["der(speed_motor_rad_s)"]
-        assert "torque_motor_nm" not in model.dependencies["tension_drum_n"]
-
-
 def test_dependencies_agree_with_the_derivatives_of_the_binary(one: Instance):
     """A known that is not listed has no slope, at a moving and at a resting point."""
     model, reference = one.exported.model, one.exported.reference

@@ -84,18 +84,6 @@ def test_written_machine_is_the_identified_one_with_its_record(written: Path, id
     assert all(entry["std_error"] > 0.0 for entry in record["parameters"].values())
 
 
-def test_replay_of_the_written_machine_gives_the_written_replay(
-    commands: Commands, folder: Path, written: Path, tmp_path: Path
-):
-    assert commands("replay", folder, "--machine", written / "machine.yaml", "--out", tmp_path / "out").status == 0
-    again, then = read_json(tmp_path / "out" / "replay.json"), read_json(written / "replay.json")
-    assert again["overall"] == pytest.approx(then["overall"], rel=2e-5)
-    for one, other in zip(again["runs"], then["runs"], strict=True):
-        assert one.pop("name") == other.pop("name")
-        assert one == pytest.approx(other, rel=2e-5)
-    assert read_json(written / "identify.json")["after"] == then["overall"]
-
-
 def test_an_identified_machine_is_a_place_to_start_from(
     commands: Commands, folder: Path, written: Path, tmp_path: Path
 ):
@@ -150,14 +138,6 @@ def test_a_value_far_off_or_a_residual_above_the_noise_leads_to_diagnose(
     )
     above = replace(identified, after=replace(identified.after, residual_rms_moving=2.0 * identified.after.noise_rms))
     assert sentences(above)[-1].startswith("The residual while moving is 2.0 times the noise: the model may lack")
-
-
-def test_list_names_every_key_that_free_takes(commands: Commands, folder: Path, tmp_path: Path):
-    done = commands("identify", folder, "--list")
-    keys = [line.split()[0] for line in done.out.splitlines()[1:]]
-    assert {*LEVELS, "wire.damping_time_s", "sensors.torque_gain"} <= set(keys)
-    for key in ("wire.damping_time_s", "sheave.inertia_kg_m2"):
-        assert commands("identify", folder, "--free", f"{key}, {LEVELS[0]}").status == 0
 
 
 def test_a_fit_that_ends_elsewhere_than_the_truth_would_be_seen(campaign: Campaign):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -10,11 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from tests.support.dashboard_app import page
-from tests.support.made_pages import made_pages
 from tests.support.scenario_text import study_of
 from workbench.cli import cli
 from workbench.core.errors import InputError
@@ -35,7 +30,6 @@ from workbench.references import (
 )
 from workbench.references.limits import Step
 from workbench.references.shape import shortest_move, shortest_ramp
-from workbench.study.scenario import json_schema
 from workbench.study.store import read_finished
 from workbench.view.study import conclusions
 
@@ -100,20 +94,6 @@ def test_a_scenario_runs_it_and_all_that_shows_a_study_shows_it(tmp_path: Path) 
         assert "half acceleration" in text and "#CC79A7" in text, file.name
 
 
-@pytest.mark.usefixtures("declared")
-def test_the_schema_and_the_docs_name_it() -> None:
-    assert '"half_acceleration"' in str(json_schema("scenario")).replace("'", '"')
-    assert "| `half_acceleration` | half acceleration | a trapezoid under half" in made_pages().references_page()
-
-
-@pytest.mark.usefixtures("declared")
-def test_the_dashboard_offers_it() -> None:
-    app = page("Study").run()
-    assert not app.exception
-    choice = next(group for group in app.button_group if group.label == "Against the trapezoid")
-    assert "half acceleration" in [str(option) for option in choice.options]
-
-
 def test_a_kind_may_take_the_time_of_any_other(declared: PlannedKind) -> None:
     quick = Limits(LIMITS.speed_m_s, 1.5 * LIMITS.acceleration_m_s2)
     add(replace(declared, name="quick", move=lambda move: shortest_move(move.distance_m, quick)))
@@ -121,17 +101,6 @@ def test_a_kind_may_take_the_time_of_any_other(declared: PlannedKind) -> None:
     wanted = 12.0 / 0.7 + 0.7 / 0.75
     assert move_shape(as_long, 12.0, LIMITS).duration_s == pytest.approx(wanted, abs=1e-9)
     assert move_time_s(as_long, 12.0, LIMITS) == pytest.approx(wanted, abs=1e-9)
-
-
-@pytest.mark.parametrize("name", sorted(name for name, kind in planned_kinds().items() if not kind.needs_load))
-@settings(max_examples=25, deadline=None)
-@given(st.floats(0.05, 20.0), st.floats(0.1, 2.0), st.floats(0.1, 2.0), st.floats(0.2, 5.0))
-def test_a_kinds_duration_is_that_of_its_shape(
-    name: str, distance_m: float, speed: float, acceleration: float, jerk: float
-) -> None:
-    kind, limits = planned_kinds()[name], Limits(speed, acceleration, jerk)
-    took = move_shape(kind, distance_m, limits).duration_s
-    assert math.isclose(move_time_s(kind, distance_m, limits), took, rel_tol=1e-9, abs_tol=1e-8)
 
 
 @pytest.mark.parametrize(

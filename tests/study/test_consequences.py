@@ -10,8 +10,6 @@ import pytest
 
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import family, operating_points, weakest
-from workbench.analysis.tune import Goal
-from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.machines import Hoist, default_hoist, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
@@ -21,7 +19,6 @@ from workbench.study.load import load_study
 from workbench.study.run import run_study
 
 ROOT = Path(__file__).resolve().parents[2]
-INERTIA = 1.656  # kg m², drive and drum of the default machine at the motor shaft
 PAYLOADS = (0.0, 9000.0)
 
 
@@ -106,16 +103,6 @@ def test_the_loop_is_the_weakest_of_the_family_of_each_machine(heavier: Conseque
     assert "the least phase margin goes from" in said(heavier, "Over loads and heights")
 
 
-def test_the_gain_for_the_same_bandwidth_grows_with_the_inertia():
-    # Far above the wire's frequency the motor turns alone.
-    changes = consequences_for(HEAVIER, ideal_hoist(), goal=Goal(30.0))
-    ratio = changes.gains_after.kp / changes.gains_before.kp
-    assert ratio == pytest.approx(1.0 + 0.3 / INERTIA, rel=0.02)
-    assert changes.gains_goal == (30.0, 1.4)
-    assert changes.old_gains_bandwidth_hz < 28.0
-    assert "the old ones give" in said(changes, "For a bandwidth of 30 Hz")
-
-
 def test_an_effect_on_a_sensor_changes_no_run_and_no_loop_and_the_sentence_says_why():
     changes = consequences_for(with_effects(torque_scale={"gain": 1.1}))
     assert all(row.before == row.after for row in changes.rows)
@@ -154,18 +141,6 @@ def test_a_load_that_the_motors_no_longer_hold_is_a_row_with_its_reason_and_a_se
     assert all(math.isnan(row.percent("peak_torque_motor_nm")) for row in failed)
     assert "holding the load takes" in said(overloaded, "Possible no longer at 9000 kg with ruckig")
     assert "not known, a run failed at 9000 kg" in said(overloaded, "The better reference by torque peak")
-
-
-def test_what_the_nominal_machine_knows_already_is_not_counted_as_new():
-    known = with_effects(wire_mass={"mass_kg_per_m": 4.0})
-    both = with_effects(wire_mass={"mass_kg_per_m": 4.0}, friction_viscous={"viscous_n_s_per_m": 4000.0})
-    changes = consequences_for(both, nominal=known)
-    assert changes.effects == ("friction_viscous",)
-
-
-def test_a_payload_that_cannot_be_is_an_error():
-    with pytest.raises(InputError, match=r"payloads_kg: -5\.0"):
-        consequences_of(default_hoist(), default_hoist(), payloads_kg=(-5.0, 0.0))
 
 
 def measured(payload: float, start_m: float, by_m: float, seed: int, irregular: bool = False) -> Run:

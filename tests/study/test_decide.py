@@ -32,7 +32,6 @@ from workbench.study.load import Study, changed, load_study, plan_study
 from workbench.study.rows import Row
 from workbench.study.run import StudyResult, peak_limit, run_specs, run_study
 from workbench.study.scenario import CriterionBlock
-from workbench.view.study import BEST, decision_table
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCES = ("trapezoid", "ruckig", "ruckig_equal_time", "ruckig_least_peak", "optimal")
@@ -288,13 +287,6 @@ def test_the_number_asked_for_keeps_every_limit_and_a_little_more_breaks_one(nam
     assert [one.value for one in made.asked] == sorted(one.value or 0.0 for one in made.asked)  # fewer limits, farther
 
 
-def test_the_smallest_motor_is_asked_for_too():
-    own = study(payloads_kg=(9000.0,), references=("ruckig",), ask="smallest motor")
-    made = answer_of(own, list(run_study(own).rows))
-    value = made.asked[0].value
-    assert value is not None and 300.0 < value < 480.0  # the machine's own passes
-
-
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
@@ -376,26 +368,6 @@ def test_what_is_said_to_come_at_no_cost_is_worse_in_no_criterion_and_what_costs
     assert len([label for label in worse if label in costs]) >= min(len(worse), 3), (worse, costs)
 
 
-def test_the_table_holds_each_reference_at_its_best_in_the_time_of_the_one_taken():
-    """Brute force over all candidates: none of the reference in that time has a smaller sum."""
-    rows = list(result(references=("trapezoid", "ruckig")).rows)
-    made = decided(result().study, rows, beside(study(payloads_kg=(9000.0,), references=("trapezoid", "ruckig")), rows))
-    assert made.taken is not None
-    longest = made.taken.values[TIME] + 5e-3
-    assert len(made.at_equal_time) >= 3 and made.at_equal_time[0] == made.taken
-    for one in made.at_equal_time:
-        own = [c for c in made.left if c.reference == one.reference]
-        in_time = [c for c in own if c.values[TIME] <= longest]
-        assert (
-            one.total == min(c.total for c in in_time)
-            if in_time
-            else one.values[TIME] == min(c.values[TIME] for c in own)
-        )
-    table = decision_table(made)
-    assert table is not None and len(table.rows) == len(made.at_equal_time)
-    assert [line[0].startswith(BEST) for line in table.rows] == [True, *[False] * (len(table.rows) - 1)]
-
-
 def test_the_optimum_is_lowest_of_its_time_and_speed_in_the_closed_loop_too():
     peaks = {row.reference: row[PEAK] for row in result().rows}
     assert peaks["optimal"] < min(peaks["trapezoid"], peaks["ruckig_least_peak"])
@@ -423,14 +395,6 @@ def test_overload_is_red_and_said_first():
     assert uses["torque peak"].light == "red" and uses["rms torque"].light == "red"
     said = alarm(list(uses.values()))
     assert said is not None and said.startswith("Overload: torque peak 100 % of the limit")
-
-
-def test_the_default_study_is_within_what_the_machine_bears():
-    uses = utilisation(result().rows, default_hoist())
-    assert {use.what for use in uses} >= {"torque peak", "rms torque", "overload", "motor speed", "wire"}
-    assert alarm(uses) is None
-    factor = min(r["wire_safety_factor"] for r in result().rows)
-    assert next(use.percent for use in uses if use.what == "wire") == pytest.approx(450.0 / factor)
 
 
 def test_the_bound_is_below_every_motion_of_its_time_and_the_limit_that_equal_time_exceeds_is_named():

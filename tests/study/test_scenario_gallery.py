@@ -111,19 +111,6 @@ def test_jerk_and_acceleration_trade_time_for_torque_and_the_knee_is_inside() ->
         assert sooner["peak_torque_motor_nm"] > later["peak_torque_motor_nm"]
 
 
-def test_a_longer_wire_stretches_further_and_hangs_heavier() -> None:
-    for payload in (0.0, 9000.0):
-        tensions = column(where(rows_of("wire_length"), payload_kg=payload, reference="ruckig"), "max_wire_tension_n")
-        assert all(a < b for a, b in pairwise(tensions))
-
-
-def test_a_harder_start_of_lowering_takes_more_tension_out_of_the_wire() -> None:
-    for payload in (0.0, 9000.0):
-        rows = where(rows_of("hoist_lower_limits"), payload_kg=payload, reference="ruckig")
-        tension = column(rows, "min_wire_tension_n")
-        assert all(a > b > 0.0 for a, b in pairwise(tension))
-
-
 def test_a_harder_emergency_stop_unloads_the_wire_going_up_and_loads_the_motors_going_down() -> None:
     rows = rows_of("emergency_stop")
     for payload in (0.0, 9000.0):
@@ -158,10 +145,3 @@ def test_torque_peaks_scatter_within_the_tolerances_about_the_nominal_one() -> N
     # A friction level of 6 kN ± 15 % is 4.4 N m of a motor, 17 t ± 0.4 % and the rest are less.
     assert abs(peaks.mean() - nominal) < 1.0
     assert 2.0 < peaks.std() < 6.0
-
-
-def test_a_creep_speed_is_kept_after_a_fast_jog() -> None:
-    study = study_of("jog")
-    profile = study.plans["ruckig"].sample(0.01)
-    assert np.interp(13.0, profile.time_s, profile.speed_m_s) == pytest.approx(0.05)
-    assert all(abs(value) < 0.01 for value in column(rows_of("jog"), "position_error_end_m"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.conclude import sentences
 from workbench.study.load import Study, load_study
-from workbench.study.rows import Row, index_table, read_rows
+from workbench.study.rows import index_table, read_rows
 from workbench.study.run import StudyResult, run_study
 from workbench.study.store import Chunk, SavedRuns, place_for, run_batch
 from workbench.view.study import run_table, save_study_page
@@ -164,13 +165,6 @@ def test_a_finished_result_is_never_overwritten(study: Study, tmp_path: Path) ->
     assert not place_for(study, tmp_path / "empty").finished
 
 
-def test_a_result_without_its_index_is_not_taken_for_whole(study: Study, tmp_path: Path) -> None:
-    folder = written(study, tmp_path / "small")
-    (folder / "index.parquet").unlink()
-    with pytest.raises(InputError, match="choose another folder"):
-        place_for(study, folder)
-
-
 def test_without_out_another_study_of_the_name_gets_the_next_number(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -204,14 +198,6 @@ def test_a_loop_that_runs_away_is_a_failed_row_and_the_rest_goes_on(tmp_path: Pa
     assert any(row.run_id in sentence for row in failed for sentence in sentences(result.rows, 768.0))
 
 
-def row(payload: float, kind: str, **changes: float) -> Row:
-    metrics = dict.fromkeys(fixed_columns(), 0.0) | {
-        "moves": 2.0, "hold_torque_nm": 800.0, "slack_events": 0.0, "peak_torque_motor_nm": 500.0,
-        "peak_torque_above_static_nm": 300.0, "speed_error_max_rad_s": 10.0, "move_time_s": 36.0,
-    }  # fmt: skip
-    return Row(f"{payload:g}kg_{kind}", "s", "ok", "", payload, kind, metrics | changes)
-
-
 def test_command_says_that_this_very_study_is_there_and_runs_nothing(
     scenario: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -223,3 +209,46 @@ def test_command_says_that_this_very_study_is_there_and_runs_nothing(
     assert "holds this very study already; nothing was run" in again.output
     assert again.output.splitlines()[:11] == first.output.splitlines()[:11]
     assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+
+
+# The queries of docs/studies.md, run on a result.
+
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
+SCENARIO_STUDY = """\
+format: 1
+name: gains
+payloads_kg: [0, 60000]
+start_position_m: 4.0
+moves: [{by_m: 1.5}, {to_m: 4.0}]
+limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}
+references: [trapezoid, ruckig]
+controller: {kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}
+sweep:
+  controller.kp_nm_s_per_rad: [20.0, 40.0]
+"""
+
+
+@pytest.fixture
+def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "gains.yaml").write_text(SCENARIO_STUDY, encoding="utf-8")
+    study = load_study("gains.yaml")
+    run_batch(study, place_for(study))
+    return tmp_path / "results" / "gains"
+
+
+def test_duckdb_answers_the_query_of_the_docs(results: Path) -> None:
+    duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
+    (query,) = re.findall(r"```sql\n(.*?)```", DOCS, re.DOTALL)
+    lines = duckdb.sql(query).fetchall()
+    rows = [row for row in read_rows(results) if row.ok]
+    assert [line[:2] for line in lines] == [(0.0, 20.0), (0.0, 40.0)]  # the loads of 60 t ran off the rail
+    for payload, kp, peak, error in lines:
+        here = [
+            row for row in rows if (row.payload_kg, row.assigned["sweep.controller.kp_nm_s_per_rad"]) == (payload, kp)
+        ]
+        assert len(here) == 2
+        assert peak == max(row["peak_torque_percent"] for row in here)
+        assert error == min(row["speed_error_max_rad_s"] for row in here)

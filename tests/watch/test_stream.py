@@ -103,12 +103,6 @@ def test_a_clock_that_jumps_in_a_cycle_spoils_that_cycle_only(jump: float, word:
     assert [round(cut.moves_s[0] - jump) for cut in cutter.cycles] == [1008, 1014]
 
 
-def test_what_comes_late_and_at_once_is_no_clock_that_jumps():
-    cutter = Cutter(RULES)
-    play(cutter, 0.0, 6.0, late=lambda t: max(0.0, 3.9 - t) if t > 2.2 else 0.0)
-    assert not cutter.spoilt and len(cutter.cycles) == 1
-
-
 def test_signals_that_come_one_after_the_other_in_one_message_are_all_in_the_cycle():
     cutter, plain = Cutter(RULES), Cutter(RULES)
     play(plain, 0.0, 6.0)
@@ -118,14 +112,6 @@ def test_signals_that_come_one_after_the_other_in_one_message_are_all_in_the_cyc
     cutter.tick(6.1)
     for signal in ("torque", "speed"):
         assert np.array_equal(cutter.cycles[0].series[signal], plain.cycles[0].series[signal])
-
-
-def test_a_lost_line_spoils_a_cycle_under_way():
-    cutter = Cutter(RULES)
-    play(cutter, 0.0, 2.5)
-    cutter.broken("the line was lost")
-    play(cutter, 2.8, 11.9)
-    assert len(cutter.spoilt) == 1 and len(cutter.cycles) == 1
 
 
 def test_a_trigger_marks_cycles_by_its_edges():
