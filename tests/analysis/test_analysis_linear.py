@@ -28,8 +28,8 @@ from workbench.simulate.loop import LoopCase, simulate_loop
 PAYLOADS = (0.0, 4500.0, 9000.0)
 
 
-def with_drive(**drive: float) -> Hoist:
-    return with_values(ideal_hoist(), {f"drive.{key}": value for key, value in drive.items()})
+def with_drive(base: Hoist | None = None, **drive: float) -> Hoist:
+    return with_values(base or ideal_hoist(), {f"drive.{key}": value for key, value in drive.items()})
 
 
 def oscillation(plant: LinearPlant) -> tuple[float, float]:
@@ -117,11 +117,7 @@ def test_the_design_of_a_loop_refuses_more_samples_of_delay_than_it_can_bear():
 PI = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
 
 
-def with_drive_margins(base: Hoist | None = None, **drive: float) -> Hoist:
-    return with_values(base or ideal_hoist(), {f"drive.{key}": value for key, value in drive.items()})
-
-
-SLOW_DRIVE = with_drive_margins(torque_lag_s=0.004, speed_filter_s=0.003, speed_delay_s=0.0025)
+SLOW_DRIVE = with_drive(torque_lag_s=0.004, speed_filter_s=0.003, speed_delay_s=0.0025)
 LIGHTLY_DAMPED = with_values(ideal_hoist(), {"wire.damping_time_s": 0.004})
 # name -> arguments of `linear_loop`
 LOOPS = {
@@ -135,7 +131,7 @@ LOOPS = {
     "at rest": (SLOW_DRIVE, PI, OperatingPoint(9000.0, 10.0, "at_rest")),
     "light damping": (LIGHTLY_DAMPED, PI, OperatingPoint(9000.0, 10.0)),
     "notch": (
-        with_drive_margins(LIGHTLY_DAMPED, speed_delay_s=0.004),
+        with_drive(LIGHTLY_DAMPED, speed_delay_s=0.004),
         PiSettings(
             kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, notch=Notch(frequency_hz=2.2, depth=0.3), low_pass_hz=80.0
         ),
@@ -204,7 +200,7 @@ def test_the_loop_falls_over_at_its_delay_margin_and_not_before(payload: float):
     for factor, stable in ((0.985, True), (1.015, False)):
         # Whole samples: between two of them the interpolation takes amplitude too.
         late = round(more * factor, 3)
-        assert linear_loop(with_drive_margins(SLOW_DRIVE, speed_delay_s=late), PI, point).stable is stable
+        assert linear_loop(with_drive(SLOW_DRIVE, speed_delay_s=late), PI, point).stable is stable
 
 
 def test_a_machine_that_runs_away_has_a_lower_gain_margin_and_falls_over_there():

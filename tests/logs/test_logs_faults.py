@@ -29,7 +29,7 @@ AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"
 
 
 def read(folder: Path, columns: dict[str, Array] | str, runs: str = RUNS) -> Run:
-    return read_campaign(write_campaign(folder, columns, runs)).runs[0]
+    return read_campaign(write_campaign(folder, columns, runs=runs)).runs[0]
 
 
 def refusal(folder: Path, columns: dict[str, Array] | str) -> str:
@@ -469,11 +469,7 @@ def test_optional_signals_in_another_unit_are_dropped_and_said(tmp_path, scale):
 # Wrong logs that can be read: each kind of edit of one run leaves a note that names it, and sound runs leave none.
 
 
-@cache
-def read_doubts(folder: Path) -> Campaign:
-    return read_campaign(folder)
-
-
+recorded = cache(read_campaign)
 HOISTS = ("17", "40")  # torque filtered, twice as large
 AXES = ("09", "14")  # neither as rigid as the law that they are compared with
 
@@ -483,13 +479,13 @@ HIDDEN = {"start position 3 m off"}
 
 @pytest.mark.parametrize("name", HOISTS)
 def test_sound_runs_of_hoists_leave_no_note_whatever_effect_they_show(campaigns: Path, name: str):
-    campaign = read_doubts(campaigns / name)
+    campaign = recorded(campaigns / name)
     assert doubts_of(campaign.machine, campaign.runs) == []
 
 
 @pytest.mark.parametrize("name", AXES)
 def test_sound_runs_of_axes_leave_no_note(shared_data: Path, name: str):
-    campaign = read_campaign(shared_data / "axes" / name)
+    campaign = recorded(shared_data / "axes" / name)
     assert doubts_of(campaign.machine, campaign.runs) == []
 
 
@@ -505,7 +501,7 @@ def test_no_sound_run_of_all_recordings_leaves_a_note(shared_data: Path):
 
 @pytest.mark.parametrize("edit", sorted(set(EDITS) - HIDDEN))
 def test_an_edited_run_is_named_and_no_other(campaigns: Path, edit: str):
-    campaign = read_doubts(campaigns / "01")
+    campaign = recorded(campaigns / "01")
     for k in (1, 2):
         run = edited(campaign.machine, campaign.runs[k], edit, seed=k)
         if run is None:  # an empty run has no payload to lose
@@ -516,7 +512,7 @@ def test_an_edited_run_is_named_and_no_other(campaigns: Path, edit: str):
 
 
 def test_a_start_position_is_held_against_the_logged_one(campaigns: Path):
-    campaign = read_doubts(campaigns / "21")
+    campaign = recorded(campaigns / "21")
     run = edited(campaign.machine, campaign.runs[2], "start position 3 m off", seed=0)
     assert run is not None
     (note,) = doubts_of(campaign.machine, [*campaign.runs[:2], run, *campaign.runs[3:]])
@@ -534,7 +530,7 @@ def test_a_start_position_is_held_against_the_logged_one(campaigns: Path):
     ],
 )
 def test_an_edited_run_of_an_axis_is_named(shared_data: Path, edit: str, said: str):
-    campaign = read_campaign(shared_data / "axes" / "01")
+    campaign = recorded(shared_data / "axes" / "01")
 
     def scaled(run: Run, change: Callable[[np.ndarray], np.ndarray]) -> Run:
         return replace(run, signals={**run.signals, "force_n": change(run["force_n"])})
@@ -551,7 +547,7 @@ def test_an_edited_run_of_an_axis_is_named(shared_data: Path, edit: str, said: s
 
 
 def test_a_wrong_payload_is_told_with_the_one_that_fits(campaigns: Path):
-    campaign = read_doubts(campaigns / "01")
+    campaign = recorded(campaigns / "01")
     wrong = replace(campaign.run("half_fast"), payload_kg=4.5)
     runs = [wrong if run.name == wrong.name else run for run in campaign.runs]
     (note,) = doubts_of(campaign.machine, runs)
