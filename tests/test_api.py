@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import builtins
 import importlib
 import inspect
 import subprocess
@@ -122,20 +121,6 @@ def test_every_result_has_a_table_figures_and_columns(kind: str):
                 raise
             continue
         assert type(figure).__module__.startswith("plotly.") and len(figure.data) >= 1, name
-
-
-def test_without_pandas_there_is_one_clear_error(monkeypatch: pytest.MonkeyPatch):
-    real = builtins.__import__
-
-    def without(name: str, *args: Any, **options: Any) -> Any:
-        if name == "pandas":
-            raise ImportError(name)
-        return real(name, *args, **options)
-
-    run = result("Run")
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(wb.InputError, match="needs pandas, which is optional; pip install pandas"):
-        run.to_pandas()
 
 
 def test_a_wrong_table_figure_metric_or_signal_suggests_the_nearest():

@@ -282,12 +282,6 @@ def test_gearbox_inertia_lowers_the_crossover_in_proportion_to_the_inertia(more:
     assert before.crossover_hz / after.crossover_hz == pytest.approx(1.0 + more / INERTIA, rel=0.005)
 
 
-def test_a_ripple_is_no_spring_on_the_shaft():
-    # Its slope over the angle, 900 N m/rad, is seven times the wire's; under way it averages out.
-    rippled = with_effects(torque_ripple={"amplitude_nm": 30.0, "order_per_turn": 30.0})
-    np.testing.assert_allclose(linearise(rippled, POINT).A, linearise(ideal_hoist(), POINT).A, rtol=1e-9, atol=1e-9)
-
-
 def lagging(tau: float) -> Effects:
     """Friction of 6000 N s/m on a carriage speed that is late by a first-order lag."""
     memory = Memory(
@@ -304,12 +298,6 @@ def test_a_memory_that_the_motion_moves_is_a_state_of_the_loop():
     assert element(plant, "late_speed", "late_speed") == pytest.approx(-1.0 / tau)
     assert element(plant, "speed_carriage_m_s", "late_speed") == pytest.approx(-6000.0 / mass)
     assert plant.start[1][-1] == pytest.approx(plant.start[1][2])  # settled at the even speed
-
-
-def test_the_memory_of_a_brake_that_has_let_go_is_no_state_of_the_loop():
-    released = with_effects(brake_drag={"torque_nm": 60.0})
-    assert linearise(released, POINT).states == linearise(ideal_hoist(), POINT).states
-    assert margins_of(released) == margins_of(ideal_hoist())
 
 
 def test_the_loop_command_says_what_is_in_the_loop_and_what_is_not(tmp_path: Path):

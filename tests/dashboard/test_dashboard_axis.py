@@ -6,15 +6,11 @@ from typing import Any
 
 import pytest
 
-from tests.support import axes
-from tests.support.dashboard_app import errors, figures, good, page
+from tests.support.dashboard_app import errors, figures, page
 from workbench.control import LinearCascade
 from workbench.dashboard import chosen as machines
 from workbench.dashboard.desk import (
     Desk,
-    edited,
-    from_address,
-    in_address,
     shipped_desk,
     usual_desk,
 )
@@ -100,22 +96,6 @@ def test_an_axis_gains_go_from_loop_to_study_and_leave_the_hoists_alone():
     study.session_state[KEY] = loop.session_state[KEY]
     study.run()
     assert study.slider(key="study.kp").value == 5000.0 and not study.exception
-
-
-@pytest.mark.parametrize("machine", [EMPS, ROTARY, axes.two_inertia()], ids=lambda machine: machine.name)
-def test_a_link_shows_an_axis_study_on_its_own_machine(machine):
-    usual = usual_desk(machine).scenario
-    scenario = edited(usual, machine, {"speed": 0.7 * usual.limits.given()["speed_m_s"]})
-    text = in_address(scenario, machine)
-    assert text is not None
-    read, own = from_address(text)
-    assert own == machine
-    assert read.scenario == scenario.model_copy(update={"machine": read.scenario.machine})
-    app = page("Study")
-    app.query_params["study"] = text
-    good(app.run())
-    assert "".join(app.query_params["study"]) == text  # the page writes the same link
-    assert app.selectbox(key="study machine").value in (machine.name, machines.AXIS)
 
 
 def test_a_page_for_hoists_says_so_and_leaves_the_axis_chosen():

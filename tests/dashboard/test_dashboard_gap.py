@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from streamlit.testing.v1 import AppTest
 
-from tests.support.dashboard_app import after, errors, good, made_job, metrics, page, the_job, titles, until, words
+from tests.support.dashboard_app import after, errors, good, made_job, page, the_job, until, words
 from tests.support.log_campaign import hoist_columns, write_campaign
 from tests.support.made_diagnosis import made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
@@ -20,10 +20,8 @@ from workbench.dashboard.jobs import VIEW, Job, new_id, read_view
 from workbench.dashboard.pages import gap
 from workbench.diagnose import diagnose as orchestration
 from workbench.machines import load_machine
-from workbench.view.diagnosis import sections_of
 
 BOX = "gap campaign"
-TABS = ["Verdict", "Where it lies", "Before and after", "Told apart, next run", "Control study", "Gap and logs"]
 Made = Callable[..., tuple[str, Job]]
 
 
@@ -60,14 +58,6 @@ def shown(number: str) -> AppTest:
     app.run()
     assert not app.exception
     return app
-
-
-def turned(app: AppTest, job: Job, tab: str) -> AppTest:
-    app.session_state[f"{TAB} {job.id}"] = tab
-    return good(app.run())
-
-
-TAB = gap.TAB
 
 
 def one_candidate() -> AppTest:
@@ -107,37 +97,6 @@ def test_a_diagnosis_is_cancelled_tried_again_and_removed(server):
     app.button(key=f"stop {job.id}").click().run()
     after(app, job).button(key=f"remove {job.id}").click().run()
     assert not job.folder.exists() and "which effect the model lacks" in words(app)
-
-
-def test_the_answer_stands_first_and_each_tab_draws_its_own_figures_only(made):
-    number, job = made("named")
-    app = shown(number)
-    assert "##### The machine lacks friction_viscous." in words(app)
-    assert "That probability means: of a hundred campaigns judged like this one" in words(app)
-    assert list(metrics(app)) == ["Torque residual", "Noise floor", "Shrinks by", "Speed error"]
-    assert all(delta.startswith("-") for _, delta in metrics(app).values() if delta)
-    assert [tab.label for tab in app.tabs] == TABS
-    assert titles(app) == ["Probability", "How the gap shows"]
-    drawn = {
-        "Where it lies": ["Measured and predicted torque", "Mean residual (N m) over what may explain it"],
-        "Before and after": [
-            "Residual on held-out runs, rms (N m)",
-            "Torque residual (dashed: ± 2 × noise of 0.49 N m; grey: at rest or at an end, left out)",
-            "Speed replayed open loop, in % of nominal motor speed",
-        ],
-        "Told apart, next run": ["Angle between the marks that two effects leave in these runs"],
-        "Control study": ["Control study before and after: friction_viscous"],
-        "Gap and logs": [],
-    }  # fmt: skip
-    for tab, expected in drawn.items():
-        assert titles(turned(app, job, tab)) == expected
-    # and they are the report's
-    view, sections = read_view(gap.View, job), sections_of(made_diagnosis("named", True))
-    assert list(view.sections) == list(sections)
-    for name in set(sections) - {"answer", "verdict"}:
-        kept = list(map(tuple, view.sections[name].figures))
-        assert kept == [(json.loads(figure.to_json()), note) for figure, note in sections[name].figures if figure]
-    assert job.file(VIEW).stat().st_size < 1_000_000
 
 
 def test_after_a_reload_the_newest_is_shown_and_only_to_who_knows_the_address(made):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from workbench.dashboard.pages.loop import gain_steps, rule_settings
 from workbench.logs import read_campaign
 from workbench.machines import Hoist, default_hoist, with_values
 from workbench.machines.files import machine_text
-from workbench.machines.multibody.exudyn_import import engine
 from workbench.simulate.models import compare_models
 from workbench.study.size import size
 from workbench.view.size import sentences
@@ -42,15 +40,6 @@ def lagging() -> Any:
     for name, value in (("torque_lag_s", 4.0), ("speed_filter_s", 3.0), ("speed_delay_s", 2.0)):
         app.number_input(key=f"loop {name} {OWN[name]}").set_value(value)
     return app.run()
-
-
-def test_the_page_draws_bode_nyquist_steps_and_the_gang_of_four():
-    app = page("Loop").run()
-    assert not app.exception and errors(app) == []
-    titles = [figure["layout"]["title"]["text"] for figure in figures(app)]
-    assert titles == ["Open loop L", "Nyquist", "Step responses of the linear loop", "Gang of four"]
-    app.selectbox(key="loop unit").set_value("rad/s").run()
-    assert figures(app)[0]["layout"]["xaxis2"]["title"]["text"] == "frequency (rad/s)"
 
 
 def test_the_numbers_are_the_weakest_loops_own(lagging):
@@ -177,14 +166,6 @@ def test_both_models_are_compared_by_a_job_and_shown(server: Path, lift: Path):
     assert jobs.jobs_of(job.folder.parents[1], "models") == [job]
     job.file(jobs.VIEW).write_text('{"heading": 3}')
     assert errors(app.run()) == [f"{jobs.VIEW}: this result is damaged; compute it again"]
-
-
-def test_without_the_extra_the_button_says_how_to_get_it(server: Path, lift: Path, monkeypatch: pytest.MonkeyPatch):
-    engine.cache_clear()
-    monkeypatch.setitem(sys.modules, "exudyn", None)
-    (said,) = errors(compared())
-    engine.cache_clear()
-    assert "pip install '.[multibody]'" in said and not list(server.glob("work-*"))
 
 
 def test_what_cannot_be_compared_is_said_without_the_servers_folder(server: Path, lift: Path):

@@ -109,21 +109,6 @@ def test_a_loaded_scenario_sets_the_controls_and_stays_under_the_sliders_that_mo
     assert app.text_input(key="study.name").value == "payloads"
 
 
-def test_a_slider_changes_the_numbers_and_the_range_of_another(drawn):
-    app, last = good(against_ruckig().run()), metrics(drawn)
-    for key, value in {
-        "study.jerk": 2.0,
-        "study.acceleration": 0.9,
-        "study.bandwidth": 1.2,
-        "study.ff inertia": 1.0,
-    }.items():
-        good(app.slider(key=key).set_value(value).run())
-        assert metrics(app) != last
-        last = metrics(app)
-    good(app.slider(key="study.start").set_value(24.0).run())  # near the top, which leaves this room to move
-    assert app.slider(key="study.way").value == 1.0
-
-
 def test_a_session_has_a_private_folder_that_goes_with_it_or_with_its_server(tmp_path: Path):
     script = (
         "import streamlit as st\nfrom workbench.dashboard.session import workspace\nst.text(str(workspace()))\n"

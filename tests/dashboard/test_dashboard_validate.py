@@ -10,13 +10,11 @@ from typing import Any
 
 import pytest
 
-from tests.support.dashboard_app import downloads, errors, metrics, page, titles, words
+from tests.support.dashboard_app import errors, metrics, page, titles, words
 from tests.support.log_campaign import hoist_columns, write_campaign
-from tests.support.simulated_campaign import TRUTH, simulated_campaign
+from tests.support.simulated_campaign import simulated_campaign
 from workbench.dashboard import chosen as campaigns
-from workbench.identify.identify import identify
 from workbench.logs import read_campaign
-from workbench.machines import Hoist
 from workbench.simulate.replay import replay_runs
 
 BOX = "validate campaign"
@@ -63,30 +61,6 @@ def test_the_replay_is_the_librarys_own(offered):
     assert app.dataframe[0].value["run"].tolist() == ["empty", "half", "full", "all runs"]
     assert "Identify fits the values. The page Gap names what the model lacks." in words(app)
     assert "workbench" not in words(app)
-
-
-def test_identification_finds_the_friction_and_the_machine_can_be_kept_and_downloaded(offered, tmp_path):
-    app = page("Validate").run()
-    before = number(app, "Torque residual, moving")
-    app.button(key="validate identify").click().run()
-    assert not app.exception and errors(app) == []
-    assert number(app, "Torque residual, moving") < 0.5 * before
-    assert next(m for m in app.metric if m.label == "Torque residual, moving").delta.startswith("-")
-    table = app.dataframe[0].value.set_index("parameter")
-    level = table.loc["guide.coulomb_hoisting_n"]
-    assert abs(float(level["identified"]) - TRUTH["guide.coulomb_hoisting_n"]) < 4.0 * float(level["± std error"])
-    assert titles(app)[0].startswith("Identified values, ± one standard error")
-    app.button(key="validate keep").click().run()
-    kept = app.session_state["machines kept"]
-    assert list(kept) == ["identified from spring"]
-    expected = identify(read_campaign(offered)).machine
-    assert isinstance(expected, Hoist)
-    assert kept["identified from spring"].guide == expected.guide
-    assert [element.value for element in app.toast] == ["Kept as identified from spring"]
-    assert downloads(app) == ["machine.yaml"]
-    app.selectbox(key="validate machine").set_value("identified from spring").run()  # it can be replayed, too
-    assert number(app, "Torque residual, moving") < 0.5 * before
-    assert "Identified machine" not in words(app)
 
 
 def test_the_servers_copy_of_an_upload_is_let_go(simulated, monkeypatch):

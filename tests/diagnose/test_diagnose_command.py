@@ -219,13 +219,6 @@ def test_the_terminal_shows_the_set_that_is_alike_and_the_run_that_decides(capsy
     assert "viscous_n_s_per_m 4210 130" in said
 
 
-def test_the_terminal_says_why_a_cause_is_unknown(capsys: pytest.CaptureFixture[str]):
-    print_sections(brief_sections(made_diagnosis("unknown")))
-    said = " ".join(capsys.readouterr().out.split())
-    assert "- An unlisted effect explains more: friction_step. Weigh it among the candidates." in said
-    assert "- The best hypothesis leaves 3.6 N m, 0.8 % of the input, beyond noise and what a model may miss." in said
-
-
 def test_without_a_gap_the_terminal_claims_no_shrink_and_no_share_of_it(capsys: pytest.CaptureFixture[str]):
     d = made_diagnosis("no_gap")
     print_sections(brief_sections(d))

@@ -26,7 +26,7 @@ from workbench.machines import load_machine
 from workbench.simulate.driven import InverseSimulation, pooled_rms
 from workbench.view import diagnosis
 from workbench.view.diagnosis import save_diagnosis_page, write_diagnosis
-from workbench.view.diagnosis_figures import ALL, RunSeries, isolability, profiles, residuals, series_of, shrink_bars
+from workbench.view.diagnosis_figures import ALL, RunSeries, residuals, series_of, shrink_bars
 from workbench.view.diagnosis_json import probabilities, to_json
 from workbench.view.place import marked_machine
 from workbench.view.style import AFTER, BEFORE, REST, WINDOW
@@ -223,7 +223,6 @@ def test_every_place_of_a_gap_is_marked_once_on_the_drawing(subsystem: str):
 # The figures of a diagnosis carry the data they are given, with units, and one colour for before and after.
 
 
-WAYS = ("hoisting", "lowering")
 TIME = np.linspace(0.0, 10.0, 401)
 
 
@@ -261,34 +260,6 @@ def test_the_residual_stands_before_and_after_with_noise_windows_and_rests():
     assert shaded(figure, REST) == [(0.0, 1.0), (9.0, 10.0)]
     assert [shape.y0 for shape in figure.layout.shapes if shape.type == "line"] == [1.2, -1.2]
     assert "torque residual (N m)" in titles(figure)
-
-
-def test_profiles_have_a_panel_a_variable_on_one_scale():
-    where = made_diagnosis("named").where
-    assert where is not None
-    figure = profiles(where.profiles, "N m", WAYS)
-    forward, backward = traces(figure, WAYS[0]), traces(figure, WAYS[1])
-    assert len(forward) == len(backward) == len(where.profiles) == 3
-    first = where.profiles[0]
-    known = np.isfinite(first.mean_forward)
-    drawn = np.array([np.nan if value is None else value for value in forward[0].y])
-    np.testing.assert_allclose(drawn[known], first.mean_forward[known])
-    assert np.isnan(drawn[~known]).all()
-    assert figure.layout.yaxis2.range == figure.layout.yaxis4.range == figure.layout.yaxis6.range
-    assert [title for title in titles(figure) if title.endswith(")")] == [
-        "speed (m/s)", "carriage height (m)", "time since the start (s)", "mean residual (N m)",
-    ]  # fmt: skip
-    assert sum(trace.showlegend for trace in forward) == 1
-
-
-def test_the_isolability_matrix_shows_each_pair_once():
-    angle = np.array([[0.0, 12.0, 80.0], [12.0, 0.0, 45.0], [80.0, 45.0, 0.0]])
-    (heat,) = isolability(["a", "b", "c"], angle, chosen=["b"]).data
-    assert list(heat.x) == ["a", "<b>b</b>"]
-    assert list(heat.y) == ["<b>b</b>", "c"]
-    assert [list(row) for row in heat.z] == [[12.0, None], [80.0, 45.0]]
-    assert [list(row) for row in heat.text] == [["12", ""], ["80", "45"]]
-    assert (heat.zmin, heat.zmax) == (0.0, 90.0)
 
 
 def test_shrink_has_two_bars_a_run_and_the_noise_floor():

@@ -273,10 +273,6 @@ def test_a_gain_that_differs_between_the_ways_comes_again_with_the_load(problem:
     assert loaded_share(problem, gain) > 0.3 > 0.05 > loaded_share(problem, noise)
 
 
-def test_noise_does_not(problem: Problem):
-    assert repeated_share(problem, np.random.default_rng(1).normal(size=problem.samples)) < 0.05
-
-
 def test_an_impact_is_sudden_and_noise_is_not(problem: Problem):
     noise = np.random.default_rng(1).normal(size=problem.samples)
     impact = np.where(np.arange(problem.samples) == problem.samples // 3, 100.0, 0.0)

@@ -177,18 +177,6 @@ def test_what_is_stated_sums_to_one_and_changes_no_answer(values: list[float], o
     assert [row.probability for row in stated[1:]] == sorted((row.probability for row in stated[1:]), reverse=True)
 
 
-def test_twins_have_one_probability_for_both_names():
-    told = [(("a",), 40.0), (("b",), 40.0), (("c",), 38.0), (("a", "d"), 30.0)]
-    apart = rank(told, NO_EVIDENCE, NUMBERS)
-    first, *rest = rank(told, NO_EVIDENCE, NUMBERS, [[("a",), ("b",)]])
-    assert (first.effects, first.twins) == (("a",), (("b",),))
-    assert first.probability == pytest.approx(2.0 * apart[0].probability)
-    assert ("b",) not in [row.effects for row in rest]
-    assert {row.effects: row.probability for row in apart if row.effects not in [("a",), ("b",)]} == pytest.approx(
-        {row.effects: row.probability for row in rest}
-    )
-
-
 def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):
     problem, fit = tight
 

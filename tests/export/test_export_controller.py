@@ -19,11 +19,9 @@ from workbench.control import FeedForward, Notch, PiSettings
 from workbench.core.errors import InputError
 from workbench.export.controller_program import CHECKS, checked, program_of, record_of
 from workbench.export.controller_text import controller_files
-from workbench.export.drives import drive_settings
 from workbench.export.fmu import host_compiler
 from workbench.export.model import model_of
 from workbench.machines import default_hoist
-from workbench.references import Limits
 from workbench.simulate.loop import torque_limits
 
 HOIST = default_hoist()
@@ -284,15 +282,6 @@ def test_the_plcopen_xml_holds_the_block_of_the_text():
         etree.XMLSchema(etree.parse(os.environ["TC6_SCHEMA"])).assertValid(
             etree.fromstring(files["speed_controller.xml"].encode())
         )
-
-
-def test_a_ramp_with_rounding_takes_as_long_as_the_jerk_limited_reference():
-    """MM440's t = (P1130 + P1131)/2 + step/P1082 P1120 against v/a + a/j, for a step that reaches full acceleration."""
-    ramp = Limits(0.7, 0.6, 0.8)
-    made = {n: row["value"] for n, row in drive_settings("siemens-s120", PLAIN, HOIST, ramp=ramp)["parameters"].items()}
-    step_rpm = ramp.speed_m_s / HOIST.lift_m_per_rad * 60.0 / (2.0 * math.pi)
-    takes = 0.5 * (made["p1130"] + made["p1131"]) + step_rpm / made["p1082"] * made["p1120"]
-    assert takes == pytest.approx(0.7 / 0.6 + 0.6 / 0.8)
 
 
 class Later(PiSettings):

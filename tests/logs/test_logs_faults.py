@@ -19,7 +19,7 @@ from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, csv_text
 from workbench.cli.campaign import load_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.logs import Campaign, read_campaign
+from workbench.logs import read_campaign
 from workbench.logs.campaign import RunsError
 from workbench.logs.doubts import doubts_of
 from workbench.logs.samples import find_spikes

@@ -300,17 +300,3 @@ def test_a_sinumerik_trace_holds_what_does_not_change_and_skips_what_is_no_value
     )
     (tmp_path / "trace.xml").write_text("<trace/>")
     assert "holds no trace" in str(refusal(tmp_path / "trace.xml"))
-
-
-def test_a_scope_with_full_time_stamps_counts_in_windows_time(tmp_path: Path):
-    as_scope(tmp_path / "scope.csv")
-    text = (tmp_path / "scope.csv").read_text().split("\n")
-    for i, line in enumerate(text[9:-2], 9):
-        cells = line.split("\t")
-        for j in (0, 2):
-            ticks = round(1e4 * float(cells[j].replace(",", "."))) if cells[j] else 0
-            cells[j] = str(132960000000000000 + ticks) if cells[j] else ""
-        text[i] = "\t".join(cells)
-    (tmp_path / "full.csv").write_text("\n".join(text))
-    for plain, full in zip(*(read_channels(tmp_path / name) for name in ("scope.csv", "full.csv")), strict=True):
-        assert np.diff(full.time_s) == pytest.approx(np.diff(plain.time_s), abs=5e-6)

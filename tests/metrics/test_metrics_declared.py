@@ -89,13 +89,6 @@ def test_it_is_a_column_of_the_printed_table_with_its_own_head_unit_and_digits(f
     assert "longest move" in shown.note
 
 
-def test_many_runs_have_its_quantiles_and_its_worst_run(folders: dict[str, Path]) -> None:
-    rows = read_finished(folders["sample"]).rows
-    assert "drum torque peak kN m" in tables.quantile_table(rows).heads
-    ends = tables.extremes_table(rows, []).rows
-    assert "worst drum torque peak" in [line[0] for line in ends]
-
-
 def test_compare_shows_it_knows_which_way_is_worse_and_takes_limits(
     folders: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

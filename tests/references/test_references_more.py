@@ -20,7 +20,6 @@ from workbench.references import (
     RecordedPlan,
     Step,
     StoppedPlan,
-    motion_time_s,
     plan_motion,
     planned_kinds,
 )
@@ -129,19 +128,6 @@ def test_any_jog_keeps_to_its_limits_and_its_position_integrates_its_speed(value
 def test_a_jog_that_cannot_be_made_is_named_by_its_step(steps: list[Step], says: str) -> None:
     with pytest.raises(InputError, match=says):
         plan_motion("ruckig", steps, 10.0, UP, RAIL)
-
-
-@given(st.lists(st.floats(0.0, 25.0), min_size=1, max_size=5), st.sets(st.sampled_from(WITHOUT_A_MACHINE), min_size=1))
-def test_motion_time_is_that_of_the_slowest_plan(heights: list[float], kinds: set[str]) -> None:
-    steps, here = [], 4.0
-    for height in heights:
-        if abs(height - here) > 1e-3:
-            steps.append(Step(to_m=height))
-            here = height
-    steps = [*steps, Step(dwell_s=1.0)] if steps else [Step(by_m=1.0)]
-    longest = max(plan_motion(kind, steps, 4.0, PAIR, RAIL).duration_s for kind in kinds)
-    # Each move counts with its own slowest kind, which for these kinds is the same one.
-    assert motion_time_s(sorted(kinds), steps, 4.0, PAIR, RAIL) == pytest.approx(longest, abs=1e-9)
 
 
 TIME = np.arange(0.0, 30.0, 0.02)

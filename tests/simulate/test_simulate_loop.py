@@ -120,11 +120,6 @@ def test_a_case_among_others_is_bit_for_bit_the_case_alone(n, alone):
         assert_same(together, single)
 
 
-def test_two_threads_give_bit_for_bit_what_one_gives():
-    for a, b in zip(simulate_loop(many(33), threads=1), simulate_loop(many(33), threads=2), strict=True):
-        assert_same(a, b)
-
-
 def test_cases_of_unequal_length_and_sample_time_come_back_in_order_each_as_it_is_alone():
     slow = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, sample_time_s=0.002)
     mixed = [case(ramp(30.0, 600)), case(ramp(20.0, 400), settings=slow), case(ramp(10.0, 900)), case(ramp(-30.0, 600))]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -126,15 +125,3 @@ def test_results_without_a_common_run_are_bad_input(folders: tuple[Path, Path], 
         InputError, match=r"no run is in both A \(.*a\) and B \(.*b\): payload is .* in A and 77 kg in B"
     ):
         called(folders, *words)
-
-
-def test_json_holds_the_figures_and_no_infinity(folders: tuple[Path, Path], tmp_path: Path) -> None:
-    never_slack = row("a", 0.0, peak_torque_motor_nm=100.0, slack_time_s=0.0)
-    pq.write_table(index_table([never_slack]), folders[0] / "index.parquet")
-    file = tmp_path / "said.json"
-    called(folders, "--max-regression", "slack_time=1%", "--json", str(file))
-    said = json.loads(file.read_text())
-    assert said["metrics"][PEAK]["mean_delta"] == 4.0
-    assert said["metrics"]["slack_time_s"]["mean_percent"] is None
-    assert said["regressions"] == [{"limit": "slack_time_s=1%", "worse": None, "run": "a", "a": 0.0, "b": 1.0}]
-    assert said["only_b"] == ["b", "c"]

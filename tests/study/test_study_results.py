@@ -165,20 +165,6 @@ def test_a_finished_result_is_never_overwritten(study: Study, tmp_path: Path) ->
     assert not place_for(study, tmp_path / "empty").finished
 
 
-def test_without_out_another_study_of_the_name_gets_the_next_number(
-    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert place_for(study).folder == Path("results/small")
-    written(study, Path("results/small"))
-    assert place_for(study).finished
-    other = replace(study, scenario=study.scenario.model_copy(update={"settle_s": 1.0}))
-    place = place_for(other)
-    assert place.folder == Path("results/small-2")
-    assert "results/small-2" in place.note
-    assert "another result" in place.note
-
-
 def test_a_loop_that_runs_away_is_a_failed_row_and_the_rest_goes_on(tmp_path: Path) -> None:
     # Holding 68 t takes 3.2 kN m and the drive gives at most 1.5: the load runs off the rail. Without it all is well.
     path = tmp_path / "wild.yaml"

@@ -103,17 +103,6 @@ def test_a_clock_that_jumps_in_a_cycle_spoils_that_cycle_only(jump: float, word:
     assert [round(cut.moves_s[0] - jump) for cut in cutter.cycles] == [1008, 1014]
 
 
-def test_signals_that_come_one_after_the_other_in_one_message_are_all_in_the_cycle():
-    cutter, plain = Cutter(RULES), Cutter(RULES)
-    play(plain, 0.0, 6.0)
-    for signal, size in (("torque", 10.0), ("speed", 1.0)):
-        for k in range(300):
-            cutter.add(signal, 1000.0 + k * DT, size * speed_at(k * DT), 6.0)
-    cutter.tick(6.1)
-    for signal in ("torque", "speed"):
-        assert np.array_equal(cutter.cycles[0].series[signal], plain.cycles[0].series[signal])
-
-
 def test_a_trigger_marks_cycles_by_its_edges():
     cutter = Cutter(CutRules("speed", still=0.1, stand_s=1.0, silent_s=1.0, triggered=True))
     last = math.nan
