@@ -259,17 +259,6 @@ def test_every_name_of_the_api_page_exists_and_says_what_it_is():
         assert (getattr(thing, "__doc__", "") or "").strip(), name
 
 
-def test_the_first_what_if_of_the_start_page_is_a_study(tmp_path: Path):
-    from workbench.study.load import load_study
-
-    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
-    text = (DOCS / "start.md").read_text(encoding="utf-8")
-    blocks = [body for language, body in FENCE.findall(text) if language == "yaml"]
-    (tmp_path / "softer.yaml").write_text(blocks[0], encoding="utf-8")
-    study = load_study(tmp_path / "softer.yaml")
-    assert (study.scenario.name, study.scenario.limits.jerk_m_s3, len(study.specs)) == ("softer", 0.4, 9)
-
-
 def test_the_first_result_of_the_start_page_is_what_the_study_prints(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

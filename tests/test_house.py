@@ -206,11 +206,6 @@ def test_a_defect_of_workbench_is_never_hidden(failing):
         main(["replay"])
 
 
-def test_a_misspelt_command_is_answered_with_the_nearest(capsys):
-    assert exit_of(["replya"]) == 2
-    assert "unknown command 'replya'; did you mean 'replay'?" in capsys.readouterr().err
-
-
 def test_version_and_help_are_printed(capsys):
     assert exit_of(["--version"]) == 0
     assert capsys.readouterr().out == f"workbench {workbench.__version__}\n"

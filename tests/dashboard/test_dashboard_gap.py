@@ -99,17 +99,6 @@ def test_a_diagnosis_is_cancelled_tried_again_and_removed(server):
     assert not job.folder.exists() and "which effect the model lacks" in words(app)
 
 
-def test_after_a_reload_the_newest_is_shown_and_only_to_who_knows_the_address(made):
-    number, first = made("no_gap")
-    made("named", work=number)
-    app = shown(number)
-    assert "The machine lacks friction_viscous" in words(app)
-    app.selectbox(key="gap shown").set_value(first.id).run()
-    assert not app.exception and "No gap: what is left is noise" in words(app)
-    for stranger in (page("Gap").run(), shown(new_id())):
-        assert "which effect the model lacks" in words(stranger)
-
-
 def test_an_uploaded_campaign_is_copied_for_its_job(server, spring, monkeypatch):
     monkeypatch.delenv(chosen.VARIABLE)
     app = page("Gap").run()

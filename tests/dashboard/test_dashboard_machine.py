@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from workbench.dashboard.pages.machine import LARGE
 from workbench.logs import read_campaign
 from workbench.machines import default_hoist
 from workbench.simulate.loop import LoopCase, simulate_loop
-from workbench.view.film import HEIGHT, Scene, film, film_data, look_of, scene_of, sizes
+from workbench.view.film import HEIGHT, Scene, film, look_of, scene_of
 from workbench.view.style import GROUND
 
 
@@ -38,11 +37,6 @@ def scene(lift: Run, **changes: Any) -> Scene:
     return Scene(**{**vars(made), **changes})
 
 
-def runs(*shown: Scene) -> list[dict[str, Any]]:
-    made: list[dict[str, Any]] = film_data(default_hoist(), shown)["runs"]
-    return made
-
-
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_film_is_one_page_that_fetches_nothing(lift, dark):
     page_of = film(default_hoist(), [scene(lift, name="</script><b>x"), scene(lift)], dark)
@@ -53,22 +47,6 @@ def test_the_film_is_one_page_that_fetches_nothing(lift, dark):
     wire = ["#{:02X}{:02X}{:02X}".format(*colour) for colour in data["viridis"]]  # at every tension
     ground = GROUND if dark else "#FFFFFF"
     assert min(contrast(colour, ground) for colour in [*wire, look_of(dark).faint, look_of(dark).edge]) >= 3.0
-
-
-def test_drum_and_sheave_turn_as_the_drawn_wire_runs(lift):
-    s, shown = sizes(default_hoist()), scene(lift)
-    (run,) = runs(shown)
-    taken = shown.wound_m[-1] - shown.wound_m[0]
-    assert taken > 0.0
-    turned = [math.radians(run[name][-1] - run[name][0]) for name in ("drum_deg", "sheave_deg")]
-    assert turned[0] == pytest.approx(taken / s.R, rel=1e-3)  # hoisting turns the drum counter-clockwise
-    assert turned[1] == pytest.approx(-taken / (2.0 * s.r), rel=1e-3)  # and the sheave backward
-
-
-def test_a_slack_wire_of_one_sample_is_not_lost_between_frames(lift):
-    slack = np.zeros(len(lift.time_s), dtype=bool)
-    slack[int(np.searchsorted(lift.time_s, 5.0))] = True
-    assert sum(runs(scene(lift, slack=slack))[0]["slack"]) == 1
 
 
 def test_a_measured_run_gets_the_tensions_and_heights_of_the_model(lift, tmp_path):

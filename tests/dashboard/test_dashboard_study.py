@@ -141,25 +141,6 @@ def test_a_link_shows_the_study_that_it_was_copied_from():
     assert metrics(other) == metrics(app)
 
 
-def test_limits_and_weights_that_are_set_decide():
-    app = page("Study").run()
-    assert "Out at 9000 kg" not in app.info[0].value
-    app.number_input(key="study.limit wire_tension_swing_n").set_value(19.0).run()  # kN: the trapezoid swings by 20.5
-    assert not app.exception and errors(app) == []
-    said = app.info[0].value.replace("\\", "")
-    assert "the trapezoid (" in said.partition("Out at 9000 kg:")[2] and "Take the trapezoid" not in said
-    assert "study" in app.query_params
-    app.number_input(key="study.limit wire_tension_swing_n").set_value(0.001).run()
-    assert "Take none of these" in app.info[0].value
-    app.number_input(key="study.limit wire_tension_swing_n").set_value(None).run()
-    assert "Out at 9000 kg" not in app.info[0].value and "study" not in app.query_params
-    weights = [str(w.key) for w in app.number_input if w.label == "weight"]
-    assert len(weights) > 5
-    for key in weights:
-        app.number_input(key=key).set_value(0.0)
-    assert errors(app.run()) == ["Decision: limits and weights: every weight is 0, expected one above 0"]
-
-
 def test_each_move_of_a_widget_counts_and_so_does_what_is_changed_elsewhere():
     app = AppTest.from_string(
         "import streamlit as st\nfrom workbench.dashboard.widgets import held\n"
@@ -215,17 +196,6 @@ def test_an_error_shows_the_files_name_and_no_markdown():
     assert not app.exception and not app.markdown
     assert errors(app) == ["machine.yaml:3: **bold** $x$ [a](b)"]
     assert "\\*\\*bold" in app.error[0].value
-
-
-def test_a_file_that_is_too_large_is_refused_before_it_is_read():
-    class Large:
-        size = 2_000_001
-
-        def getvalue(self) -> bytes:
-            raise AssertionError("was read")
-
-    with pytest.raises(InputError, match=r"machine.yaml: 2.0 MB, expected at most 1 MB"):
-        session.stored(Large(), "machine.yaml")
 
 
 def test_streamlit_run_and_the_command_set_the_server_up_alike():

@@ -89,23 +89,6 @@ def test_two_sessions_do_not_see_each_others_uploads(simulated):
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "said"),
-    [
-        ("lifts.zip", b"no zip", "lifts.zip: is not a readable zip file; zip the campaign's folder again"),
-        ("runs.yaml", b"runs: []", "machine.yaml: is missing; did you mean"),
-        ("lift.csv", b"time_s", "machine.yaml: is missing; valid: lift.csv"),
-    ],
-)  # fmt: skip
-def test_a_bad_upload_is_one_clear_sentence(name, content, said):
-    app = page("Validate").run()
-    app.file_uploader(key=f"{BOX} files 0").upload(name, content, "text/plain")
-    app.run()
-    assert not app.exception
-    (shown,) = errors(app)
-    assert shown.startswith(said.partition("; did")[0])
-
-
 def test_a_log_outside_an_owners_campaign_is_not_read(offer, tmp_path):
     runs = "runs:\n- {name: lift, file: ../secret.csv, payload_kg: 0.0, start_position_m: 9.0}\n"
     folder = write_campaign(tmp_path / "broken", hoist_columns(), runs=runs)

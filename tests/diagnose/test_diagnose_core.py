@@ -31,7 +31,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, loudest, signatures_of
+from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, signatures_of
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation
@@ -376,12 +376,3 @@ def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: 
     # At the best point of the base nothing is gained by it either: what is projected out was nothing.
     stacked = hoist.errors.whiten(base.residual)
     assert projection.residual @ projection.residual == pytest.approx(stacked @ stacked + base.prior, rel=1e-3)
-
-
-def test_the_loudest_waves_along_the_way_hold_a_fine_pitch_under_noise():
-    """54 waves on a way of 1 m, among waves of which only every third lies near one that is tried evenly."""
-    rng = np.random.default_rng(1)
-    place = 0.5 + 0.5 * np.sin(np.linspace(0.0, 20.0, 4000))
-    waves = np.linspace(1.2, 400.0, 2000)
-    chosen = waves[loudest(0.1 * np.sin(2.0 * np.pi * 54.0 * place) + rng.normal(0.0, 0.3, 4000), place, waves)]
-    assert np.min(np.abs(chosen - 54.0)) < 0.2

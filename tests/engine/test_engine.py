@@ -160,12 +160,6 @@ def test_a_lane_that_fails_does_not_spoil_its_neighbours():
     assert np.array_equal(spoilt[:, :, others], whole[:, :, others])
 
 
-def test_two_threads_give_bit_for_bit_what_one_gives():
-    p, times, torques, starts = scenarios(40)
-    one, two = (replay(p, times, torques, starts, threads=threads) for threads in (1, 2))
-    assert np.array_equal(one, two)
-
-
 def test_parameters_of_another_number_of_rows_are_refused():
     """Compiled code would read beyond them."""
     p = values()

@@ -284,19 +284,3 @@ def test_a_trend_of_studio_5000_is_read_over_midnight(tmp_path: Path):
         with pytest.raises(InputError, match=said) as refused:
             read_channels(tmp_path / "trend.csv")
         assert refused.value.line == len(TREND) + 4
-
-
-def test_a_sinumerik_trace_holds_what_does_not_change_and_skips_what_is_no_value(tmp_path: Path):
-    (tmp_path / "trace.xml").write_text(
-        '<trace><traceDisplaySetup><signals><signal key="7" description="Drehmoment [Nm]" name="r80"/></signals>'
-        '</traceDisplaySetup><traceData><dataFrame><dataSignal key="7"/><dataSignal key="8" name="speed" '
-        'description="speed (64 bit)"/><rec time="0" f1="1.5" f2="9218868437227405312"/><rec time="0.002" f2="3"/>'
-        '<rec time="0.004" f1="2.5"/></dataFrame></traceData></trace>'
-    )
-    torque, speed = read_channels(tmp_path / "trace.xml")
-    assert (torque.name, torque.unit) == ("Drehmoment", "Nm") and torque.time_s.tolist() == [0.0, 0.002, 0.004]
-    assert torque.values.tolist() == [1.5, 1.5, 2.5] and np.array_equal(
-        speed.values, [np.nan, 3.0, 3.0], equal_nan=True
-    )
-    (tmp_path / "trace.xml").write_text("<trace/>")
-    assert "holds no trace" in str(refusal(tmp_path / "trace.xml"))

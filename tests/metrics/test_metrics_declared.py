@@ -9,13 +9,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from tests.metrics.test_metrics import P, trace
 from tests.support.commands import Commands
 from tests.support.dashboard_app import page
 from tests.support.scenario_text import write
 from workbench.cli import cli
 from workbench.machines import default_hoist
-from workbench.metrics import LoopMetric, RunMetric, add, columns, find, forget_added, measure
+from workbench.metrics import LoopMetric, RunMetric, add, columns, find, forget_added
 from workbench.study.store import read_finished
 from workbench.view import study as tables
 
@@ -120,7 +119,3 @@ def test_the_dashboard_shows_it_on_study_and_compare(declared: None) -> None:
     assert not both.exception
     words = {str(cell).replace("\\", "") for cell in both.table[0].value.iloc[:, 0]}
     assert {"Drum torque peak (kN m)", "Longest move (s)"} <= words
-
-
-def test_a_log_is_measured_by_it(declared: None) -> None:
-    assert measure(trace(), P)["peak_drum_torque_nm"] == pytest.approx(300.0 * P.ratio)

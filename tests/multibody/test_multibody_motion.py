@@ -197,17 +197,6 @@ def test_an_effect_of_the_guide_acts_as_the_library_says(effect: dict[str, Any],
     assert run["force_guide_n"][-1] == pytest.approx(expected + more_n(v), rel=2e-3)
 
 
-def test_bristles_hold_the_load_where_it_rests():
-    """A little torque more bends them and moves nothing; without bristles the carriage creeps off."""
-
-    def crept(switches: Switches) -> float:
-        run = move(MACHINE, 4500.0, 6.0, torque(lambda t: 8.0 * min(t, 1.0)), 4.0, step_s=0.004, switches=switches).run
-        half, end = np.interp([2.0, 4.0], run.time_s, run["position_carriage_m"])
-        return float(abs(end - half))
-
-    assert crept(Switches(bristle_m=3e-4)) < 0.05 * crept(Switches())
-
-
 def test_a_wire_pulls_and_never_pushes():
     run = move(MACHINE, 0.0, 9.0, torque(lambda t: -20000.0), 0.5, step_s=0.002).run
     assert np.min(run["tension_min_n"]) < 100.0  # the drum outruns the carriage

@@ -12,7 +12,6 @@ from click.testing import CliRunner
 
 from tests.support.scenario_text import study_of
 from workbench.cli import cli
-from workbench.core.errors import InputError
 from workbench.references import (
     Limits,
     Move,
@@ -26,7 +25,6 @@ from workbench.references import (
     plan_motion,
     planned,
     planned_kind,
-    planned_kinds,
 )
 from workbench.references.limits import Step
 from workbench.references.shape import shortest_move, shortest_ramp
@@ -101,11 +99,3 @@ def test_a_kind_may_take_the_time_of_any_other(declared: PlannedKind) -> None:
     wanted = 12.0 / 0.7 + 0.7 / 0.75
     assert move_shape(as_long, 12.0, LIMITS).duration_s == pytest.approx(wanted, abs=1e-9)
     assert move_time_s(as_long, 12.0, LIMITS) == pytest.approx(wanted, abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    "name", sorted(name for name, kind in planned_kinds().items() if kind.needs_jerk and not kind.needs_load)
-)
-def test_a_kind_that_needs_a_jerk_limit_says_so(name: str) -> None:
-    with pytest.raises(InputError, match=f"jerk_m_s3: '{name}' needs a finite jerk limit"):
-        move_time_s(planned_kind(name), 1.0, Limits(0.7, 0.5))

@@ -10,7 +10,7 @@ from workbench.machines import default_hoist
 from workbench.study.front import fronts
 from workbench.study.labels import swept_axes
 from workbench.study.rows import Row
-from workbench.view.study_figures import envelope_nm, metrics_over_axis, pareto, plane, spread
+from workbench.view.study_figures import envelope_nm, metrics_over_axis, pareto, plane
 
 JERK, KP = "sweep.limits.jerk_m_s3", "sweep.controller.kp_nm_s_per_rad"
 PEAK = "peak_torque_motor_nm"
@@ -59,18 +59,6 @@ def test_over_an_axis_the_worst_of_the_other_runs_is_the_line():
     band = one(figure, "ruckig, same limits: all")
     np.testing.assert_allclose(band.y, [130.0, 230.0, 210.0, 110.0])
     assert {shape.y0 for shape in figure.layout.shapes} == {480.0, 768.0}
-
-
-def sample() -> list[Row]:
-    return [row({"sample.x_s": float(k)}, peak_torque_motor_nm=500.0 + k) for k in range(101)]
-
-
-def test_the_distribution_ends_at_a_hundred_per_cent_and_marks_its_quantiles():
-    lines = [trace for trace in spread(sample(), (PEAK,)).data if trace.name == "ruckig, same limits"]
-    histogram, distribution, marks = lines
-    assert distribution.y[-1] == pytest.approx(100.0)
-    np.testing.assert_allclose(marks.x, [505.0, 550.0, 595.0])
-    np.testing.assert_allclose(histogram.y[1:-1:2].sum(), 100.0, rtol=1e-6)
 
 
 def test_the_envelope_is_flat_to_nominal_speed_and_then_of_constant_power():
