@@ -12,13 +12,19 @@ import pytest
 from tests.support.driven_campaign import driven, planned
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import base_parameters
+from workbench.diagnose.hypotheses.free_parameters import base_parameters, effect_parameters, within
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.search import Search
+from workbench.diagnose.hypotheses.search import TOLERANCES, TURNED, Search
 from workbench.diagnose.law import Law, find_law
+from workbench.diagnose.location.profiles import spacing, times
+from workbench.diagnose.location.where import where_of
 from workbench.diagnose.machines import refitted_machine
-from workbench.diagnose.tables import in_no_file
+from workbench.diagnose.tables import (
+    in_no_file,
+)
 from workbench.diagnose.unknown import Explained, explain, explained_machine, with_unknown
+from workbench.effects import ranges_of
 from workbench.effects.loading import load_effects
 from workbench.effects.registry import forget_users
 from workbench.logs import read_campaign
@@ -30,22 +36,30 @@ FAN_NM_S2, STEP_N, STEP_AT_M = 0.00156, 2640.3, 7.043  # of the labels of campai
 Case = tuple[Problem, Fitted, Explained]
 
 
-def base_fit(problem: Problem) -> Fitted:
+def base_fit(problem: Problem, bounded: bool = False) -> Fitted:
     free = list(base_parameters(problem.machine, problem.runs).values())
+    if bounded:
+        free = [within(parameter, TURNED if parameter.logarithmic else TOLERANCES) for parameter in free]
     return fit_hypothesis(problem, (), free, np.zeros(len(free)), 40)
 
 
-def explained(folder: Path) -> Case:
+def explained(folder: Path, bounded: bool = False, place: str = "") -> Case:
     campaign = read_campaign(folder)
     problem = Problem(campaign.machine, campaign.runs).exact()
-    base = base_fit(problem)
-    return problem, base, explain(problem, base)
+    base = base_fit(problem, bounded)
+    return problem, base, explain(problem, base, place=place)
 
 
 @pytest.fixture(scope="module")
 def fan(campaigns: Path) -> Case:
     """A drag on the motor that grows with the square of its speed."""
     return explained(campaigns / "32")
+
+
+@pytest.fixture(scope="module")
+def bounded_fan(campaigns: Path) -> Case:
+    """The same, base parameters within their tolerances, as a diagnosis has it."""
+    return explained(campaigns / "32", True, "motor")
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +81,39 @@ def test_a_fans_drag_is_a_curve_over_the_motors_speed(fan: Case):
     assert explanation.before > 4.0
     assert explanation.after < 1.2 * problem.noise
     assert explanation.held_out.rms(problem.inputs) < 0.25 * explanation.before
+
+
+def test_the_stated_share_of_a_place_is_what_the_true_effect_takes_in_its_windows(bounded_fan: Case):
+    """Refuted by a fit of the fan itself, base parameters beside it: 0 % were stated beside the right place."""
+    problem, base, _ = bounded_fan
+    where = where_of(problem, base)
+    assert (where.subsystem, where.regime) == ("motor", "speed")
+    effect = problem.effect("motor_fan")
+    (size,) = ranges_of(effect, problem.machine, problem.runs)
+    drag, start = effect_parameters(effect, (size,), {size.symbol: FAN_NM_S2})
+    true = fit_hypothesis(problem, ("motor_fan",), [*base.free, *drag], np.append(base.z, start), 40)
+    at, run_of = times(problem), problem.run_of_row
+    inside = np.zeros(problem.inputs, dtype=bool)
+    for window in where.windows:
+        j = next(j for j, run in enumerate(problem.runs) if run.name == window.run)
+        inside |= (run_of == j) & (window.from_s <= at) & (at <= window.to_s)
+    left = np.where(inside, true.residual, base.residual)
+    beyond = spacing(problem) @ (base.residual**2 - problem.noise**2)
+    assert where.share == pytest.approx(spacing(problem) @ (base.residual**2 - left**2) / beyond, abs=0.05)
+
+
+def test_what_a_law_takes_is_held_against_the_same_gap_as_all_else(bounded_fan: Case):
+    problem, base, explanation = bounded_fan
+    alone = held_out(problem, base, folds_by_run(problem)).rms(problem.inputs)
+    said = next(sentence for sentence in explanation.sentences if sentence.startswith("As a law"))
+    assert f"from {alone:.3g} to {explanation.law.after:.3g} N m" in said
+    assert explanation.law.acts_on == explanation.curves[0].acts_on == "motor"
+    (square,) = (
+        value
+        for value, formula in zip(explanation.law.values, explanation.law.formulas, strict=True)
+        if "v |v|" in formula
+    )
+    assert square[1] == pytest.approx(FAN_NM_S2, rel=0.05)
 
 
 def test_a_step_in_the_rails_is_a_curve_over_the_height(rail: Case):

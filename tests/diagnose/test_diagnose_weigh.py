@@ -215,6 +215,17 @@ def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Probl
     assert runners_up(judged((viscous,), {(viscous,): 539.0, (mass,): 117.0}), "hoist") == ()
 
 
+def test_no_gap_beside_a_residual_that_noise_does_not_explain_states_it():
+    answer = types.SimpleNamespace(word="no_gap", ranking=[Hypothesis("no_gap", (), 0.84)])
+    for after, relevant in ((0.14, False), (2.7, False), (2.7, True)):
+        shrink = types.SimpleNamespace(unit="N", before=after, after=after, noise=0.13)
+        rest = types.SimpleNamespace(rms=after, percent_of_input=4.6, relevant=relevant, regime="speed")
+        said = sentence_of(cast(Any, answer), cast(Any, shrink), cast(Any, rest), ())
+        assert ("the model explains these runs" in said) == (after < 0.2)
+        assert ("leaves 2.7 N rms on runs held out, 21 times the noise and 4.6 % of the input" in said) == (after > 0.2)
+        assert ("mostly with speed, enough to change a conclusion" in said) == relevant
+
+
 def test_no_gap_is_not_credited_to_tolerances_that_the_refit_breaks():
     """The stated chance is that of a brute force over honest machines, and only an improbable value is stated."""
     parameters = {f"p{k}": types.SimpleNamespace(std=0.1, logarithmic=False) for k in range(6)}

@@ -11,7 +11,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
@@ -273,16 +273,38 @@ def validate(model: type[Model], document: Document) -> Model:
     try:
         return model.model_validate(document.data)
     except ValidationError as error:
-        problems = problem_lines(model, error, document.data)
-        lines = [
+        raise together(
             InputError(text, file=document.file, line=document.line(place), place=dotted(place) or None)
-            for place, text in problems
-        ]
-        first = lines[0]
-        rest = [str(line) for line in lines[1:]]
-        raise InputError(
-            "; ".join([first.problem, *rest]), file=first.file, line=first.line, place=first.place
+            for place, text in problem_lines(model, error, document.data)
         ) from error
+
+
+def together(errors: Iterable[InputError]) -> InputError:
+    """Several problems as one error, which stands where the first one does."""
+    first, *rest = errors
+    text = "; ".join([first.problem, *map(str, rest)])
+    return InputError(text, file=first.file, line=first.line, place=first.place)
+
+
+def checked(model: type[Model], data: dict[str, Any]) -> Model:
+    """The record of plain values. InputError names the first key that does not fit."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        place, problem = problem_lines(model, error, data)[0]
+        raise InputError(problem, place=dotted(place) or None) from error
+
+
+def put(data: dict[str, Any], path: Place, value: Any) -> None:
+    """Set a value in blocks of blocks, which are made where there are none. What was a whole number stays one."""
+    *inner, last = path
+    block: Any = data
+    for part in inner:
+        if block.get(part) is None:
+            block[part] = {}
+        block = block[part]
+    was_whole = isinstance(block.get(last), int) and not isinstance(block[last], bool)
+    block[last] = int(value) if was_whole and isinstance(value, float) and value.is_integer() else value
 
 
 def problem_lines(

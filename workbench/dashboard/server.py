@@ -77,7 +77,7 @@ def content_security_policy() -> str:
     Inline scripts of Streamlit's page and of the film are known by their hash. Streamlit runs a component's script from
     a blob and sets styles inline.
     """
-    inline = [Path(st.__file__).parent / "static" / "index.html", Path(__file__).parents[1] / "view" / "film.html"]
+    inline = [Path(st.__file__).parent / "static" / "index.html", Path(__file__).parents[1] / "view" / "film.html.j2"]
     scripts = [s for page in inline for s in re.findall(r"<script>(.*?)</script>", page.read_text("utf-8"), re.DOTALL)]
     digests = [base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts]
     known = " ".join(f"'sha256-{digest}'" for digest in digests)

@@ -39,7 +39,15 @@ from workbench.diagnose.readiness.noise import informative_band, motion_noise
 from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.residual_tests import ResidualTest, residual_tests
 from workbench.diagnose.verdict.answer import Candidate, Left, ReasonKind, Remainder, Verdict, shared
-from workbench.diagnose.verdict.judge import Judged, alike, alternatives, judged_to_help, runners_up, steps
+from workbench.diagnose.verdict.judge import (
+    Judged,
+    alike,
+    alternatives,
+    judged_to_help,
+    runners_up,
+    steps,
+    unlisted_likely,
+)
 from workbench.effects import Effect, effects_for
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
@@ -51,6 +59,7 @@ if TYPE_CHECKING:
     from workbench.diagnose.unknown import Explained, Unknown
     from workbench.study.load import Study
 
+NOISY = 1.5  # times the noise: a residual above it is stated, for the noise does not explain it
 STAYS = 0.95  # of the held-out residual: what leaves more of it relieves the tolerances only
 MOSTLY = {
     "speed": "with speed",
@@ -103,7 +112,13 @@ def sentence_of(
     if judged.word == "no_gap":
         if gap is not None and (stretch := stretch_of(gap)):
             return f"No gap stands out ({size}; {chance(sure)}), but these runs put {stretch}: check that value."
-        return f"No gap: within its tolerances the model explains these runs ({size}; {chance(sure)})."
+        if shrink.after < NOISY * shrink.noise:
+            return f"No gap: within its tolerances the model explains these runs ({size}; {chance(sure)})."
+        return (
+            f"No gap that an effect of the library explains ({chance(sure)}): refitted within its tolerances the model "
+            f"leaves {shrink.after:.2g} {unit} rms on runs held out, {shrink.after / shrink.noise:.2g} times the noise "
+            f"and {_of_input(rest)}."
+        )
     if judged.word == "unknown":
         # Rivals are weighed beside what may be named: one of them may well explain it.
         which = "listed effect" if any(hypothesis.rival for hypothesis in judged.weighed) else "effect of the library"
@@ -131,15 +146,17 @@ def sentence_of(
         text += f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}"
         text += f", noise {shrink.noise:.2g}. It explains {_percent(1.0 - rest.share)} of the gap's energy beyond noise"
     if rest.rms > 0.0:
-        text += (
-            f"; {rest.rms:.2g} {unit} remain, {rest.percent_of_input:.2g} % of the input, "
-            + (f"mostly {MOSTLY[rest.regime]}, " if rest.relevant and rest.regime in MOSTLY else "")
-            + ("enough to change a conclusion" if rest.relevant else "too little to change a conclusion")
-        )
+        text += f"; {rest.rms:.2g} {unit} remain, {_of_input(rest)}"
     if others := [name for name in also if not any(name in names for names in same)]:
         it = "it" if len(judged.names) == 1 else "one of them"
         text += f"; these runs cannot tell {it} from {', '.join(others)}"
     return text + "."
+
+
+def _of_input(rest: Remainder) -> str:
+    mostly = f"mostly {MOSTLY[rest.regime]}, " if rest.relevant and rest.regime in MOSTLY else ""
+    enough = "enough" if rest.relevant else "too little"
+    return f"{rest.percent_of_input:.2g} % of the input, {mostly}{enough} to change a conclusion"
 
 
 def _percent(share: float) -> str:
@@ -290,6 +307,8 @@ def diagnose(
     also = alike(judged, problem.active.kind)
     asked = _open(judged, alternatives(judged, problem.active.kind))
     more = next_run(problem, search, asked)
+    if judged.word == "unknown" and more is None:
+        more = next_run(problem, search, unlisted_likely(judged))
     if judged.word == "named" and len(asked) == 1:
         more = next_run(problem, search, [*asked, *runners_up(judged, problem.active.kind)], settled=APART)
         if more is not None and variety(problem.bench):  # what the runs do not vary would tell them apart
@@ -301,7 +320,7 @@ def diagnose(
     if judged.word == "unknown":
         from workbench.diagnose.unknown import explain, explained_machine
 
-        unknown = explain(problem, search.within_tolerances, fits)
+        unknown = explain(problem, search.within_tolerances, fits, where.subsystem if where else "")
         corrected = explained_machine(problem, unknown)
     replayed = refitted_replay
     if corrected is not refitted:
@@ -318,15 +337,20 @@ def diagnose(
     warnings = (*warnings, *differing(delivered))
     if judged.word == "named" and (also or shrink.ci95[0] <= 1.0):  # the runs leave it open
         judged = replace(judged, ranking=shared(judged.ranking, also))
+    remainder = remainder_of(problem, fit or search.within_tolerances, len(search.base.z), shrink, seed)
     say(Progress(Stage.CONSEQUENCES))
     changes, why_not = None, "Not asked for."
     if study and judged.word == "no_gap":
         why_not = "No gap: the study's conclusions stand as they are."
+        if remainder.relevant:
+            why_not = (
+                f"No effect is named that would change them; {remainder.percent_of_input:.2g} % of the input, which no "
+                "effect explains, is in no study."
+            )
     elif study:
         changes, why_not = consequences_of(
             campaign.machine, corrected, refitted=refitted, runs=campaign.runs, scenario=scenario
         )
-    remainder = remainder_of(problem, fit or search.within_tolerances, len(search.base.z), shrink, seed)
     sentence = sentence_of(
         judged,
         shrink,

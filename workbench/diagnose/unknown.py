@@ -83,6 +83,7 @@ def _plain(value: float, decimals: int) -> str:
 REFINED = 2  # tables that are tried on points of their own choice
 DRIVEN, NEAR = 2, 0.05  # tables that are driven: the best, and others that explain nearly as much
 USEFUL = 0.1  # of the gap's energy on what was left out: a table that takes less away stays out of the machine
+STRETCHED = 0.9  # of it: what base parameters leave beyond their tolerances is stated where it is less
 SHOWN = 0.02  # the same, for a curve to be shown
 
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
@@ -103,23 +104,26 @@ class Explained(Unknown):
     machines: tuple[Hoist | Axis, ...]
 
 
-def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = ()) -> Explained:
+def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = (), place: str = "") -> Explained:
     """The cause as an unlisted effect of the library, as a table, and as a law in a formula.
 
-    fitted: the base parameters' fit, without an effect. rivals: fits of unlisted effects that may explain it. The
+    fitted: the base parameters' fit, without an effect. rivals: fits of unlisted effects that may explain it. place:
+    where it most likely lies; of tables that explain about as much the one there is taken. The
     effect stands in the corrected machine where it leaves no more on held-out runs than the table, else the table.
     Deterministic. ValueError for a fit with effects: see the module's first lines.
     """
-    found = _tabled(problem, fitted)
+    found, folds = _tabled(problem, fitted, place), folds_by_run(problem)
+    alone = held_out(problem, fitted, folds).rms(problem.inputs)
     curve = found.curves[0]
     if law := find_law(problem, fitted, curve.acts_on):
         variable = next(table for table in variables_of(problem) if table.over == curve.over)
         columns = Tables(problem, fitted).linear(variable, curve.at).columns
         levels = np.asarray(np.linalg.lstsq(columns, law.taken, rcond=1e-6)[0], dtype=float)
-        found = replace(found, sentences=(*found.sentences, *_law_sentences(problem, law)), law=law, law_levels=levels)
+        found = replace(
+            found, sentences=(*found.sentences, _law_sentence(problem, law, alone)), law=law, law_levels=levels
+        )
     if not rivals:
         return found
-    folds = folds_by_run(problem)
     unseen, rival = min(
         ((held_out(problem, fit, folds), fit) for fit in rivals), key=lambda one: one[0].rms(problem.inputs)
     )
@@ -130,7 +134,7 @@ def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = ()) -> 
     whole = corrected_machine(problem, keys, rival)
     effects = {name: whole.effects[name] for name in rival.effects}
     values = ", ".join(powers(f"{key} {value:.3g}") for of in effects.values() for key, value in of.items())
-    share = _share(problem, held_out(problem, fitted, folds).rms(problem.inputs), unseen.rms(problem.inputs))
+    share = _share(problem, alone, unseen.rms(problem.inputs))
     sentence = (
         f"{' and '.join(effects)}, in the library and not listed, explains {100.0 * share:.0f} % of its energy on "
         f"{_left_out(problem)} ({values}). machine.yaml holds it."
@@ -141,21 +145,26 @@ def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = ()) -> 
     )  # fmt: skip
 
 
-def _law_sentences(problem: Problem, law: Law) -> tuple[str, ...]:
+def _law_sentence(problem: Problem, law: Law, alone: float) -> str:
+    """alone: rms on what was left out, base parameters within their tolerances, as everything else is held against."""
     values = ", ".join(
         f"{name} = {powers(f'{value:.4g}')} ± {powers(f'{error:.2g}')} {unit}".rstrip()
         for name, value, error, unit in law.values
     )
     unit = kind_of(problem.machine).drive.unit
+    stretched = ""
+    if law.before < STRETCHED * alone:
+        stretched = f"; base parameters alone, as far off as it takes, leave {law.before:.3g} {unit}"
     return (
         f"As a law in a formula: {law.equation}, {law.unit} at the {law.acts_on}, with {values}. On "
-        f"{_left_out(problem)} it takes {100.0 * law.explains:.0f} % of the energy, from {law.before:.3g} to "
-        f"{law.after:.3g} {unit}. It says what the force looks like within these runs, not where it comes from.",
+        f"{_left_out(problem)} it takes {100.0 * _share(problem, alone, law.after):.0f} % of the energy, from "
+        f"{alone:.3g} to {law.after:.3g} {unit}{stretched}. It says what the force looks like within these runs, not "
+        "where it comes from."
     )
 
 
-def _tabled(problem: Problem, fitted: Fitted) -> Explained:
-    """The cause as a table."""
+def _tabled(problem: Problem, fitted: Fitted, place: str) -> Explained:
+    """The cause as a table, at the place it most likely lies in if one there explains about as much."""
     if fitted.effects:
         raise ValueError(f"expected the base parameters' fit, got one of {', '.join(fitted.effects)}")
     tables, before = Tables(problem, fitted), fitted.rms(problem.inputs)
@@ -166,7 +175,8 @@ def _tabled(problem: Problem, fitted: Fitted) -> Explained:
     tried = [tables.refined(table) for table in tried[:REFINED]] + tried[REFINED:]
     tried.sort(key=lambda table: table.left)
     near = [table for table in tried[:DRIVEN] if tried[0].fit.explains - table.fit.explains < NEAR]
-    best = min((tables.driven(table) for table in near), key=lambda table: table.rms)
+    there = [table for table in near if table.variable.acts_on == place]
+    best = min((tables.driven(table) for table in there or near), key=lambda table: table.rms)
     unseen, machines = tables.held_out(best)
     # What the stiff machine promised, the driven one has to keep.
     kept = _share(problem, alone.rms(problem.inputs), unseen.rms(problem.inputs))

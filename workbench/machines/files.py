@@ -6,13 +6,13 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from workbench.core.errors import InputError, nearest
 from workbench.core.whole_folder import replace_text
-from workbench.core.yaml_strict import Document, dotted, dumps, load, problem_lines, validate
+from workbench.core.yaml_strict import Document, checked, dumps, load, put, validate
 from workbench.machines.kinds import KINDS
 from workbench.machines.kinds.axis import Axis
 from workbench.machines.kinds.hoist import Hoist
@@ -143,12 +143,8 @@ def with_values(machine: AnyMachine, values: Mapping[str, float]) -> AnyMachine:
     for name, value in values.items():
         if name not in known:
             raise _unknown(machine, name)
-        block, parts = data, name.split(".")
-        for part in parts[:-1]:
-            block = block[part]
-        whole = isinstance(block[parts[-1]], int) and float(value).is_integer()
-        block[parts[-1]] = int(value) if whole else float(value)
-    return _checked(machine, data)
+        put(data, tuple(name.split(".")), float(value))
+    return checked(type(machine), data)
 
 
 def with_correction(
@@ -167,15 +163,7 @@ def with_correction(
     table = {"at": at, f"forward_{unit}": forward, f"backward_{unit}": backward}
     numbers = {name: tuple(float(value) for value in values) for name, values in table.items()}
     data = machine.model_dump() | {"measured_correction": {"over": over, "acts_on": acts_on, **numbers}}
-    return _checked(machine, data)
-
-
-def _checked(machine: AnyMachine, data: dict[str, Any]) -> AnyMachine:
-    try:
-        return cast(AnyMachine, type(machine).model_validate(data))
-    except ValidationError as error:
-        place, problem = problem_lines(type(machine), error, data)[0]
-        raise InputError(problem, place=dotted(place) or None) from error
+    return checked(type(machine), data)
 
 
 def _unknown(machine: Hoist | Axis, name: str) -> InputError:

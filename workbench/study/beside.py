@@ -31,7 +31,7 @@ from workbench.references.limits import raised
 from workbench.study.decide import Given, candidates, criteria_for, decisions
 from workbench.study.front import fronts
 from workbench.study.grid import RunSpec
-from workbench.study.labels import field_label, listed, swept_axes, words_of
+from workbench.study.labels import field_label, listed, said, swept_axes, words_of
 from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import peak_limit, run_specs
@@ -245,16 +245,13 @@ def on_another_damping(study: Study) -> str | None:
     own = [spec for spec in runs if spec.reference in planned_kinds()] or runs[:1]
     load = load_of(own[0].machine, own[0].payload_kg)
     if load is None or load.rigid:
-        return (
-            "No damping is assumed: the axis is one stiff inertia. No figure holds a vibration of what it carries, nor "
-            "what a jerk limit saves of it."
-        )
+        return said.stiff()
     rings = load.damping <= 1.5 * RINGING
     if load.hangs:
-        name, path, swing, scale = "wire", "wire.damping_time_s", "wire_tension_swing_n", 1.0
+        path, swing, scale = "wire.damping_time_s", "wire_tension_swing_n", 1.0
         damped_s, damped = PAPER_S, f"the paper's assumption of c/k = {PAPER_S:g} s"
     else:
-        name, path, swing = "coupling", "coupling.damping_nm_s_per_rad", "settling_time_s"
+        path, swing = "coupling.damping_nm_s_per_rad", "settling_time_s"
         scale, damped_s = load.stiffness_n_per_m, 2.0 * ELASTOMER / load.angular_frequency_rad_s
         damped = "a coupling with an elastomer spider"
     time_s = damped_s if rings else 2.0 * RINGING / load.angular_frequency_rad_s
@@ -272,22 +269,12 @@ def on_another_damping(study: Study) -> str | None:
     swept = ", ".join(field_label(column).of(value) for column, value in own[0].assigned.items())
     where = " and ".join(part for part in (f"{own[0].payload_kg:g} kg" if load.hangs else "", swept) if part)
     ratio = replace(load, damping_time_s=time_s).damping
-    figures = []
-    for a, b in pairs:
-        texts = [(m, m.text(b[m.name]), m.text(a[m.name])) for m in metrics]
-        changes = [f"{m.label} {now} instead of {was} {m.shown_unit}" for m, now, was in texts if now != was]
-        figures.append(f"{words_of(a.reference)} has {' and '.join(changes) or 'the same figures'}")
-    choice = ""
-    if first is not None and len(own) > 1 and not study.scenario.sweep and not study.scenario.sample:
-        there = then.words if then else "none"
-        on = f"either {name}" if there == first.words else f"this {name}, {there} on that"
-        choice = f" Of the study's references {first.words} is the one to take on {on}."
-    return (
-        f"The answer depends {'little ' if 100.0 * moved < HARDLY else ''}on the {name}'s damping"
-        f"{'' if study.scenario.plant == 'lumped' else ', on the lumped machine'}: with damping ratio {ratio:.2g} "
-        f"({damped if rings else f'a {name} that rings'}) instead of the {load.damping:.2g} assumed"
-        f"{f', at {where},' if where else ''} {'; '.join(figures)}.{choice}"
-    )
+    figures = [(words_of(a.reference), [(m, m.text(b[m.name]), m.text(a[m.name])) for m in metrics]) for a, b in pairs]
+    chosen = first and len(own) > 1 and not study.scenario.sweep and not study.scenario.sample
+    return said.damping(
+        load, ratio, 100.0 * moved < HARDLY, study.scenario.plant == "lumped", damped if rings else "", where, figures,
+        first.words if first and chosen else "", then.words if then else "none",
+    )  # fmt: skip
 
 
 POINTS = 8  # values a round: the lanes that run side by side
@@ -424,21 +411,10 @@ class _Search:
 
 def asked_sentences(study: Study, found: Sequence[Asked]) -> list[str]:
     """The number that was asked for, what limits it, and how far it goes without that limit."""
-    said, name = [], study.scenario.ask or ""
-    for reference in dict.fromkeys(one.reference for one in found):
-        parts: list[str] = []
-        for one in (one for one in found if one.reference == reference):
-            question = QUESTIONS[name]
-            lead = "Without that limit it is" if parts else f"The {name} with {words_of(reference)} is"
-            if one.value is None:
-                side = "below" if question.most else "above"
-                parts.append(f"{lead} {side} {one.beyond:.4g} {question.unit}: there {listed(one.broken[:2])}.")
-            elif not one.broken:
-                parts.append(f"{lead} beyond {one.value:.4g} {question.unit}, where the search ends.")
-            else:
-                parts.append(f"{lead} {one.value:.4g} {question.unit}: beyond it {one.broken[0]}.")
-        said.append(" ".join(parts))
-    return said
+    name, of = study.scenario.ask or "", dict[str, list[Asked]]()
+    for one in found:
+        of.setdefault(one.reference, []).append(one)
+    return [said.asked(name, QUESTIONS[name], reference, own) for reference, own in of.items()]
 
 
 EQUAL = "ruckig_equal_time"
@@ -458,7 +434,7 @@ def from_the_bound(study: Study) -> list[str]:
     if not distances:
         return []
     limits, judged = own.limits, set_of(kind_of(own.machine).name)
-    limit, of_load, word, unit = peak_limit(own.machine), load.force_limit_n, judged.input_words, judged.input_unit
+    limit, of_load = peak_limit(own.machine), load.force_limit_n
     scale = limit / of_load if math.isfinite(of_load) else 1.0  # of a force at the load: one motor's torque
 
     def moves_of(name: str) -> Moves:
@@ -468,7 +444,8 @@ def from_the_bound(study: Study) -> list[str]:
         return scale * max(peak_force_n(shape, load) for shape in moves)
 
     moves = {name: moves_of(name) for name in specs if name in planned_kinds()}
-    where = f" at {own.payload_kg:g} kg" if judged.payload else ""
+    trapezoid_s = sum(shape.duration_s for shape in moves[BASELINE])
+    where = f"at {own.payload_kg:g} kg" if judged.payload else ""
     try:
         still, any_end = (
             [
@@ -478,31 +455,22 @@ def from_the_bound(study: Study) -> list[str]:
             for still in (True, False)
         )
     except InputError:
-        return [f"No motion in the {BASELINE}'s time{where} keeps to {word}, speed and a taut wire."]
+        return [said.no_bound(where, judged)]
     least, found, least_of_all = (
         scale * max(forces)
         for forces in ([b.dual_n for b in still], [b.primal_n for b in still], [b.dual_n for b in any_end])
-    )
-    said = (
-        f"No motion within the speed limit and in the {BASELINE}'s time{where}, followed exactly, has a {word} peak "
-        f"below {_down(least_of_all)} {unit}; with the load at rest at its end none has one below {_down(least)} "
-        f"{unit}, and one with {-_down(-found)} {unit} exists. {'Pin' if judged.payload else 'Viscous'} friction and "
-        "the loop's errors are not included."
     )
 
     def faster(shape: Shape, distance: float) -> bool:
         return shape.limits.speed_m_s > 1.001 * limits.towards(distance).speed_m_s
 
-    away = [(100.0 * (peak(own_moves) / least - 1.0), name) for name, own_moves in moves.items()]
-    for side, chosen in (("Above", [a for a in away if a[0] >= 0.0]), ("Below", [a for a in away if a[0] < 0.0])):
-        names = [
-            f"{words_of(name)} by {abs(p):.0f} %{_longer(moves[name], moves[BASELINE])}"
-            + " (beyond the speed limit)" * any(map(faster, moves[name], distances))
-            for p, name in chosen
-        ]
-        if names:
-            said += f" {side} {_down(least)} {unit} {'is' if len(names) == 1 else 'are'} {listed(names)}."
-    return [said]
+    sides: dict[str, list[str]] = {"Above": [], "Below": []}
+    for name, own_moves in moves.items():
+        away, late = 100.0 * (peak(own_moves) / least - 1.0), sum(s.duration_s for s in own_moves) - trapezoid_s
+        longer = f" ({abs(late):.2g} s {'longer' if late > 0.0 else 'shorter'})" if abs(late) > 1e-3 else ""
+        beyond = " (beyond the speed limit)" * any(map(faster, own_moves, distances))
+        sides["Above" if away >= 0.0 else "Below"].append(f"{words_of(name)} by {abs(away):.0f} %{longer}{beyond}")
+    return [said.bound(where, judged, _down(least_of_all), _down(least), -_down(-found), sides)]
 
 
 def beyond_its_limits(study: Study) -> list[str]:
@@ -520,8 +488,8 @@ def beyond_its_limits(study: Study) -> list[str]:
             share = 100.0 * used.speed_m_s / load.top_speed_m_s if used.speed_m_s > given.speed_m_s else 0.0
             ways[exceeded + (f" ({share:.3g} % of the drive's top speed)" if share else "")] = None
     where = f"at {own.payload_kg:g} kg " if kind_of(own.machine).payload else ""
-    said = f"{where}{words_of(EQUAL)} goes beyond the limits to keep that time: {listed([*ways])}."
-    return [said[0].upper() + said[1:]] if ways else []
+    text = f"{where}{words_of(EQUAL)} goes beyond the limits to keep that time: {listed([*ways])}."
+    return [text[0].upper() + text[1:]] if ways else []
 
 
 def _down(value: float) -> float:
@@ -542,8 +510,3 @@ def _distances(spec: RunSpec) -> list[float]:
             distances.append(target - here)
             here = target
     return list(dict.fromkeys(distances))
-
-
-def _longer(moves: Moves, base: Moves) -> str:
-    more = sum(shape.duration_s for shape in moves) - sum(shape.duration_s for shape in base)
-    return f" ({abs(more):.2g} s {'longer' if more > 0.0 else 'shorter'})" if abs(more) > 1e-3 else ""

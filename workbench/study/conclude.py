@@ -36,6 +36,7 @@ from workbench.study.labels import (
     listed,
     reads,
     run_in_words,
+    said,
     shown,
     swept_axes,
     words_of,
@@ -101,13 +102,13 @@ def sentences(rows: Sequence[Row], limit: float) -> list[str]:
 def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     """Runs that failed, are at a limit, hunt, go slack or end elsewhere: each can turn the decision round."""
     good, axes = [row for row in rows if row.ok], swept_axes(rows)
-    said = []
+    found = []
     if failed := [row for row in rows if not row.ok]:
-        said.append(" ".join(f"{row.run_id} failed: {row.reason}." for row in failed[:MOST_FAILED]))
+        found.append(" ".join(f"{row.run_id} failed: {row.reason}." for row in failed[:MOST_FAILED]))
         if len(failed) > MOST_FAILED:
-            said[0] += f" {len(failed) - MOST_FAILED} more of {len(rows)} runs failed; the index says why."
+            found[0] += f" {len(failed) - MOST_FAILED} more of {len(rows)} runs failed; the index says why."
     if not good:
-        return said
+        return found
     judged = metrics_of(good)
     end, word = judged.by_name[judged.end], judged.input_words
     bound = f"{judged.by_name[judged.peak].text(limit)} {judged.input_unit}"
@@ -137,8 +138,8 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
             names = [f"{len(names)} of {len(good)} runs, the first {names[0]}"]
         if some:
             worst = "" if size is None else f"; at most {amount(w := max(some, key=size))}, {run_in_words(w, axes)}"
-            said.append(f"{what}: {'; '.join(names)}{worst}.")
-    return said
+            found.append(f"{what}: {'; '.join(names)}{worst}.")
+    return found
 
 
 def variations(
@@ -154,26 +155,23 @@ def variations(
         return []
     judged, heaviest = metrics_of(good), max(row.payload_kg for row in good)
     here = [row for row in good if row.payload_kg == heaviest]
-    said: list[str] = []
+    found: list[str] = []
     if any(".limits." in column for axis in axes for column in axis.columns):
         varied = here[0].assigned.keys()
         further = [row for row in beside if row.payload_kg == heaviest and row.assigned.keys() == varied]
-        said += _knee(fronts([*here, *further])[0], axes, swept_axes([*here, *further]))
+        found += _knee(fronts([*here, *further])[0], axes, swept_axes([*here, *further]))
     for axis in axes:
         fixed = {name: value for name, value in taken.assigned.items() if name not in axis.columns} if taken else {}
         own = [row for row in here if taken and row.reference == taken.reference]
         own = [row for row in own if all(row.assigned.get(name) == value for name, value in fixed.items())]
         whose = [f"with {words_of(own[0].reference).removesuffix(' with the same limits')}"] if own else []
         whose += [one.say(one.at(own[0])) for one in axes if own and fixed.keys() & set(one.columns)]
-        said += _effect(axis, own or here, heaviest, ", ".join(whose))
-    said += scatter(good) if drawn_columns(good) else []
-    if said or told:
-        return said
+        found += _effect(axis, own or here, heaviest, ", ".join(whose))
+    found += scatter(good) if drawn_columns(good) else []
+    if found or told:
+        return found
     worst = max(good, key=lambda row: row[judged.peak])
-    peak = f"{judged.by_name[judged.peak].text(worst[judged.peak])} {judged.input_unit}"
-    share = f" ({worst['peak_torque_percent']:.0f} % of nominal)" if judged.payload else ""
-    where = f" at {worst.payload_kg:g} kg" if judged.payload else ""
-    return [f"The largest {judged.input_words} peak is {peak}{share}, with {worst.reference}{where}."]
+    return [said.largest_peak(judged, judged.by_name[judged.peak].text(worst[judged.peak]), worst)]
 
 
 def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float, whose: str) -> Iterator[str]:
@@ -229,13 +227,7 @@ def _knee(front: Front, axes: Sequence[SweptAxis], wider: Sequence[SweptAxis]) -
     ends = [f"{row['move_time_s']:.4g} s for {peak.text(row[peak.name])}" for row in (front.rows[0], front.rows[-1])]
     beyond = [axis.words for axis in axes if axis.numeric and axis.at(knee) not in axis.points]
     edges = [axis.words for axis in wider if axis.edge(knee)]
-    where = f", beyond the {listed(beyond)} that was swept" if beyond else ""
-    where += f"; it lies at the edge of {listed(edges)}: widen that range" if edges else ""
-    yield (
-        f"{f'At {front.payload_kg:g} kg the' if judged.payload else 'The'} knee of move time against {peak.label} is "
-        f"{knee.reference} with {setting}: {knee['move_time_s']:.4g} s and {peak.text(knee[peak.name])} "
-        f"{peak.shown_unit}, between {' and '.join(ends)} at the ends{where}."
-    )
+    yield said.knee(front, judged, peak, setting, ends, beyond, edges)
 
 
 def scatter(good: Sequence[Row]) -> list[str]:
@@ -246,15 +238,11 @@ def scatter(good: Sequence[Row]) -> list[str]:
         rows = [row for row in good if (row.payload_kg, row.reference) == (payload, reference)]
         if len(rows) < 3:
             continue
-        low, middle, high, most = map(metric.text, np.quantile([row[judged.peak] for row in rows], (*QUANTILES, 1.0)))
+        quantiles = map(metric.text, np.quantile([row[judged.peak] for row in rows], (*QUANTILES, 1.0)))
         ranked = rank_correlations(rows, drawn_columns(good), judged.peak)
         strong = [f"{r.label.words} (rank correlation {r.value:+.2f})" for r in ranked if abs(r.value) >= 0.2][:3]
-        where = f"at {payload:g} kg " if judged.payload else ""
-        texts.append(
-            f"Over {len(rows)} runs {where}with {reference} the {metric.label} is {middle} {metric.unit} in the "
-            f"median, {low} to {high} {metric.unit} in nine of ten, {most} {metric.unit} at most"
-            f"{f'; it depends most on {listed(strong)}' if strong else ''}."
-        )
+        where = f"at {payload:g} kg with {reference}" if judged.payload else f"with {reference}"
+        texts.append(said.scatter(metric, len(rows), where, *quantiles, strong))
     return texts
 
 
@@ -397,9 +385,9 @@ def read_answer(folder: Path) -> Answer | None:
     file, rivals = folder / ANSWER, folder / EQUAL_TIME
     try:
         with file.open("rb") as stream:
-            said = json.loads(stream.read(MOST_BYTES))
+            kept = json.loads(stream.read(MOST_BYTES))
         rows = tuple(rows_of(read_table(rivals))) if rivals.is_file() else ()
-        asked = tuple(Asked(**{**one, "broken": tuple(one["broken"])}) for one in said["asked"])
-        return Answer(tuple(map(str, said["sentences"])), rows, asked)
+        asked = tuple(Asked(**{**one, "broken": tuple(one["broken"])}) for one in kept["asked"])
+        return Answer(tuple(map(str, kept["sentences"])), rows, asked)
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -8,7 +8,7 @@ the last two.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,18 +18,20 @@ from workbench.analysis.family import family, operating_points, weakest
 from workbench.analysis.search import best_rejection, for_bandwidth, make_search
 from workbench.analysis.tune import Goal
 from workbench.analysis.usual import usual_settings
-from workbench.control import Cascade, Settings
+from workbench.control import Settings
 from workbench.core.errors import InputError
 from workbench.core.json_records import plain
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
+from workbench.core.templates import Sentences
+from workbench.core.yaml_strict import checked
 from workbench.effects import effects_for, sizes_of
 from workbench.machines import LOOPED, AnyKind, Axis, Hoist, Kind, kind_of, looped, studied
 from workbench.metrics import Metric, find, set_of
 from workbench.references import Limits
 from workbench.study.grid import RunSpec
 from workbench.study.labels import NO_CHANGE, listed
-from workbench.study.load import Study, changed, checked, plan_study
+from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row
 from workbench.study.run import run_specs
 from workbench.study.scenario import Scenario, key_in
@@ -45,6 +47,7 @@ LEAST_SPEED = 0.01  # of nominal: slower runs say nothing of how the machine is 
 END_OF_RAIL = 0.02  # of the rail, left free at both ends: the carriage swings a little past its reference
 LONGEST_S = 60.0  # one way
 CORRECTION = "measured_correction"
+said = Sentences("study/consequences_words.j2", listed=listed, phases=PHASES)
 NOT_STUDIED = (
     f"What changes in the control study is not said for an {{}}: studies, loop and tune are for machines of {LOOPED}."
 )
@@ -427,6 +430,7 @@ def small_study(
     limits = Limits(speed, acceleration, _digits(1.5 * acceleration**2 / speed))
     unit, rest = kind.moved.unit, 2.0 if hoist else 1.0  # s; an axis settles soon
     scenario = checked(
+        Scenario,
         {
             "name": "consequences",
             "payloads_kg": loads if hoist else None,
@@ -437,7 +441,7 @@ def small_study(
             "controller": usual_settings(machine)[0] if controller is None else controller,
             "settle_s": rest,
             "outputs": {"signals": "none"},
-        }
+        },
     )
     return SmallStudy(scenario, kind, start, travel, limits, loads, bool(moved), controller is not None, own=False)
 
@@ -470,53 +474,29 @@ def _digits(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def _sentences(c: Consequences, corrected: Hoist | Axis) -> Iterator[str]:
+def _sentences(c: Consequences, corrected: Hoist | Axis) -> list[str]:
     """In order: what was run, failures, torque, tracking, wire, better reference, loop, gains, caveats."""
     kind, judged, good = c.study.kind, set_of(c.study.kind.name), [row for row in c.rows if row.ok]
-    yield _what(c)
-    for row in c.rows:
-        if not row.ok:
-            when = {(True, False): "no longer", (False, True): "only now"}.get(
-                (row.before.ok, row.after.ok), "in neither"
-            )
-            reason = (row.after.reason or row.before.reason).rpartition("; ")[2]  # how far a load fell says nothing
-            yield f"Possible {when} at {row.words(kind)}: {reason}."
+    reasons = [(row, row.after.reason or row.before.reason) for row in c.rows if not row.ok]
     most = AT_LIMIT * kind.looped.peak_limit(corrected)
-    if new := [row.words(kind) for row in good if row.after[judged.peak] >= most > row.before[judged.peak]]:
-        yield f"The {judged.input_words} limit is reached now at {listed(new)}."
-    yield from (_figure(good, metric, kind) for metric in figures_told(kind) if good)
-    for metric, by in ((judged.peak, f"{judged.input_words} peak at equal limits"), (judged.error, "tracking error")):
-        if known := [one for one in c.choices if one.metric == metric and one.payload_kg is not None]:
-            yield f"The better reference by {by}: {listed([_better(one, kind) for one in known])}."
-    yield _loop(c)
-    yield _gain_words(c)
-    of_kind, own = effects_for(kind.name), _per_run(corrected)
-    if own:
-        yield f"{listed(own)}: the phase is each run's own; each figure is the worst of {PHASES} phases."
-    if cold := [name for name in corrected.effects if of_kind[name].regime == "time" and name not in own]:
-        yield f"Time counts from the start of the campaign, so {listed(cold)} is as on the cold machine."
-    if outside := [name for name in corrected.effects if of_kind[name].on_sensor]:
-        yield f"On the log alone, so that neither runs nor loop know of it: {listed(outside)}."
-    drive = corrected.drive
-    if not (drive.torque_lag_s or drive.speed_filter_s or drive.speed_delay_s):
-        yield "The machine's drive has no lag, filter or delay, so its margins are those of sampling alone."
-
-
-def _what(c: Consequences) -> str:
-    s, gains, unit = c.study, c.study.controller, c.study.kind.moved.unit
-    who = f"without and with {listed(c.effects)}, all else equal" if c.effects else "before and after its correction"
-    loads = f" at {listed([f'{load:g}' for load in s.payloads_kg])} kg" if s.kind.payload else ""
-    kv = f"kv {gains.kv_per_s:g} 1/s, " if isinstance(gains, Cascade) else ""
-    rule = "" if s.controller_given else " by rule"
-    loop = f"the controller{rule} ({kv}kp {gains.kp:g} {gains.UNITS[0]}, ki {gains.ki:g} {gains.UNITS[1]})"
-    moves = f"in the scenario {s.scenario.name}"
-    if not s.own:
-        moves = (
-            f"by {s.travel_m:g} {unit} from {s.start_position_m:g} {unit} and back again with {s.limits.speed_m_s:g} "
-            f"{unit}/s, {s.limits.acceleration_m_s2:g} {unit}/s² and {s.limits.jerk_m_s3:g} {unit}/s³ "
-            f"({'as the runs do at most' if s.from_runs else 'by default'})"
+    reached = [row.words(kind) for row in good if row.after[judged.peak] >= most > row.before[judged.peak]]
+    better = {
+        by: [said.better(one, kind) for one in c.choices if one.metric == metric and one.payload_kg is not None]
+        for metric, by in (
+            (judged.peak, f"{judged.input_words} peak at equal limits"),
+            (judged.error, "tracking error"),
         )
-    return f"The machine {who}, {moves}{loads} under {loop}."
+    }
+    of_kind, own, drive = effects_for(kind.name), _per_run(corrected), corrected.drive
+    return said.each(
+        "changes", c, listed([f"{load:g}" for load in c.study.payloads_kg]),
+        [(row, reason.rpartition("; ")[2]) for row, reason in reasons],  # how far a load fell says nothing
+        judged.input_words, reached, [_figure(good, metric, kind) for metric in figures_told(kind) if good], better,
+        _margins(c.loop_before, c.loop_after), _gains_alike(c), own,
+        [name for name in corrected.effects if of_kind[name].regime == "time" and name not in own],
+        [name for name in corrected.effects if of_kind[name].on_sensor],
+        not (drive.torque_lag_s or drive.speed_filter_s or drive.speed_delay_s),
+    )  # fmt: skip
 
 
 def figures_told(kind: Kind) -> tuple[Metric, ...]:
@@ -526,36 +506,19 @@ def figures_told(kind: Kind) -> tuple[Metric, ...]:
     return tuple(judged.by_name[name] for name in (judged.peak, *names))
 
 
-def _figure(good: Sequence[Change], metric: Metric, kind: Kind) -> str:
+def _figure(good: Sequence[Change], metric: Metric, kind: Kind) -> tuple[Any, ...]:
+    """(metric, where the wire goes slack, changes in per cent from end to end, the run of the largest, its values)."""
     name = metric.name
-    if name == "min_wire_tension_n" and (slack := [row for row in good if row.after[name] <= 0.0]):
-        return f"The wire goes slack at {listed([row.words(kind) for row in slack])}."
+    slack = [row.words(kind) for row in good if name == "min_wire_tension_n" and row.after[name] <= 0.0]
     changes = [row.percent(name) for row in good]
-    if max(map(abs, changes)) < SMALL:
-        return f"The {metric.label} does not change."
     most = max(good, key=lambda row: abs(row.percent(name)))
-    before, after = (metric.scale * run[name] for run in (most.before, most.after))
-    span = " to ".join(dict.fromkeys(f"{change:+.1f}" for change in (min(changes), max(changes))))
-    return (
-        f"The {metric.label} changes by {span} %, most at {most.words(kind)}: {before:.3g} to {after:.3g} "
-        f"{metric.shown_unit}."
-    )
+    span = dict.fromkeys(f"{change:+.1f}" for change in (min(changes), max(changes)))
+    values = [metric.scale * run[name] for run in (most.before, most.after)]
+    return metric, slack, [] if max(map(abs, changes)) < SMALL else [*span], most.words(kind), *values
 
 
-def _better(choice: Choice, kind: Kind) -> str:
-    name = {"alike": "neither", "": "not known, a run failed"}
-    was, now = (name.get(one, one) for one in (choice.before, choice.after))
-    at = f" at {choice.payload_kg:g} kg" if kind.payload else ""
-    return f"{now} instead of {was}{at}" if choice.changed else f"{now}{at}"
-
-
-def _loop(c: Consequences) -> str:
-    a, b, kind = c.loop_before, c.loop_after, c.study.kind
-    if not b.stable:
-        load = f"{b.payload_kg:g} kg and " if kind.payload else ""
-        return f"The loop is unstable at {load}{b.height_m:g} {kind.moved.unit}{'' if a.stable else ', as before'}."
-    if not a.stable:
-        return f"The loop, unstable before, is stable: Ms {b.ms:.2f}."
+def _margins(a: LoopFigures, b: LoopFigures) -> tuple[bool, list[str]]:
+    """Whether a margin moves, and all of them in words."""
     said, moves = [], False
     for what, least, form, x, y in (
         ("the least gain margin", 0.5, "{:.1f} dB", a.gain_margin_db, b.gain_margin_db),
@@ -566,24 +529,12 @@ def _loop(c: Consequences) -> str:
         still = x == y or abs(y - x) < least
         moves |= not still
         said.append(f"{what} is {now}" if still else f"{what} goes from {was} to {now}")
-    return f"Over loads and heights, {listed(said)}." if moves else f"The loop's margins do not change: {listed(said)}."
+    return moves, said
 
 
-def _gain_words(c: Consequences) -> str:
-    (bandwidth, ms), before, after = c.gains_goal, c.gains_before, c.gains_after
-    goal = "the best rejection of load steps" if bandwidth is None else f"a bandwidth of {bandwidth:g} Hz"
-    units = c.study.controller.UNITS
-
-    def found(gains: Gains) -> str:
-        return f"kp {gains.kp:.3g} {units[0]}, ki {gains.ki:.3g} {units[1]}" if gains.ok else f"none ({gains.reason})"
-
-    start = f"For {goal} with Ms at most {ms:g} loop shaping recommends {found(after)}"
-    moved = max(abs(percent(before.kp, after.kp)), abs(percent(before.ki, after.ki)))
-    if moved < GAIN_MOVES:
-        return f"{start}, as before."
-    old = c.old_gains_bandwidth_hz
-    left = f"the old ones {'make the loop unstable' if math.isnan(old) else f'give {old:.3g} Hz'}"
-    return f"{start} instead of {found(before)}{f'; {left}' if before.ok else ''}."
+def _gains_alike(c: Consequences) -> bool:
+    before, after = c.gains_before, c.gains_after
+    return max(abs(percent(before.kp, after.kp)), abs(percent(before.ki, after.ki))) < GAIN_MOVES
 
 
 def consequences_table(c: Consequences) -> Table:

@@ -19,7 +19,7 @@ import numpy as np
 from workbench.core.errors import InputError, nearest
 from workbench.machines import Axis, Hoist, kind_of, load_of
 from workbench.metrics import Metric, MetricSet, find, set_with
-from workbench.study.labels import SweptAxis, listed, reads, swept_axes, words_of
+from workbench.study.labels import FAILS, SweptAxis, listed, reads, said, swept_axes, words_of
 from workbench.study.rows import Row, hunts, is_astray, metrics_of
 from workbench.study.scenario import CriterionBlock
 
@@ -33,7 +33,6 @@ CHOSEN = ("sweep.limits.", "sweep.controller.", "sweep.drive.")  # a sweep of an
 FALLS = 2.0  # of wire that carry a hoist's load
 WIRE_SAFETY = 4.5  # least breaking load over tension of a running rope, mechanism group M5 (ISO 4308-1)
 OVERSPEED = 1.2  # of nominal speed, where the field is weakened: a drive's own limit (ABB ACS850 manual, 20.01)
-FAILS = "it fails"
 SATURATED = 1e-6  # a peak that is this near to the limit is at it
 Given = Mapping[str, CriterionBlock]
 
@@ -337,38 +336,15 @@ def take_sentences(made: Sequence[Decision]) -> list[str]:
 
 
 def _take(alike: Sequence[Decision], always: bool) -> str:
-    decision, judged = alike[-1], alike[-1].judged
-    taken, rival = decision.taken, decision.rival
-    loads = listed([f"{one.payload_kg:g} kg" for one in alike])
-    where = "" if not judged.payload else " at every payload" if always and len(alike) > 1 else f" at {loads}"
-    heaviest = f"at {decision.payload_kg:g} kg " if len(alike) > 1 else ""
-    if taken is None:
-        least = min(decision.candidates, key=lambda one: (FAILS in one.broken, len(one.broken), decision.beyond(one)))
-        if FAILS in least.broken:
-            return f"Take none of these{where}: all fail."
-        said = f"Take none of these{where}: {heaviest}{least.words} breaks least, {'; '.join(least.broken)}."
-        at = f"At {decision.payload_kg:g} kg it" if judged.payload else "It"
-        return f"{said} {at} keeps every limit with {least.keeps}." if least.keeps else said
+    decision, taken, rival = alike[-1], alike[-1].taken, alike[-1].rival
     figures = [
         f"{c.metric.label} {c.text(taken.values[c.name])}"
         for c in decision.criteria
-        if c.name in (TIME, judged.peak, judged.rms_error)
+        if taken and c.name in (TIME, decision.judged.peak, decision.judged.rms_error)
     ]
-    runs = f", the worst of {taken.runs} runs" if taken.runs > 1 else ""
-    beside = " (run beside the study)" if taken.beside else ""
-    said = f"Take {taken.words}{where}{beside}: {heaviest}{', '.join(figures)}{runs}"
-    if rival is not None:
-        said += f". {_against(decision, taken, rival)}"
-    if beaten := decision.dominated:
-        said += f". Beaten or equalled {heaviest}in every criterion: {listed(some([c.words for c in beaten]))}"
-    if out := [candidate for candidate in decision.candidates if candidate.broken]:
-        said += f". Out{f' {heaviest}'.rstrip()}: {listed(some([f'{c.words} ({c.broken[0]})' for c in out]))}"
-    return f"{said}."
-
-
-def some(names: Sequence[str]) -> list[str]:
-    """The first three, and how many more."""
-    return [*names[:3], *([f"{len(names) - 3} more"] if len(names) > 3 else [])]
+    least = min(decision.candidates, key=lambda one: (FAILS in one.broken, len(one.broken), decision.beyond(one)))
+    loads = listed([f"{one.payload_kg:g} kg" for one in alike])
+    return said.take(alike, always, loads, least, figures, _against(decision, taken, rival) if taken and rival else "")
 
 
 def _against(decision: Decision, taken: Candidate, rival: Candidate) -> str:
@@ -383,18 +359,9 @@ def _against(decision: Decision, taken: Candidate, rival: Candidate) -> str:
         if abs(worse) >= max(metric.visible, 0.005 * abs(a)) and metric.text(a) != metric.text(b):
             change = f"{metric.label} {metric.text(b)} instead of {metric.text(a)} {metric.shown_unit}".strip()
             (costs if worse > 0.0 else gains).append(change)
-    said = f"Against {rival.words} it {f'gains {listed(gains[:3])}' if gains else 'gains nothing that counts'}"
-    said += f" and costs {listed(costs[:3])}" if costs else " at no cost in any criterion"
-    if rival.total - taken.total < ALIKE * taken.total:
-        return f"{said}: the two are alike within {100.0 * ALIKE:.0f} %, a change between them is not worth it"
+    alike = rival.total - taken.total < ALIKE * taken.total
     turn = weight_that_turns(decision, taken, rival)
-    if turn is None:
-        return said
-    criterion, weight = turn
-    return (
-        f"{said}; the gain is not worth it where {criterion.metric.label} weighs more than {weight:.3g} "
-        f"({criterion.weight:g} here)"
-    )
+    return said.against(rival, gains, costs, 100.0 * ALIKE if alike else 0.0, turn)
 
 
 def weight_that_turns(decision: Decision, taken: Candidate, rival: Candidate) -> tuple[Criterion, float] | None:

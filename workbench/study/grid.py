@@ -13,13 +13,13 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from workbench.control import Events, Settings
 from workbench.core.errors import InputError, nearest
 from workbench.core.record import Duration, Finite, Payload, Record
 from workbench.core.run import Array
-from workbench.core.yaml_strict import Place, dotted, problem_lines
+from workbench.core.yaml_strict import Place, checked, put
 from workbench.machines import AnyKind, Axis, Hoist, kind_of, load_of
 from workbench.references import (
     LimitPair,
@@ -186,21 +186,13 @@ def _changed(record: Any, items: Sequence[tuple[str, Place, Any]]) -> Any:
         return record
     data = record.model_dump()
     for _, path, value in items:
-        block = data
-        for part in path[:-1]:
-            if block.get(part) is None:
-                block[part] = {}
-            block = block[part]
-        old = block.get(path[-1])
-        whole = isinstance(old, int) and not isinstance(old, bool) and isinstance(value, float) and value.is_integer()
-        block[path[-1]] = int(value) if whole else value
+        put(data, path, value)
     try:
-        return type(record).model_validate(data)
-    except ValidationError as error:
-        place, problem = problem_lines(type(record), error, data)[0]
-        ends = dotted(place)
+        return checked(type(record), data)
+    except InputError as error:
+        ends = error.place or ""
         named = next((name for name, *_ in items if ends and name.endswith(ends)), items[0][0])
-        raise InputError(problem if named.endswith(ends) else f"{ends}: {problem}", place=named) from error
+        raise InputError(error.problem if named.endswith(ends) else f"{ends}: {error.problem}", place=named) from error
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,12 @@ from functools import cache, cached_property
 
 from workbench.core.names import unit_of
 from workbench.core.names import words_of as words_of_name
+from workbench.core.templates import Sentences
 from workbench.metrics import by_name
-from workbench.references import planned_kinds
+from workbench.references import BASELINE, planned_kinds
 from workbench.study.rows import Row, with_payload
 
+FAILS = "it fails"
 NO_CHANGE = 0.005  # relative: less is no effect worth a sentence
 # Keys of a move, as people say them.
 _STEPS = {"by": "distance", "to": "target", "dwell": "rest", "for": "time"}
@@ -195,4 +197,13 @@ def _points(rows: Sequence[Row], names: Sequence[str]) -> tuple[Point, ...]:
 
 
 def listed(parts: Sequence[str]) -> str:
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    """a, b and c; "" for none."""
+    return "".join(parts) if len(parts) < 2 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def some(names: Sequence[str]) -> list[str]:
+    """The first three, and how many more."""
+    return [*names[:3], *([f"{len(names) - 3} more"] if len(names) > 3 else [])]
+
+
+said = Sentences("study/study_words.j2", listed=listed, some=some, words_of=words_of, BASELINE=BASELINE, FAILS=FAILS)

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from workbench import __version__
 from workbench.core.errors import InputError, nearest
 from workbench.core.shown import Brief
-from workbench.core.yaml_strict import Document, Place, dotted, dumps, load, problem_lines
+from workbench.core.yaml_strict import Document, Place, checked, dotted, dumps, load, problem_lines, put, together
 from workbench.effects import check
 from workbench.effects.registry import digests_of
 from workbench.machines import (
@@ -89,7 +89,7 @@ def read_layers(path: str | os.PathLike[str]) -> Layered:
         seen.append(file.resolve())
         extended = layer.data.pop("extends", None)
         if extended is None:
-            return together(chain)
+            return merged(chain)
         if not isinstance(extended, str) or not extended:
             raise layer.error(f"{extended!r}, expected the path of a scenario file, seen from this one", ("extends",))
         if "\0" in extended:
@@ -104,7 +104,7 @@ def read_layers(path: str | os.PathLike[str]) -> Layered:
             raise layer.error(f"is a chain of more than {LONGEST_CHAIN} files", ("extends",))
 
 
-def together(chain: Sequence[Layered]) -> Layered:
+def merged(chain: Sequence[Layered]) -> Layered:
     """Layers as one, the outermost first."""
     data: dict[str, Any] = {}
     for layer in reversed(chain):
@@ -269,13 +269,10 @@ def scenario_of(layers: Layered) -> Scenario:
     try:
         return Scenario.model_validate(layers.data)
     except ValidationError as error:
-        errors = [
+        raise together(
             layers.error(*_clearer(text, place, layers.data))
             for place, text in problem_lines(Scenario, error, layers.data, layers.keys_in_same_file)
-        ]
-        first = errors[0]
-        text = "\n".join([first.problem, *map(str, errors[1:])])
-        raise InputError(text, file=first.file, line=first.line, place=first.place) from error
+        ) from error
 
 
 def _clearer(text: str, place: Place, data: Any) -> tuple[str, Place]:
@@ -315,25 +312,20 @@ def _machine_as_run(scenario: Scenario, machine: Hoist | Axis) -> Hoist | Axis:
             hint = nearest(name, known)
             hint = hint if hint.startswith("did") else "expected a dotted name such as wire.segment_length_m"
             raise InputError(f"the machine has no value '{name}'; {hint}", place=f"machine_overrides.{name}")
-        block, (*inner, last) = data, name.split(".")
-        for part in inner:
-            block = block[part]
-        block[last] = value
-    if scenario.drive is not None:
-        changes = scenario.drive.model_dump(exclude_none=True)
-        if wrong := [key for key in changes if key not in data["drive"]]:
-            keys = type(machine.drive).model_fields
-            raise InputError(f"{of_kind(machine)} has no '{wrong[0]}'; {nearest(wrong[0], keys)}", place="drive")
-        data["drive"] |= changes
+        put(data, tuple(name.split(".")), value)
+    changes = {} if scenario.drive is None else scenario.drive.model_dump(exclude_none=True)
+    if wrong := [key for key in changes if key not in data["drive"]]:
+        keys = type(machine.drive).model_fields
+        raise InputError(f"{of_kind(machine)} has no '{wrong[0]}'; {nearest(wrong[0], keys)}", place="drive")
+    data["drive"] |= changes
     data["effects"] = {name: dict(values) for name, values in machine.effects.items()} | scenario.effects
     try:
-        as_run = type(machine).model_validate(data)
-    except ValidationError as error:
-        place, problem = problem_lines(type(machine), error, data)[0]
-        name = dotted(place)
-        named = next((override for override in scenario.machine_overrides if override.startswith(name or "?")), None)
-        where = f"machine_overrides.{named}" if named else name if place[:1] in (("drive",), ("effects",)) else ""
-        raise InputError(problem, place=where or "machine_overrides") from error
+        as_run = checked(type(machine), data)
+    except InputError as error:
+        name = error.place or "?"
+        named = next((override for override in scenario.machine_overrides if override.startswith(name)), None)
+        where = name if name.startswith(("drive", "effects")) else "machine_overrides"
+        raise InputError(error.problem, place=f"machine_overrides.{named}" if named else where) from error
     check(as_run)
     return as_run
 
@@ -431,7 +423,7 @@ def read_standalone(
         if base is None:
             there = f"one that stands alone or extends one of {', '.join(known)}" if known else "one that stands alone"
             raise layers.error(f"another file, which is not here; expected a scenario, {there}", ("extends",))
-        layers = together([layers, read_layers(base)])
+        layers = merged([layers, read_layers(base)])
     scenario = scenario_of(layers)
     for number, reference in enumerate(scenario.references):
         if not isinstance(reference, str):
@@ -445,16 +437,7 @@ def read_standalone(
 
 def changed(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     """The scenario with other values at its top level, checked like a file. InputError names the key."""
-    return checked(scenario.model_dump() | dict(changes))
-
-
-def checked(data: dict[str, Any]) -> Scenario:
-    """A scenario of plain values. InputError names the key that does not fit."""
-    try:
-        return Scenario.model_validate(data)
-    except ValidationError as error:
-        place, problem = problem_lines(Scenario, error, data)[0]
-        raise InputError(problem, place=dotted(place) or None) from error
+    return checked(Scenario, scenario.model_dump() | dict(changes))
 
 
 def standalone_text(scenario: Scenario, machine: Hoist) -> str:

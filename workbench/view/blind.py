@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from workbench.blind import measures
 from workbench.blind.make import validation
@@ -25,10 +25,7 @@ from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view.numbers import NOTHING
 from workbench.view.page import Section, save_page
-from workbench.view.style import BLUE, FAINT, GREY, ORANGE, VERMILLION, figure, legend
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from workbench.view.style import BLUE, FAINT, GREY, ORANGE, VERMILLION, Figure, figure, legend
 
 WILSON = "In brackets: 95 % Wilson interval, in per cent."
 DIAGNOSIS = "workbench diagnose"

@@ -127,7 +127,7 @@ def shrink_sentence(d: Diagnosis) -> str:
 
 def next_run_sentence(d: Diagnosis) -> str:
     """The run that would decide between open hypotheses, or that none is open."""
-    return said.no_next_run() if d.next_run is None else d.next_run.why
+    return said.no_next_run(d.verdict.word == "unknown") if d.next_run is None else d.next_run.why
 
 
 def unknown_sentences(d: Diagnosis) -> list[str]:

@@ -19,10 +19,9 @@ from workbench.metrics import set_of
 from workbench.study.consequences import Consequences
 from workbench.view import style
 from workbench.view.replay import Line, Stretches, run_panels, stretches, torque_residual
+from workbench.view.style import Figure
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
     from workbench.diagnose.tables import Curve
 
 COLUMNS, BETWEEN = 3, 96  # panels side by side; px between two rows

@@ -12,11 +12,11 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from workbench.core.run import Array, Run
 from workbench.core.templates import render
@@ -123,16 +123,14 @@ def film(machine: Hoist, scenes: Sequence[Scene], dark: bool = False, height: in
     """A page that needs nothing else. scenes: one run, or two of the same machine."""
     look, data = look_of(dark), film_data(machine, scenes)
     data["viridis"] = VIRIDIS[3:] if dark else VIRIDIS[:5]  # of a contrast of 3:1 with the ground
-    page = Path(__file__).with_name("film.html").read_text(encoding="utf-8")
-    for name, text in {
-        "INK": look.ink, "GROUND": "#0E1117" if dark else "#FFFFFF", "EDGE": look.edge, "GRID": look.grid,
-        "ALARM": look.alarm, "ACCENT": look.accent, "HEIGHT": str(height), "STRIPS": _strips(data, look),
-        "STAGES": "".join(_stage(machine, scene, look, number) for number, scene in enumerate(scenes)),
-        # A name of somebody's must not end the script.
-        "DATA": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
-    }.items():  # fmt: skip
-        page = page.replace(f"@{name}@", text)
-    return page
+    stages = [_stage(machine, scene, look, number) for number, scene in enumerate(scenes)]
+    # A name of somebody's must not end the script.
+    text = Markup(json.dumps(data, allow_nan=False).replace("<", "\\u003c"))
+    page = render(
+        "view/film.html.j2", look=look, ground="#0E1117" if dark else "#FFFFFF", height=height, strips=_strips(data),
+        stages=stages, data=text, width=f"{STRIP_WIDTH:g}", deep=f"{STRIP_HEIGHT:g}", colours=COLOURS,
+    )  # fmt: skip
+    return str(page)
 
 
 def film_data(machine: Hoist, scenes: Sequence[Scene]) -> dict[str, Any]:
@@ -175,7 +173,7 @@ def _run(scene: Scene, s: SimpleNamespace) -> dict[str, Any]:
     return {"name": scene.name, **short, "slack": scene.slack.astype(int).tolist()}
 
 
-def _stage(machine: Hoist, scene: Scene, look: SimpleNamespace, number: int) -> str:
+def _stage(machine: Hoist, scene: Scene, look: SimpleNamespace, number: int) -> Markup:
     """One machine, drawn."""
     drawing = {of.__name__: of for of in (path, box, circle, spokes, link, zigzag, hatch)}
     half = half_pipe(sizes(machine), scene.payload_kg, machine.carriage.mass_kg)
@@ -185,33 +183,19 @@ def _stage(machine: Hoist, scene: Scene, look: SimpleNamespace, number: int) -> 
     )  # fmt: skip
 
 
-def _strips(data: dict[str, Any], look: SimpleNamespace) -> str:
-    """Speed, torque and tension over the whole time, with a line that goes along."""
+def _strips(data: dict[str, Any]) -> list[tuple[str, str, str, list[str]]]:
+    """Speed, torque and tension over the whole time: title, ends, and each run's line."""
     made = []
     for key, title in STRIPS:
         values = [run[key] for run in data["runs"]]
         low, high = (pick(pick(strip) for strip in values) for pick in (min, max))
-        span = (high - low) or 1.0
         lines = []
-        for number, strip in enumerate(values):
+        for strip in values:
+            y = STRIP_HEIGHT * (0.96 - 0.92 * (np.array(strip) - low) / ((high - low) or 1.0))
             kept = range(0, len(strip), max(1, len(strip) // 1000))
-            points = " ".join(
-                f"{STRIP_WIDTH * k / (len(strip) - 1):.1f},{STRIP_HEIGHT * (0.96 - 0.92 * (strip[k] - low) / span):.1f}"
-                for k in kept
-            )
-            lines.append(f'<polyline points="{points}" fill="none" stroke="{COLOURS[number % 2]}" stroke-width="1.6" '
-                         'vector-effect="non-scaling-stroke"/>')  # fmt: skip
-        made.append(
-            f'<div class="strip"><span>{title}: {_shown(low)} to {_shown(high)}</span>'
-            f'<svg viewBox="0 0 {STRIP_WIDTH:g} {STRIP_HEIGHT:g}" preserveAspectRatio="none">{"".join(lines)}'
-            f'<line class="now" x1="0" x2="0" y1="0" y2="{STRIP_HEIGHT:g}" stroke="{look.ink}" '
-            'vector-effect="non-scaling-stroke"/></svg></div>'
-        )
-    return "".join(made)
-
-
-def _shown(value: float) -> str:
-    return f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
+            lines.append(" ".join(f"{STRIP_WIDTH * k / (len(strip) - 1):.1f},{y[k]:.1f}" for k in kept))
+        made.append((title, *(f"{end:.4g}".replace("-", "\N{MINUS SIGN}") for end in (low, high)), lines))
+    return made
 
 
 # The machine as it is drawn: its sizes in m, and outlines as the `d` of SVG paths; film_stage.j2 has the parts.

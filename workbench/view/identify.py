@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,11 +26,8 @@ from workbench.view import replay as replay_view
 from workbench.view.numbers import change_percent, figures, with_error
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
-from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, VERMILLION, figure, line, look
+from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, VERMILLION, Figure, figure, line, look
 from workbench.view.words import direction_names, words_of
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
 
 FAR = 3.0  # tolerances: a value beyond them stands in for something else
 ROW, AROUND = 34, 130  # px: of one value, and of title and axis

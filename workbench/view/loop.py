@@ -5,19 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from workbench.analysis.family import Member, Weakest, weakest
 from workbench.analysis.loop import StepResponse, load_step, position_answer, step_response
 from workbench.analysis.margins import Margins
+from workbench.analysis.search import rounded_down
+from workbench.analysis.tune import GIVEN_AWAY, WIDER
 from workbench.control import Cascade
 from workbench.core.json_records import rounded
 from workbench.core.names import powers
 from workbench.core.run import Array
 from workbench.core.shown import View
 from workbench.core.table import Column, Table
+from workbench.core.templates import Sentences
 from workbench.core.whole_folder import write_json
 from workbench.effects import find
 from workbench.machines import Axis, Hoist, Kind, kind_of
@@ -26,9 +29,8 @@ from workbench.view import style
 from workbench.view.numbers import NOTHING, figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from workbench.view.style import Figure
+from workbench.view.words import listed
 
 MARGINS = (
     Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),
@@ -73,18 +75,11 @@ def poles_in_s(member: Member) -> tuple[float, float]:
 
 def sentences(case: DesignCase, members: Sequence[Member]) -> list[str]:
     """The table in sentences."""
-    drive, known = drive_sentence(case.machine, case.settings.sample_time_s), effect_sentences(case.machine)
-    if unstable := [m for m in members if not m.margins.stable]:
-        where = ", ".join(where_of(m) for m in unstable)
-        return [f"{len(unstable)} of {len(members)} loops are unstable: {where}.", drive, *known]
-    all_ = "The loop is stable." if len(members) == 1 else f"All {len(members)} loops are stable."
-    lines = [f"{all_} {least_sentence(members)}", drive, *known, load_sentence(members, case.machine)]
-    if said := event_words(case):
-        lines.append(
-            f"The scenario's events ({said}) leave these margins as they are: a failed motor lowers the limit of the "
-            "torque, a brake adds friction, a stop changes the reference. `study` and `tune` simulate them."
-        )
-    return lines
+    drive = drive_sentences(case.machine, case.settings.sample_time_s)
+    if unstable := [where_of(member) for member in members if not member.margins.stable]:
+        return [said.unstable(len(members), unstable), *drive]
+    stable, load = said.stable(len(members), least_sentence(members)), load_sentence(members, case.machine)
+    return [stable, *drive, load, *said.each("events_apart", event_words(case))]
 
 
 def where_of(member: Member) -> str:
@@ -94,24 +89,11 @@ def where_of(member: Member) -> str:
 
 def least_sentence(members: Sequence[Member]) -> str:
     """The smallest of each margin, with its loop."""
-    worst = weakest(members)
-    m = worst.margins
-    words_of = {
-        "ms": f"largest Ms {m.ms:.2f} at {figures(m.ms_hz)} Hz",
-        "phase_deg": f"smallest phase margin {m.phase_deg:.0f}°",
-        "gain_up": f"smallest gain margin {gain_text(m).partition('/')[0]} dB" * math.isfinite(m.gain_up),
-        "gain_down": f"smallest gain margin downwards {-_db(m.gain_down):.1f} dB" if m.gain_down > 0.0 else "",
-        "delay_s": f"smallest delay margin {figures(1000.0 * m.delay_s)} ms",
-        "bandwidth_hz": f"narrowest bandwidth {figures(m.bandwidth_hz)} Hz",
-        "rejection_hz": f"disturbances rejected up to {figures(m.rejection_hz)} Hz",
-    }
-    words_of = {name: words for name, words in words_of.items() if words}
-    if len(members) == 1:
-        return f"Its margins: {', '.join(words_of.values())}."
-    by_member: dict[str, list[str]] = {}
-    for name, words in words_of.items():
-        by_member.setdefault(where_of(worst.member[name]), []).append(words)
-    return "Weakest of them: " + "; ".join(f"at {where}: {', '.join(w)}" for where, w in by_member.items()) + "."
+    worst, by_place = weakest(members), dict[str, list[str]]()
+    for name in ("ms", "phase_deg", "gain_up", "gain_down", "delay_s", "bandwidth_hz", "rejection_hz"):
+        if text := said.margin(name, worst.margins):
+            by_place.setdefault(where_of(worst.member[name]) if len(members) > 1 else "", []).append(text)
+    return said.weakest(by_place, len(members))
 
 
 def load_sentence(members: Sequence[Member], machine: Hoist | Axis) -> str:
@@ -120,22 +102,14 @@ def load_sentence(members: Sequence[Member], machine: Hoist | Axis) -> str:
     peak, iae, last = (max(getattr(s, n) for s in answers) for n in ("peak_rad_s", "iae_rad", "recovery_s"))
     kind = members[0].loop.kind
     if kind.payload:
-        return (
-            f"{LOAD_NM:g} N m on the shaft move the speed by at most {figures(LOAD_NM * peak)} rad/s, its error "
-            f"integrates to {figures(LOAD_NM * iae)} rad and is down to a tenth after {figures(last)} s."
-        )
-    tenth, moved, left = 0.1 * kind.looped.input_scale(machine), "", ""
+        return said.load_step_of_hoist(LOAD_NM, LOAD_NM * peak, LOAD_NM * iae, last)
+    tenth, most, stays = 0.1 * kind.looped.input_scale(machine), None, None
     step = 10.0 ** math.floor(math.log10(tenth)) if tenth > 0.0 else 1.0
     step *= max((digit for digit in (1.0, 2.0, 5.0) if digit * step <= tenth), default=1.0)
     if places := [answer for member in members if (answer := position_answer(member.loop)) is not None]:
         most, stays = (step * max(getattr(a, name) for a in places) for name in ("peak", "left"))
-        moved = f", its position by at most {_fine(most, kind.moved.unit)}"
-        left = ", and the position comes back" if stays < GONE * most else f"; {_fine(stays, kind.moved.unit)} stay"
-    return (
-        f"A load step of {step:g} {kind.drive.unit} moves the speed by at most "
-        f"{_fine(step * peak, kind.moved.speed_unit)}{moved}; the speed is down to a tenth after {figures(last)} "
-        f"s{left}."
-    )
+        stays = None if stays < GONE * most else stays
+    return said.load_step(kind, step, step * peak, last, most, stays)
 
 
 def _fine(value: float, unit: str) -> str:
@@ -144,32 +118,28 @@ def _fine(value: float, unit: str) -> str:
     return f"{figures(scale * value)} {prefix}{unit}"
 
 
+said = Sentences(
+    "view/loop_words.j2", figures=figures, fine=_fine, listed=listed, finite=math.isfinite, gain=gain_text,
+    db=lambda ratio: 20.0 * math.log10(ratio), GIVEN_AWAY=GIVEN_AWAY, WIDER=WIDER, down=rounded_down,
+)  # fmt: skip
+
+
 def event_words(case: DesignCase) -> str:
     """What happens in the scenario's runs, and when: `brake_release_s 2.5`; "" for nothing."""
     given = case.events.model_dump(exclude_none=True)
     return ", ".join(f"{key} {value:g}" for key, value in given.items() if key.endswith("_s"))
 
 
-def drive_sentence(machine: Hoist | Axis, sample_time_s: float) -> str:
-    """The drive: lag, filter and delay between commanded torque and measured speed."""
-    d, sampled = machine.drive, f"sampling at {1000.0 * sample_time_s:g} ms"
+def drive_sentences(machine: Hoist | Axis, sample_time_s: float) -> list[str]:
+    """The drive between commanded torque and measured speed, then the effects and the measured correction in the loop,
+    and those that act on the log only."""
+    d = machine.drive
     lags = {"torque lag": d.torque_lag_s, "speed filter": d.speed_filter_s, "speed delay": d.speed_delay_s}
-    if parts := [f"{1000.0 * value:g} ms {name}" for name, value in lags.items() if value > 0.0]:
-        return f"In the loop: {sampled}, {', '.join(parts)}."
-    return (
-        f"The drive is ideal: only {sampled} limits this loop. Give the drive's torque_lag_s, speed_filter_s and "
-        "speed_delay_s to see what a real one leaves."
-    )
-
-
-def effect_sentences(machine: Hoist | Axis) -> list[str]:
-    """The effects and the measured correction in the loop, and those that act on the log only; none without effects."""
-    known = {name: find(name, kind_of(machine).name) for name in machine.effects}
-    inside = [name for name, effect in known.items() if not effect.on_sensor]
+    outside = [name for name in machine.effects if find(name, kind_of(machine).name).on_sensor]
+    inside = [name for name in machine.effects if name not in outside]
     inside += ["measured_correction"] if machine.measured_correction is not None else []
-    outside = [name for name, effect in known.items() if effect.on_sensor]
-    in_loop = [f"In the machine: {', '.join(inside)}."] if inside else []
-    return in_loop + ([f"Not in the loop, for they act on the log alone: {', '.join(outside)}."] if outside else [])
+    parts = [f"{1000.0 * value:g} ms {name}" for name, value in lags.items() if value > 0.0]
+    return said.each("drive", 1000.0 * sample_time_s, parts, inside, outside)
 
 
 def as_json(case: DesignCase, members: Sequence[Member]) -> dict[str, Any]:

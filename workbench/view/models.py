@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from workbench.core.json_records import plain
 from workbench.core.table import Column, Table, words
@@ -12,10 +12,7 @@ from workbench.core.whole_folder import check_free, whole_folder, write_json
 from workbench.simulate.models import ModelsCompared
 from workbench.view.page import Section, save_page
 from workbench.view.replay import Line, run_panels, said
-from workbench.view.style import BLUE, ORANGE, SPARE, line, look
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from workbench.view.style import BLUE, ORANGE, SPARE, Figure, line, look
 
 PAPER = (91.53, 3.46, 49.76)  # s of compute, multi-body and analytical, for so many seconds: the paper's Table 1
 _SPEED, _FORCES = "speed_motor_rad_s", ("force_roller_", "force_cylinder_n")

@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from workbench.core.table import Table
 from workbench.core.templates import render
+from workbench.view.style import Figure
 
 if TYPE_CHECKING:
     from markupsafe import Markup
-    from plotly.graph_objects import Figure
-else:
-    Figure = Any  # so that pydantic reads the record without loading plotly
 
 
 # No button that uploads a chart to Plotly's cloud, and no address to upload it to.

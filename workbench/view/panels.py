@@ -9,15 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.view.style import GREY, TEMPLATE, heading, legend
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from workbench.view.style import GREY, TEMPLATE, Figure, heading, legend
 
 Index = np.ndarray[tuple[int], np.dtype[np.int64]]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,10 +21,8 @@ from workbench.view import style
 from workbench.view.numbers import MOST, figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels, ranges_below_names
+from workbench.view.style import Figure
 from workbench.view.words import words_of
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
 
 SIDE_BY_SIDE = 2  # runs in a row
 PAPER_PERCENT = 7.49  # RMSE of the paper's own machine, its Figure 8

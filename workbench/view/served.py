@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from workbench.core.run import Array
 from workbench.view.panels import Panels
-from workbench.view.style import BLUE, GREY, ORANGE, SKY, VERMILLION, figure, look
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from workbench.view.style import BLUE, GREY, ORANGE, SKY, VERMILLION, Figure, figure, look
 
 ROW = 118  # px
 NEAR = 0.7  # of the torque's limit, which is drawn from there on

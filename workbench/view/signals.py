@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from workbench.core.names import unit_of, words_of
 from workbench.core.run import Array, Run
 from workbench.view.panels import Panels
-from workbench.view.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, label, line
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from workbench.view.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, Figure, label, line
 
 COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
 DASHES = ("solid", "6px,3px", "2px,2px")

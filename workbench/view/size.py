@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from workbench.core.table import Column, Table, table_of, words
-from workbench.study.size import Candidate, Check, Sizing, largest_torque_nm, rated_current, s1_share
+from workbench.core.templates import Sentences
+from workbench.study.size import Candidate, Sizing, largest_torque_nm, rated_current, s1_share
 
 MOST_SMALLER = 8
 SPEEDS = (0.0, 0.25, 0.5, 1.0, 1.2)  # of nominal
@@ -16,45 +17,19 @@ SPEEDS = (0.0, 0.25, 0.5, 1.0, 1.2)  # of nominal
 
 def sentences(sizing: Sizing) -> list[str]:
     """What to take and its closest limit; the next smaller one and what limits it; what had to be estimated."""
-    taken = sizing.taken
-    if taken is None:
-        tried = [candidate for candidate in sizing.candidates if candidate.ran]
-        if not tried:
-            failed = next((candidate.reason for candidate in sizing.candidates if candidate.reason), None)
-            why = failed or "none turns fast enough and holds the load"
-            return [f"None of {len(sizing.candidates)} drives passes: {why}."]
-        nearest = min(tried, key=lambda c: c.limiting.used if c.limiting else 0.0)
-        return [f"None of {len(sizing.candidates)} drives passes. Nearest is {drive(nearest)}: {why_not(nearest)}."]
-    said = [f"Take {drive(taken)}: the smallest of {len(sizing.candidates)} drives that passes."]
-    if taken.limiting is not None:
-        said[0] += f" Its closest limit is {figure(taken.limiting)}."
-    if sizing.smaller:
-        said.append(f"The next smaller, {drive(sizing.smaller[0])}, does not pass: {why_not(sizing.smaller[0])}.")
-    if estimated := taken.motor.estimated:
-        said.append(f"The catalogue does not state {', '.join(estimated)} of this motor; they are estimates.")
-    return said
-
-
-def drive(candidate: Candidate) -> str:
-    motor = candidate.motor
-    power = f"{motor.power_kw:g} kW"
-    name = motor.name if power in motor.name else f"{motor.name} ({power})"
-    return f"{candidate.count} × {name} with gear ratio {candidate.ratio:g}"
-
-
-def figure(check: Check) -> str:
-    """`thermal torque, 412 of 484 N m (85 %)`; of a safety factor `…, 5.8 for at least 4.5`."""
-    if check.given is None:
-        return f"{check.name}, {check.asked:.4g} {check.unit}".strip()
-    if check.at_least:
-        return f"{check.name}, {check.asked:.3g} for at least {check.given:g} ({100.0 * check.used:.0f} %)"
-    return f"{check.name}, {check.asked:.4g} of {check.given:.4g} {check.unit} ({100.0 * check.used:.0f} %)"
+    tried = [candidate for candidate in sizing.candidates if candidate.ran]
+    nearest = min(tried, key=lambda c: c.limiting.used if c.limiting else 0.0, default=None)
+    failed = next((candidate.reason for candidate in sizing.candidates if candidate.reason), "")
+    return said.each("sizing", sizing, nearest, failed)
 
 
 def why_not(candidate: Candidate) -> str:
     """What limits a drive that does not pass, the worst first."""
     broken = sorted((check for check in candidate.checks if not check.ok), key=lambda check: -check.used)
-    return candidate.reason or "; ".join(map(figure, broken))
+    return candidate.reason or "; ".join(map(said.figure, broken))
+
+
+said = Sentences("view/size_words.j2", why_not=why_not)
 
 
 def checks_table(candidate: Candidate) -> Table:
@@ -65,11 +40,7 @@ def checks_table(candidate: Candidate) -> Table:
         used = "–" if check.given is None else f"{100.0 * check.used:.0f}"
         lines.append([check.name, f"{check.asked:.4g}", bound, check.unit, used])
     columns = [words("check"), Column("asked"), Column("given"), words("unit"), Column("used", "%")]
-    note = (
-        f"{drive(candidate)}. A dash: the file states no bound, the figure is what is needed. The brakes at rest and "
-        "after STO are reckoned, not simulated."
-    )
-    return Table(columns, lines, note)
+    return Table(columns, lines, said.checks(candidate))
 
 
 def candidates_table(sizing: Sizing) -> Table:

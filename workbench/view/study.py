@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,16 +21,13 @@ from workbench.study import conclude
 from workbench.study.conclude import QUANTILES, SIGN, Use, utilisation
 from workbench.study.decide import TIME, Decision, decisions
 from workbench.study.front import fronts
-from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, shown, swept_axes
+from workbench.study.labels import SweptAxis, drawn_columns, field_label, run_in_words, said, shown, swept_axes
 from workbench.study.rows import Row, index_table, metrics_of, with_payload
 from workbench.study.run import StudyResult, peak_limit
 from workbench.view import study_figures as draw
 from workbench.view.page import Section, save_page
 from workbench.view.study_figures import QUANTITIES, over_time, plane
-from workbench.view.style import label
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from workbench.view.style import Figure, label
 
 __all__ = ["over_time", "plane"]  # beside what is defined here
 MARK = "workbench report"
@@ -40,7 +37,7 @@ WIDEST_HEAD, WIDEST_RUN, WIDEST_NAME = 12, 42, 26  # characters of a head's line
 MOST_LINES = 60  # runs that are listed one by one
 MOST_CURVES, MOST_GROUPS, MOST_NAMED = 6, 3, 12
 SWING = "wire_tension_swing_n"
-Noted = tuple["Figure", str]
+Noted = tuple[Figure, str]
 
 
 def _case(rows: Sequence[Row]) -> list[Column]:
@@ -197,7 +194,7 @@ def run_tables(rows: Sequence[Row]) -> list[Table]:
 
 def what_was_run(result: StudyResult) -> Table:
     """Scenario, machine, versions: enough to run it again."""
-    said, manifest, machine, rows = result.scenario, result.manifest, result.machine, result.rows
+    scenario, manifest, machine, rows = result.scenario, result.manifest, result.machine, result.rows
 
     def few(names: Sequence[str]) -> str:
         return ", ".join(names) if len(names) <= MOST_NAMED else f"{names[0]} to {names[-1]}, {len(names)} values"
@@ -209,8 +206,8 @@ def what_was_run(result: StudyResult) -> Table:
         "drive": kind_of(machine).looped.drive_words(machine),
         "payloads": f"{payloads} kg" if metrics_of(rows).payload else "",
         "references": ", ".join(dict.fromkeys(row.reference for row in rows)),
-        "moves": "; ".join(_block(move) for move in said.get("moves") or ()),
-        **{name: _block(said.get(name) or {}) for name in ("limits", "controller", "events")},
+        "moves": "; ".join(_block(move) for move in scenario.get("moves") or ()),
+        **{name: _block(scenario.get(name) or {}) for name in ("limits", "controller", "events")},
     }
     for axis in swept_axes(rows):
         lines[f"swept: {axis.words}"] = few([axis.short(point) for point in axis.points])
@@ -244,8 +241,8 @@ def _block(block: Mapping[str, Any]) -> str:
 def conclusions(result: StudyResult) -> list[str]:
     """The study's answer, as it stands in the result or made again, then what it means for drive and wire."""
     kept, good = _kept(result), [row for row in result.rows if row.ok]
-    said = list(kept.sentences) if kept is not None else _asked_again(result)
-    return [*said, *_heat(good, result.scenario), *_power(good), *_wire(good)]
+    answer = list(kept.sentences) if kept is not None else _asked_again(result)
+    return [*answer, *_heat(good, result.scenario), *_power(good), *_wire(good)]
 
 
 def _kept(result: StudyResult) -> conclude.Answer | None:
@@ -266,20 +263,10 @@ def _heat(good: Sequence[Row], scenario: Mapping[str, Any]) -> list[str]:
     if not known:
         return []
     hot = max(known, key=lambda row: row["thermal_load_percent"])
-    load, hoist = hot["thermal_load_percent"], metrics_of(known).payload
-    text = f"The {'motors' if hoist else 'drive'}' thermal load is at most {load:.0f} % of nominal ({{}})"
-    text = text.replace("drive'", "drive's").format(run_in_words(hot, swept_axes(good)))
-    if load > 100.0 and hoist and _closes(scenario):
-        pause = hot["i2t_s"] * (1.0 - 100.0 / load)
-        text += f": repeated without end the cycle needs {pause:.1f} s more of rest at no torque"
-    elif load > 100.0:
-        text += ": more than it bears without end"
-    elif _closes(scenario):
-        text += ": the cycle can be repeated without end"
-    if not hoist:
-        return [f"{text}."]
-    above = max(row["overload_time_s"] for row in known)
-    return [f"{text}. One motor is above its nominal torque for up to {above:.2g} s of it."]
+    load, hoist, closes = hot["thermal_load_percent"], metrics_of(known).payload, _closes(scenario)
+    pause = hot["i2t_s"] * (1.0 - 100.0 / load) if load > 100.0 and hoist and closes else None
+    above = max(row["overload_time_s"] for row in known) if hoist else 0.0
+    return [said.heat(load, hoist, run_in_words(hot, swept_axes(good)), closes, pause, above)]
 
 
 def _closes(scenario: Mapping[str, Any]) -> bool:
@@ -302,24 +289,18 @@ def _power(good: Sequence[Row]) -> list[str]:
         return []
     up, down = (max(row[f"peak_power_{way}_kw"] for row in known) for way in ("motoring", "regenerating"))
     back = [row["energy_regenerated_j"] / row["energy_motoring_j"] for row in known if row["energy_motoring_j"] > 0.0]
-    text = f"Both motors together give up to {up:.0f} kW and take back up to {down:.0f} kW"
-    if back and 0.01 < max(back) < 1.0:  # runs that only lower get all of it back, and more
-        low, high = f"{100.0 * min(back):.0f}", f"{100.0 * max(back):.0f}"
-        text += f"; {low if low == high else f'{low} to {high}'} % of the work comes back at the shaft"
-    return [f"{text}."]
+    told = back and 0.01 < max(back) < 1.0  # runs that only lower get all of it back, and more
+    return [said.power(up, down, dict.fromkeys(f"{100.0 * pick(back):.0f}" for pick in (min, max)) if told else ())]
 
 
 def _wire(good: Sequence[Row]) -> list[str]:
     if not good or not metrics_of(good).payload:
         return []
-    most = max(good, key=lambda row: row["max_wire_tension_n"])
-    least, axes = min(good, key=lambda row: row["min_wire_tension_n"]), swept_axes(good)
-    text = (
-        f"A fall of wire carries between {least['min_wire_tension_n'] / 1000.0:.1f} kN ({run_in_words(least, axes)}) "
-        f"and {most['max_wire_tension_n'] / 1000.0:.1f} kN ({run_in_words(most, axes)})"
-    )
+    least, most = "min_wire_tension_n", "max_wire_tension_n"
+    ends = min(good, key=lambda row: row[least]), max(good, key=lambda row: row[most])
+    runs = (run_in_words(row, swept_axes(good)) for row in ends)
     factors = [row["wire_safety_factor"] for row in good if row.metrics.get("wire_safety_factor") is not None]
-    return [f"{text}; the safety factor is {min(factors):.1f} or more." if factors else f"{text}."]
+    return [said.wire(ends[0][least], ends[1][most], *runs, factors)]
 
 
 def decision(result: StudyResult) -> list[Table]:
@@ -467,8 +448,8 @@ def chosen_runs(result: StudyResult) -> tuple[list[tuple[str, Run]], str]:
         row for row in kept
         if row.reference == kind and axis.at(row) in points and all(o.at(row) == o.points[0] for o in others)
     ]  # fmt: skip
-    said = "; ".join([kind, *(other.say(other.points[0]) for other in others)])
-    return [(axis.say(axis.at(row)), result.runs[row.run_id]) for row in some], f"Runs with {said}."
+    where = "; ".join([kind, *(other.say(other.points[0]) for other in others)])
+    return [(axis.say(axis.at(row)), result.runs[row.run_id]) for row in some], f"Runs with {where}."
 
 
 def save_study_page(result: StudyResult, path: Path) -> None:

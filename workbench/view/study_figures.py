@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +19,7 @@ from workbench.study.rows import Row, metrics_of
 from workbench.study.run import peak_limit
 from workbench.view import style
 from workbench.view.panels import MOST_POINTS, Panels
-from workbench.view.style import BLACK, GREY, MARKERS, SPARE, faint, label, line, look
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from workbench.view.style import BLACK, GREY, MARKERS, SPARE, Figure, faint, label, line, look
 
 MOST_COLUMNS = 3  # more leave no panel wide enough to read at 1280 px
 QUANTITIES = ("speed", "error", "torque", "tension")

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from workbench.references import by_name
+
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
-
-from workbench.references import by_name
+else:
+    Figure = Any  # named in records and signatures without loading plotly
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#C07F00", "#3390C6", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"

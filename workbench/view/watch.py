@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,13 +13,10 @@ from workbench.core.table import Column, Table, table_of, words
 from workbench.core.whole_folder import whole_file
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
-from workbench.view.style import BLUE, GREY, VERMILLION
+from workbench.view.style import BLUE, GREY, VERMILLION, Figure
 from workbench.watch.fleet import STATES, Row, by_state
 from workbench.watch.judge import Cause, Judge
 from workbench.watch.watch import Watch
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
 
 MOST_EVENTS = 50
 MEAN_OF = 20  # cycles

@@ -99,8 +99,8 @@ def next_run(
     if settled < math.inf and best.separation <= settled:  # not all of them, perhaps the best one
         return next_run(problem, search, fits[:2], settled) if len(fits) > 2 else None
     return NextRun(
-        _why(problem, fits, best, now), best.planned.payload_kg, best.planned.words, best.signals, best.separation, now,
-        plain.separation, chance_to_decide(best.separation), best.planned, plain.planned,
+        _why(problem, fits, best, now, settled), best.planned.payload_kg, best.planned.words, best.signals,
+        best.separation, now, plain.separation, chance_to_decide(best.separation), best.planned, plain.planned,
         tuple(fit.effects for fit in fits[1:]),
     )  # fmt: skip
 
@@ -224,7 +224,7 @@ def separation(true: Fitted, rival: Fitted, lines: Sequence[tuple[Line, Line]]) 
     return math.sqrt(max(total, 0.0))
 
 
-def _why(problem: Problem, fits: Sequence[Fitted], best: Offer, now: float) -> str:
+def _why(problem: Problem, fits: Sequence[Fitted], best: Offer, now: float, settled: float) -> str:
     names = [" with ".join(fit.effects) or "no effect" for fit in fits]
     rivals = names[1] if len(names) == 2 else f"{', '.join(names[1:-1])} and {names[-1]}"
     load = f"a run with {best.planned.payload_kg:g} kg" if kind_of(problem.machine).payload else "a run"
@@ -232,6 +232,11 @@ def _why(problem: Problem, fits: Sequence[Fitted], best: Offer, now: float) -> s
     begin = f"The campaign sets {names[0]} apart from {rivals} by {now:.1f} standard deviations"
     if now < 0.05:
         begin = f"The campaign does not set {names[0]} apart from {rivals}"
+    if settled < math.inf:  # the likelihoods are apart: they are as good as the model is exact
+        begin = (
+            f"The runs favour {names[0]} over {rivals}, but set them apart by only {now:.1f} standard deviations once "
+            f"a model error of {LEAST:g} of the noise is allowed for"
+        )
     if best.separation > APART:
         apart = f"{best.separation:.1f} standard deviations"
         sure = f"{100.0 * chance_to_decide(best.separation):.0f} %"

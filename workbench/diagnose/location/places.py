@@ -155,13 +155,15 @@ class Weigher:
         log = float(logsumexp(table) - math.log(table.size))
         return Evidence(log, float(self.sizes[j]), self.whitened[i].size)
 
-    def part(self, columns: Array, at: Evidence) -> Array:
-        """(samples,) the posterior mean of the port's contribution."""
+    def part(self, columns: Array, at: Evidence) -> tuple[Array, Array]:
+        """(samples,) the posterior mean of the port's contribution, and what is left beside it and the base
+        parameters."""
         w = next(w for w in self.whitened if w.size == at.discrepancy)
         phi = at.size * _with(self.survey.errors, at.discrepancy).whiten(columns)
         a = np.hstack([w.base, phi])
-        amounts = np.linalg.solve(a.T @ a + np.eye(a.shape[1]), a.T @ w.y)[w.base.shape[1] :]
-        return np.asarray(at.size * (columns @ amounts), dtype=float)
+        z, amounts = np.split(np.linalg.solve(a.T @ a + np.eye(a.shape[1]), a.T @ w.y), [w.base.shape[1]])
+        part = at.size * (columns @ amounts)
+        return part, self.survey.residual - self.survey.base @ z - part
 
 
 NEIGHBOURS = 5  # nearest states
@@ -381,11 +383,13 @@ TOGETHER = 1000  # columns that are whitened at once
 @dataclass(frozen=True)
 class Placed:
     """The probabilities of all places, the largest first. port: the best one; part: (inputs,) its contribution, N m
-    (N). pulses: the brief events, if the cause is one."""
+    (N); left: (inputs,) the residual beside it, the base parameters refitted. pulses: the brief events, if the cause
+    is one."""
 
     places: tuple[PlaceProbability, ...]
     port: Port
     part: Array
+    left: Array
     gain: float
     pulses: tuple[Pulse, ...] = ()
 
@@ -420,10 +424,12 @@ def weighed(survey: Survey) -> Placed:
     places = [PlaceProbability(name, float(np.exp(score[name] - total))) for name in order]
     kept = [place for place in places if place.probability > SHOWN]
     share = sum(place.probability for place in kept)
+    part, left = weigher.part(port.columns, evidence)
     return Placed(
         places=tuple(PlaceProbability(place.subsystem, place.probability / share) for place in kept),
         port=port,
-        part=weigher.part(port.columns, evidence)[: survey.inputs],
+        part=part[: survey.inputs],
+        left=left[: survey.inputs],
         gain=evidence.log - weigher.nothing(),
         pulses=pulses.pulses if pulses is not None and port.regime == "event" else (),
     )

@@ -201,20 +201,21 @@ def where_of(
         gap = named.residual + whole
         largest = max(range(len(parts)), key=lambda k: _energy(problem, parts[k]))
         own = parts[largest][: problem.inputs]
+        beside = gap[: problem.inputs] - own
         windows = windows_of(problem, own**2)
         subsystem, regime = effects[largest].subsystem(problem.active.kind), effects[largest].regime
         places: tuple[PlaceProbability, ...] = (PlaceProbability(subsystem, 1.0),)
         said: tuple[str, ...] = ()
     else:
         most_likely = placed(problem, near)
-        gap, own = near.residual, most_likely.part
+        gap, beside = near.residual, most_likely.left
         windows = windows_of(problem, gap[: problem.inputs] ** 2 - problem.noise**2)
         if most_likely.pulses:
             windows, events = _events(problem, most_likely)
         subsystem, regime, places = most_likely.port.subsystem, most_likely.port.regime, most_likely.places
         said = _placed(most_likely)
     torque, side = gap[: problem.inputs], side_of(problem, gap)
-    left = np.where(windows.inside, torque - own, torque)
+    left = np.where(windows.inside, beside, torque)
     share, interval = share_in_time(problem, torque, left, seed)
     by_run = _by_run(problem, near.residual[: problem.inputs])  # the gap that profiles and figures show
     whose = "the gap's energy" if named is None or not effects else "what the named effect does"

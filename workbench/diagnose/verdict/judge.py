@@ -336,6 +336,12 @@ def runners_up(judged: Judged, kind: str) -> tuple[Names, ...]:
     return tuple(found)
 
 
+def unlisted_likely(judged: Judged) -> tuple[Names, ...]:
+    """The single unlisted effects that have HALF of the best one's evidence, the best first."""
+    rivals = [w for w in judged.weighed if w.rival and len(w.names) == 1 and w.evidence > 0.0]
+    return tuple(w.names for w in rivals if w.evidence > settings.HALF * rivals[0].evidence)
+
+
 def alike(judged: Judged, kind: str) -> Names:
     """Effects of `alternatives` that are not of the answer."""
     hypotheses = alternatives(judged, kind)
