@@ -12,7 +12,7 @@ import pytest
 from tests.support.driven_campaign import driven, planned
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import base_parameters, effect_parameters, within
+from workbench.diagnose.hypotheses.free_parameters import FreeParameter, base_parameters, effect_parameters, within
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, TURNED, Search
@@ -37,7 +37,7 @@ Case = tuple[Problem, Fitted, Explained]
 
 
 def base_fit(problem: Problem, bounded: bool = False) -> Fitted:
-    free = list(base_parameters(problem.machine, problem.runs).values())
+    free: list[FreeParameter] = list(base_parameters(problem.machine, problem.runs).values())
     if bounded:
         free = [within(parameter, TURNED if parameter.logarithmic else TOLERANCES) for parameter in free]
     return fit_hypothesis(problem, (), free, np.zeros(len(free)), 40)
@@ -105,6 +105,7 @@ def test_the_stated_share_of_a_place_is_what_the_true_effect_takes_in_its_window
 def test_what_a_law_takes_is_held_against_the_same_gap_as_all_else(bounded_fan: Case):
     problem, base, explanation = bounded_fan
     alone = held_out(problem, base, folds_by_run(problem)).rms(problem.inputs)
+    assert explanation.law is not None
     said = next(sentence for sentence in explanation.sentences if sentence.startswith("As a law"))
     assert f"from {alone:.3g} to {explanation.law.after:.3g} N m" in said
     assert explanation.law.acts_on == explanation.curves[0].acts_on == "motor"
