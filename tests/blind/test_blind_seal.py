@@ -219,7 +219,7 @@ def test_a_last_answer_that_was_removed_is_named(made: Made):
 def test_the_sheet_says_how_the_answers_were_compared(made: Made):
     first = answered(made, count=2).head
     head = answered(made).head
-    assert open_and_score(made.folder, made.key).compared == "The ledger is that of test.answers."
+    assert open_and_score(made.folder, made.key).compared.startswith("The ledger is that of test.answers; against")
     assert open_and_score(made.folder, made.key, head).compared == "The answers are those of the given head."
     assert open_and_score(made.folder, made.key, first).compared.endswith("answers to 003, 004 were given after it.")
     copy_of(made.folder).unlink()

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import workbench as wb
+import workbench.cli.diagnose as diagnose_module
 from tests.support.commands import Commands
 from tests.support.made_diagnosis import made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
@@ -63,6 +64,40 @@ def test_a_bad_campaign_among_good_ones_is_a_row_and_no_traceback(
         said = json.loads((tmp_path / "out" / name / "diagnosis.json").read_text())
         assert (said["campaign"], said["effects"]) == (name, ["friction_viscous"])
     assert "about" in done.err and "s left" in done.err
+
+
+def test_several_campaigns_go_on_where_they_were_interrupted(
+    workbench: Commands, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """What is there of the same question is kept as it is; of another question, or damaged, it is refused untouched."""
+    twin, out = tmp_path / "twin", tmp_path / "out"
+    shutil.copytree(folder, twin)
+    asked = ("diagnose", folder, twin, *QUICK, "--out", out)
+    first = diagnose_module.answered
+
+    def stopped(name: str, *more: object) -> object:
+        if name == "twin":
+            raise KeyboardInterrupt
+        return first(name, *more)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as m:
+        m.setattr(diagnose_module, "answered", stopped)
+        done = workbench(*asked)
+    assert done.status == 130
+    assert "1 of 2 are done and kept; the same command goes on" in done.err
+    kept = {path: path.read_bytes() for path in (out / "lifts").iterdir()}
+    other = workbench(*asked, "--seed", "1")
+    assert other.status == 2 and "answer for other logs, options or another version" in other.err
+    done = workbench(*asked)
+    assert done.status == 0 and "lifts: friction_viscous; kept from before" in done.err
+    assert {path: path.read_bytes() for path in (out / "lifts").iterdir()} == kept
+    lines = [line.split() for line in done.out.splitlines()]
+    rows = [line for line in lines if line[:1] in (["lifts"], ["twin"])]
+    assert len(rows) == 2 and rows[0][1:] == rows[1][1:]
+    answer = out / "lifts" / "answer.json"
+    answer.write_text(answer.read_text()[:20])
+    refused = workbench(*asked)
+    assert refused.status == 2 and f"{answer}: is damaged" in refused.err
 
 
 def test_two_campaigns_of_one_name_are_refused(workbench: Commands, folder: Path, tmp_path: Path):
