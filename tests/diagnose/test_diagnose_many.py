@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import pickle
 import shutil
@@ -162,32 +161,6 @@ def test_a_file_that_is_no_diagnosis_is_refused_and_never_run(tmp_path: Path, wh
     (tmp_path / "diagnosis.pickle").write_bytes(pickle.dumps(made_diagnosis("axis"))[:5000])
     with pytest.raises(InputError, match="no saved diagnosis"):
         wb.open_diagnosis(tmp_path)
-
-
-def test_a_diagnosis_shows_itself_in_a_notebook_and_as_data_frames():
-    made = made_diagnosis("pair")
-    assert made.verdict.sentence in made._repr_html_() and "<table" in made._repr_html_()
-    pandas = pytest.importorskip("pandas")
-    shrink = made.to_pandas("shrink")
-    assert isinstance(shrink, pandas.DataFrame) and list(shrink.run) == ["empty", "half", "full"]
-    assert sum(made.to_pandas().probability) == pytest.approx(1.0, abs=1e-12)
-    assert all(round(p, 5) == p for p in made.to_pandas().probability)
-    with pytest.raises(InputError, match="no DataFrame 'shrnk'; did you mean 'shrink'"):
-        made.to_pandas("shrnk")
-
-
-def test_the_functions_signature_has_its_options_and_its_docstring_each_of_them():
-    parameters = inspect.signature(wb.diagnose).parameters
-    assert {"validate", "quick", "candidates", "most_effects", "seed"} <= set(parameters)
-    assert all(p.kind is not p.VAR_KEYWORD for p in parameters.values())
-    inner = inspect.signature(diagnose).parameters
-    assert all(
-        p.default == inner[name].default for name, p in parameters.items() if name in inner and name != "campaign"
-    )
-    said = inspect.getdoc(inspect.unwrap(wb.diagnose)) or ""
-    assert [name for name in parameters if name != "campaign" and f"{name}:" not in said.replace("\n", " ")] == [
-        "scenario", "seed",
-    ]  # fmt: skip
 
 
 def test_a_doubtful_log_is_said_in_python_as_by_the_command(workbench: Commands, folder: Path, tmp_path: Path):
