@@ -35,7 +35,6 @@ from typing import Any
 
 from workbench import __version__
 from workbench.core.errors import InputError
-from workbench.core.input_file import readable_file
 from workbench.core.run import Run
 from workbench.core.whole_folder import check_free, is_free, what_is_in, write_json
 from workbench.core.yaml_strict import dumps, load, validate
@@ -54,6 +53,7 @@ from workbench.study.rows import (
     joined,
     numbers,
     parquet_bytes,
+    parquet_of,
     read_manifest,
     read_rows,
     read_table,
@@ -182,22 +182,14 @@ class SavedRuns(Mapping[str, Run]):
         return iter(self._rows)
 
     def __getitem__(self, run_id: str) -> Run:
-        import pyarrow.parquet as pq
-
         path = self._folder / self._rows[run_id].run_id / SIGNALS
-        try:
-            with pq.ParquetFile(readable_file(path, "table")) as file:
-                if file.metadata.num_rows > MOST_SAMPLES:
-                    raise InputError("holds more samples than a run has: the result is damaged", file=path)
-                columns = columns_of(file.read(use_threads=False))
+        with parquet_of(path, "is not readable, the result is damaged") as file:
+            if file.metadata.num_rows > MOST_SAMPLES:
+                raise InputError("holds more samples than a run has: the result is damaged", file=path)
+            columns = columns_of(file.read(use_threads=False))
             sizes = {len(column) for column in columns.values()}
             if "time_s" not in columns or len(sizes) != 1 or sizes == {0}:
                 raise InputError("holds no signals of a run: the result is damaged", file=path)
-        except InputError:
-            raise
-        except Exception as error:  # whatever the parser makes of damaged bytes
-            said = (str(error).splitlines() or [type(error).__name__])[0]
-            raise InputError(f"is not readable, the result is damaged: {said[:200]}", file=path) from error
         start = float(columns["position_carriage_m"][0]) if "position_carriage_m" in columns else 0.0
         return Run(run_id, columns.pop("time_s"), columns, self._rows[run_id].payload_kg, start)
 

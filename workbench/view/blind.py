@@ -434,7 +434,8 @@ def sections(sheet: Sheet, chart: Power | None = None, next_runs: Sequence[WithN
     parts = [
         Section(tables=[*map(sheet_table, measures.by_kind(rows).values()), amounts(rows)]),
         Section("The seal", points=sentences(sheet)),
-        *([_power_section(chart)] if chart is not None else []),
+        *([Section("The power of these runs", power_sentences(chart), (), [power_table(chart)],
+                   [(power(chart.effects, chart.unit), "")])] if chart is not None else []),
         *([Section("Open cases with the recommended next run", [settled_text(next_runs, rows)],
                    tables=[next_runs_table(next_runs)])] if next_runs else []),
         *by_size,
@@ -444,11 +445,6 @@ def sections(sheet: Sheet, chart: Power | None = None, next_runs: Sequence[WithN
         Section("Misses", tables=[misses(rows)]),
     ]  # fmt: skip
     return list(filter(None, parts))
-
-
-def _power_section(chart: Power) -> Section:
-    drawn = [(power(chart.effects, chart.unit), "")]
-    return Section("The power of these runs", power_sentences(chart), (), [power_table(chart)], drawn)
 
 
 def _blocks(part: Section) -> Iterator[str]:
