@@ -550,11 +550,7 @@ def consequences_table(c: Consequences) -> Table:
             line += [metric.text(getattr(row, machine)[metric.name]) for machine in machines]
             line.append(f"{change:+.1f}" if math.isfinite(change) else "–")
         lines.append([*line, f"{row.after['move_time_s']:.2f}"])
-    note = (
-        "Given: the machine as its file has it; refitted: its own values fitted without the effects; corrected: with "
-        "them. Effects: corrected against the same machine without the effects, all else equal. A dash: the run failed."
-    )
-    return Table([*columns, Column("moves", "s")], lines, note)
+    return Table([*columns, Column("moves", "s")], lines, said.table())
 
 
 def as_json(c: Consequences) -> dict[str, Any]:
