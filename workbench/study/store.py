@@ -483,7 +483,9 @@ def _run_the_rest(study: Study, part: Part, spread: Spread, tell: Tell) -> None:
 def _make_whole(study: Study, part: Part, extras: Mapping[str, Extra]) -> None:
     rows = rows_of(part.assemble())
     save_machine(study.machine, part.folder / "machine.yaml")
-    part.add("scenario.yaml", dumps(_as_run(study)))
+    scenario = study.scenario.model_dump(mode="json", exclude={"extends"}) | {"machine": "machine.yaml"}
+    scenario["moves"] = [{k: v for k, v in move.items() if v is not None} for move in scenario["moves"]]
+    part.add("scenario.yaml", dumps(scenario))
     for number, file in enumerate(files_behind(study.machine.effects, "hoist")):
         name = Path(file.path).name
         part.add(f"{number}_{name}" if (part.folder / name).exists() else name, file.text)
@@ -491,10 +493,3 @@ def _make_whole(study: Study, part: Part, extras: Mapping[str, Extra]) -> None:
     for name, write in extras.items():
         write(result, part.folder / name)
     part.mark(manifest(study, rows, part.folder))
-
-
-def _as_run(study: Study) -> dict[str, Any]:
-    """The scenario, complete, beside the machine that it was run on."""
-    scenario = study.scenario.model_dump(mode="json", exclude={"extends"}) | {"machine": "machine.yaml"}
-    scenario["moves"] = [{k: v for k, v in move.items() if v is not None} for move in scenario["moves"]]
-    return scenario

@@ -21,7 +21,7 @@ from workbench.core.json_records import plain
 from workbench.core.names import unit_of, words_of
 from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
-from workbench.core.whole_folder import check_free, whole_folder, write_json
+from workbench.core.whole_folder import whole_folder, write_json
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view.numbers import NOTHING
 from workbench.view.page import Section, save_page
@@ -418,7 +418,6 @@ def power(effects: Sequence[EffectPower], unit: str) -> Figure:
 
 def write_score(sheet: Sheet, folder: Path, power: Power | None = None, next_runs: Sequence[WithNextRun] = ()) -> None:
     """Write score.json, score.md and score.html into an empty folder, or none."""
-    check_free(folder)
     parts = sections(sheet, power, next_runs)
     with whole_folder(folder) as hidden:
         write_json(hidden / "score.json", to_json(sheet, power, next_runs))

@@ -16,7 +16,7 @@ from workbench.core.errors import InputError
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
-from workbench.core.whole_folder import check_free, whole_folder, write_json
+from workbench.core.whole_folder import whole_folder, write_json
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.planned import Planned
@@ -479,7 +479,6 @@ def write_diagnosis(
 
     say: called with each step after the diagnosis itself. keep: write diagnosis.pickle too.
     """
-    check_free(folder)
     with whole_folder(folder) as hidden:
         diagnosis = run()
         if say is not None:

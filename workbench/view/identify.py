@@ -13,7 +13,7 @@ from workbench.core.json_records import plain, rounded
 from workbench.core.run import Array
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
-from workbench.core.whole_folder import check_free, whole_folder, write_json
+from workbench.core.whole_folder import whole_folder, write_json
 from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification, friction_speed
 from workbench.identify.model import fittable, free_parameters
@@ -241,7 +241,6 @@ def estimates(fitted: Sequence[Shift], unit: str, tolerance: float | None = None
 
 def write_identification(run: Callable[[], Identification], folder: Path) -> Identification:
     """Identify, and write machine.yaml, replay.json for that machine, identify.json and identify.html."""
-    check_free(folder)
     with whole_folder(folder) as hidden:
         identification = run()
         save_machine(identification.machine, hidden / "machine.yaml")

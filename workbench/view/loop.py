@@ -47,9 +47,9 @@ def table(members: Sequence[Member]) -> Table:
     for member in members:
         m, point = member.margins, member.point
         values = (m.phase_deg, 1000.0 * m.delay_s, m.disk, m.ms, m.mt, m.crossover_hz, m.bandwidth_hz, m.rejection_hz)
-        said = [gain_text(m), *map(figures, values)] if m.stable else ["unstable", *[NOTHING] * len(values)]
+        cells = [gain_text(m), *map(figures, values)] if m.stable else ["unstable", *[NOTHING] * len(values)]
         where = [f"{point.payload_kg:g}"] * kind.payload + [f"{point.height_m:g}"]
-        rows.append([*where, *said, *map(figures, poles_in_s(member))])
+        rows.append([*where, *cells, *map(figures, poles_in_s(member))])
     place = Column("height" if kind.payload else "position", kind.moved.unit)
     return Table([*[Column("load", "kg")] * kind.payload, place, *MARGINS], rows, said.margins())
 

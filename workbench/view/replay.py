@@ -13,7 +13,7 @@ from workbench.core.run import Array, Run
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
-from workbench.core.whole_folder import check_free, whole_folder, write_json
+from workbench.core.whole_folder import whole_folder, write_json
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of, plant_of
 from workbench.simulate.replay import Replay, ReplayResult
@@ -259,7 +259,6 @@ def stretches(time_s: Sequence[float] | np.ndarray, mask: np.ndarray) -> list[tu
 
 def write_replay(run: Callable[[], ReplayResult], campaign: Campaign, folder: Path) -> ReplayResult:
     """Replay, and write replay.json and replay.html; all or nothing, see `whole_folder`."""
-    check_free(folder)
     with whole_folder(folder) as hidden:
         result = run()
         write_json(hidden / "replay.json", to_json(campaign, result))
