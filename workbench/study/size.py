@@ -363,8 +363,7 @@ def _distribution(asked: SizeFile, study: Study) -> list[Loaded]:
 def _too_small(drive: Candidate, asked: SizeFile, study: Study) -> Check | None:
     """What is known without a run: the motor's speed, and whether it holds the load; the one that is missed by more."""
     machine = _machine(drive, study, 1.0)
-    limits = study.specs[0].limits
-    assert limits is not None
+    limits = study.specs[0].bounds
     fastest = max(limits.hoisting.speed_m_s, limits.lowering.speed_m_s) / machine.lift_m_per_rad
     hold = hold_torque_nm(machine, _distribution(asked, study)[-1].payload_kg) / drive.count
     turns = Check("speed", fastest, drive.motor.speed_rad_s, "rad/s")
@@ -533,8 +532,7 @@ def _checks(
         yield Check("brake torque per motor", brakes / drive.count, None, "N m")
     else:
         yield Check("brake torque over the load's", brakes / hold, asked.brake.safety, "", at_least=True)
-    limits = specs[-1].limits
-    assert limits is not None
+    limits = specs[-1].bounds
     inertia = kind_of(machine).looped.total_inertia(machine, heaviest)
     sto = sto_stop(inertia, hold, brakes, limits.lowering.speed_m_s / machine.lift_m_per_rad, asked.brake.delay_s)
     if sto is not None:
