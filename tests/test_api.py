@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import builtins
 import importlib
 import inspect
 import subprocess
@@ -18,7 +17,6 @@ import pytest
 
 import workbench as wb
 from tests.support.made_diagnosis import made_diagnosis
-from workbench.core.run import Array
 from workbench.core.shown import VIEWS, Shown, view_of
 from workbench.core.table import Table
 from workbench.study.size import size
@@ -94,14 +92,6 @@ def test_the_face_loads_nothing_until_a_name_is_used():
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 
 
-def test_a_verb_is_its_package_too():
-    import workbench.study.run as module
-
-    assert callable(wb.study)
-    assert wb.study.run is module  # type: ignore[attr-defined]
-    assert list(inspect.signature(wb.study).parameters)[:2] == ["scenario", "machine"]
-
-
 def test_only_what_shows_a_result_imports_by_name():
     """What the layer test cannot see: an import by a text."""
     calling = [
@@ -131,36 +121,6 @@ def test_every_result_has_a_table_figures_and_columns(kind: str):
                 raise
             continue
         assert type(figure).__module__.startswith("plotly.") and len(figure.data) >= 1, name
-
-
-@each_result
-def test_every_result_is_a_data_frame_of_numbers(kind: str):
-    pytest.importorskip("pandas", reason="allowed: pandas is optional")
-    frame = result(kind).to_pandas()
-    assert len(frame) >= 1
-    assert frame.select_dtypes("number").shape[1] >= 1
-
-
-def test_without_pandas_there_is_one_clear_error(monkeypatch: pytest.MonkeyPatch):
-    real = builtins.__import__
-
-    def without(name: str, *args: Any, **options: Any) -> Any:
-        if name == "pandas":
-            raise ImportError(name)
-        return real(name, *args, **options)
-
-    run = result("Run")
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(wb.InputError, match="needs pandas, which is optional; pip install pandas"):
-        run.to_pandas()
-
-
-@each_result
-def test_every_repr_is_a_few_lines(kind: str):
-    text = repr(result(kind))
-    assert text.startswith(kind)
-    assert len(text.splitlines()) <= 14
-    assert len(text) < 1500
 
 
 def test_a_wrong_table_figure_metric_or_signal_suggests_the_nearest():
@@ -231,27 +191,6 @@ def test_a_simulation_is_the_study_s_run_of_the_same_case():
     )
     for metric in ("peak_torque_motor_nm", "speed_error_max_rad_s", "min_wire_tension_n"):
         assert alone.metrics[metric] == pytest.approx(row[metric], rel=1e-6)
-
-
-def test_an_effect_changes_the_machine_and_a_misspelt_one_is_an_error():
-    round_drum = wb.default_hoist()
-    eccentric = wb.with_effects(round_drum, {"drum_eccentricity": {"amplitude_m": 0.004}})
-    assert wb.simulate(1.5, machine=eccentric).metrics != wb.simulate(1.5, machine=round_drum).metrics
-    with pytest.raises(wb.InputError, match="did you mean 'drum_eccentricity'"):
-        wb.with_effects(round_drum, {"drum_eccentricty": {}})
-
-
-def test_the_tuned_controller_keeps_to_its_goal():
-    tuned = result("Tuning")
-    assert wb.loop(controller=tuned.controller, payloads_kg=[9000.0], heights_m=[4.0]).weakest.margins.ms <= 1.4
-    assert tuned.winner.bandwidth_hz >= 1.49
-
-
-def test_a_run_s_columns_are_its_signals():
-    run = result("Run")
-    columns = view_of(run).columns(run)
-    time: Array = np.asarray(columns["time_s"])
-    assert np.array_equal(time, run.time_s) and set(columns) == {"time_s", *run.signals}
 
 
 def test_a_run_is_an_xarray_data_set_of_its_signals_over_time_and_without_xarray_one_clear_error(

@@ -10,15 +10,12 @@ from typing import Any
 
 import pytest
 
-from benchmarks.attack.mangle import ROOT, finished_result
+from benchmarks.attack.mangle import finished_result
 from workbench.core.errors import InputError
-from workbench.core.input_file import readable_file
 from workbench.core.whole_folder import replace_json
 from workbench.machines import default_hoist
 from workbench.study.conclude import alarm, sentences, utilisation
-from workbench.study.load import load_study
 from workbench.study.rows import INDEX, Row, check_whole, read_manifest, read_rows
-from workbench.study.store import Part
 
 
 def test_a_result_knows_its_own_bytes(tmp_path):
@@ -59,22 +56,10 @@ def test_json_is_written_whole_or_not_at_all_and_knows_no_nan(tmp_path, monkeypa
     assert [file.name for file in tmp_path.iterdir()] == ["compared.json"]
 
 
-def test_a_link_to_itself_is_told_as_such(tmp_path):
-    link = tmp_path / "machine.yaml"
-    link.symlink_to(link)
-    with pytest.raises(InputError, match="is a link that leads nowhere, or to itself"):
-        readable_file(link)
-
-
 def at_the_limit(rms_nm: float) -> Row:
     metrics = {"peak_torque_motor_nm": 800.0, "peak_torque_percent": 160.0, "rms_torque_motor_nm": rms_nm}
     metrics |= {"slack_time_s": 0.0, "slack_events": 0.0, "position_error_end_m": 0.0}
     return Row("a", "s", "ok", "", 4500.0, "trapezoid", metrics)
-
-
-def test_a_loop_that_swings_from_limit_to_limit_is_pointed_out():
-    assert any("at its limit nearly all the time" in said for said in sentences([at_the_limit(760.0)], 800.0))
-    assert not any("swings" in said for said in sentences([at_the_limit(400.0)], 800.0))
 
 
 def hunting(swings: float) -> Row:
@@ -94,23 +79,3 @@ def test_a_loop_that_hunts_below_its_limits_is_pointed_out_where_runs_are_judged
     assert lights["torque swings"] == "red"
     assert "torque swings 25 times 2 a second" in str(alarm(utilisation([hunting(350.0)], default_hoist())))
     assert "torque swings" not in {use.what for use in utilisation([hunting(14.0)], default_hoist())}
-
-
-def test_the_loser_of_two_studies_on_one_folder_says_where_its_result_lies(tmp_path):
-    part, target = Part(tmp_path / ".part", [1]), tmp_path / "out"
-    for folder in (part.folder, target):
-        folder.mkdir()
-        (folder / "index.parquet").write_bytes(b"")
-    with pytest.raises(InputError, match=r"out: is taken by now; this result is whole in .*\.part"):
-        part.finish(target)
-    assert (part.folder / "index.parquet").is_file()
-
-
-@pytest.mark.parametrize("line", ["machine: {0}.yaml", "extends: {0}.yaml"])
-def test_a_name_that_no_file_can_have_is_one_sentence(tmp_path, line):
-    path = tmp_path / "scenario.yaml"
-    text = (ROOT / "scenarios" / "payloads.yaml").read_text()
-    kept = [row for row in text.splitlines() if not row.startswith("machine:")]
-    path.write_text("\n".join([*kept, line.format("9" * 300)]))
-    with pytest.raises(InputError, match="999"):
-        load_study(path)

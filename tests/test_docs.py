@@ -9,7 +9,6 @@ import json
 import math
 import re
 import shlex
-import tomllib
 from pathlib import Path
 from types import ModuleType
 
@@ -260,17 +259,6 @@ def test_every_name_of_the_api_page_exists_and_says_what_it_is():
         assert (getattr(thing, "__doc__", "") or "").strip(), name
 
 
-def test_the_first_what_if_of_the_start_page_is_a_study(tmp_path: Path):
-    from workbench.study.load import load_study
-
-    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
-    text = (DOCS / "start.md").read_text(encoding="utf-8")
-    blocks = [body for language, body in FENCE.findall(text) if language == "yaml"]
-    (tmp_path / "softer.yaml").write_text(blocks[0], encoding="utf-8")
-    study = load_study(tmp_path / "softer.yaml")
-    assert (study.scenario.name, study.scenario.limits.jerk_m_s3, len(study.specs)) == ("softer", 0.4, 9)
-
-
 def test_the_first_result_of_the_start_page_is_what_the_study_prints(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -314,13 +302,6 @@ def test_the_figures_of_the_model_page_follow_from_its_equations():
         assert f"= {', '.join(rows[name])} " in page, (name, rows[name])
 
 
-def test_the_generator_is_pinned_where_it_is_named():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    pins = project["optional-dependencies"]["docs"]
-    assert len(pins) == 4
-    assert all(re.fullmatch(r"[\w-]+==[\d.]+", pin) for pin in pins)
-
-
 def of_the_site(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, DOCS / "site" / f"{name}.py")
     assert spec and spec.loader
@@ -340,25 +321,6 @@ def test_a_page_that_would_fetch_from_elsewhere_is_seen_and_a_link_to_follow_is_
     assert [text for text, address in fetched.items() if loaded(text) != [address]] == []
     followed = '<a href="https://doi.org/1">', '<img src="_images/a.png">', '<link href="_static/a.css">', "url(#clip)"
     assert [text for text in followed if loaded(text)] == []
-
-
-def test_a_docstring_reaches_the_site_as_it_stands():
-    converted = of_the_site("plain_docstrings").converted
-    lines = ["`kp` times |L| and 2 * a_", "", "gain, offset: of it. by itself:", "", "    x = 1"]
-    assert converted(lines, ["gain", "offset"]) == [
-        r"``kp`` times \|L\| and 2 \* a\_", "", "``gain``, ``offset``: of it. by itself:", "",
-        "", ".. code-block:: none", "", "    x = 1",
-    ]  # fmt: skip
-
-
-def test_the_drawing_of_the_arm_is_made_from_the_models_geometry():
-    from workbench.machines import default_hoist
-
-    said = "run: python docs/site/arm_drawing.py > docs/img/arm.svg"
-    drawn = of_the_site("arm_drawing").arm_svg(default_hoist())
-    assert (DOCS / "img" / "arm.svg").read_text(encoding="utf-8") == drawn, said
-    fields = [name for name in type(default_hoist().arm).model_fields if name.endswith("_m") and "_per_" not in name]
-    assert len(fields) > 9 and [name for name in fields if f">{name}" not in drawn] == []
 
 
 def test_files_of_effects_that_name_the_folder_trace_are_still_read():

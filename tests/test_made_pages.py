@@ -63,14 +63,6 @@ def test_every_key_of_machine_yaml_has_its_line(record: type):
     assert [key for key in keys(record) if f"| `{key}` | " not in page and f"**{key}**: " not in page] == []
 
 
-def test_a_key_shows_its_default_its_bounds_and_what_the_record_says_of_it():
-    page = MADE.keys_page()
-    assert "| `drive.overload` | `1.6` | 0.001 … 100 | largest torque of a motor over its nominal one" in page
-    assert "| `plant` | `lumped` | `lumped`, `multibody` | the lumped equations" in page
-    assert "| `motor.count` | required | ≥ 1, ≤ 100 |" in page
-    assert "| 0.001 | 300 | the sun's is 274 m/s² |" in page
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_and_option_has_its_line(name: str):
     page = MADE.commands_page()

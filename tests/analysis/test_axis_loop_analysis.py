@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 import control
 import numpy as np
@@ -16,11 +15,10 @@ from workbench.analysis.loop import linear_loop, load_step, position_answer
 from workbench.analysis.margins import margins
 from workbench.analysis.tune import Goal, tune
 from workbench.analysis.usual import usual_cascade
-from workbench.control import LinearCascade, RotaryCascade
+from workbench.control import LinearCascade
 from workbench.core.errors import InputError
 from workbench.references import Limits, Step, plan_motion
 from workbench.study.loop_design import loop_case
-from workbench.view.loop import as_json, sentences
 
 POINT = OperatingPoint(0.0, 0.0)
 DT = 0.001
@@ -145,35 +143,3 @@ def test_a_tuned_axis_has_the_bandwidth_asked_for_and_names_what_forbids_more():
     # Where friction holds the speed as firmly as so slow a loop, there is a gap between the slowest and the next.
     with pytest.raises(InputError, match=r"the nearest that can be had is about 4\.\d Hz, the widest is 34\.\d Hz"):
         tune(case.machine, case.settings, points, case.trial(), Goal(4.0))
-
-
-def test_the_report_of_a_loop_speaks_the_axis_s_units():
-    case = loop_case(emps(), None, None, None, None)
-    members = family(case.machine, case.settings, operating_points(case.machine, (0.0,), (0.0,)))
-    text = " ".join(sentences(case, members))
-    assert (
-        re.search(r"A load step of (10|20|50) N moves the speed by", text)
-        and "N m on" not in text
-        and " kg" not in text
-    )
-    (loop,) = as_json(case, members)["loops"]
-    assert {"position_m", "load_step_1_n", "motion"} <= set(loop) and loop["motion"] == "forward"
-    assert {"peak_m_s", "position_peak_m", "position_left_m"} <= set(loop["load_step_1_n"])
-
-
-@pytest.mark.parametrize(
-    ("how", "problem"),
-    [
-        ({"payloads_kg": (100.0,)}, "carries no payload"),
-        ({"controller": RotaryCascade(kp_nm_s_per_rad=1.0, ki_nm_per_rad=1.0)}, "kp_n_s_per_m"),
-    ],
-)
-def test_what_an_axis_does_not_have_is_one_error(how: dict, problem: str):
-    asked = {"controller": None, "payloads_kg": None} | how
-
-    def points():
-        case = loop_case(emps(), asked["controller"], asked["payloads_kg"], None, None)
-        return operating_points(case.machine, case.payloads_kg, case.heights_m)
-
-    with pytest.raises(InputError, match=problem):
-        points()

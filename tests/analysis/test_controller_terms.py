@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.signal import detrend
 
+import workbench as wb
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.loop import linear_loop
@@ -16,7 +19,6 @@ from workbench.analysis.margins import margins
 from workbench.analysis.tune import Goal, tune, usual_trial
 from workbench.control import PiSettings
 from workbench.core.errors import InputError
-from workbench.core.run import Array
 from workbench.machines import Hoist, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import LoopCase, simulate_loop
@@ -131,27 +133,6 @@ def test_scheduled_gains_are_those_of_the_payload():
         scheduled.at(None)
 
 
-def shaped_speed(kind: str, hz: float, zeta: float) -> Array:
-    plan = plan_motion("trapezoid", [Step(by_m=2.0)], HEIGHT, Limits(0.6, 0.6), (0.0, 22.0), 0.5, 4.0)
-    speed = motor_speed_rad_s(plan.sample(0.001).speed_m_s, RINGING.gearbox.ratio, RINGING.winch.drum_diameter_m)
-    shaper = {"kind": kind, "frequency_hz": hz, "damping": zeta}
-    case = LoopCase("a", RINGING, 9000.0, HEIGHT, settings_with(input_shaper=shaper), speed)
-    return np.asarray(simulate_loop([case], record_every=1)[0].run["speed_reference_rad_s"])
-
-
-def test_the_controllers_shaper_is_the_shaped_reference():
-    from workbench.machines import load_of
-
-    load = load_of(RINGING, 9000.0)
-    assert load is not None
-    hz = load.angular_frequency_rad_s / (2.0 * math.pi)
-    plan = plan_motion("zvd", [Step(by_m=2.0)], HEIGHT, Limits(0.6, 0.6), (0.0, 22.0), 0.5, 4.0, load)
-    expected = motor_speed_rad_s(plan.sample(0.001).speed_m_s, RINGING.gearbox.ratio, RINGING.winch.drum_diameter_m)
-    given = shaped_speed("zvd", hz, load.damping)
-    n = min(len(given), len(expected))
-    assert np.max(np.abs(given[:n] - expected[:n])) < 0.01 * np.max(expected)
-
-
 def test_tuning_chooses_no_notch_shaper_or_schedule_that_is_worse_than_none():
     points = [OperatingPoint(load, HEIGHT) for load in (0.0, 9000.0)]
     base = PiSettings.model_validate(GAINS)
@@ -171,3 +152,40 @@ def test_tuning_chooses_no_notch_shaper_or_schedule_that_is_worse_than_none():
     assert all(member.margins.ms <= 1.4 for member in scheduled.members)
     # One pair of gains for all is among the schedules, so a schedule never has less ki at any payload.
     assert min(row.ki_nm_per_rad for row in rows) >= 0.8 * plain.shaped.settings.ki
+
+
+# State-space systems of plant and loop, and a controller written as a Python function around the sampled plant.
+
+
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "loop_design.md"
+
+
+def test_the_systems_are_those_of_the_loop_whose_margins_are_shown():
+    control = pytest.importorskip("control")
+    analysis = wb.loop(payloads_kg=[9000.0], heights_m=[10.0])
+    gain, phase, *_ = control.stability_margins(control.frd(analysis.open, np.geomspace(0.1, 3100.0, 20000)))
+    shown = analysis.weakest.margins
+    assert gain == pytest.approx(shown.gain_up, rel=1e-4) and phase == pytest.approx(shown.phase_deg, abs=1e-2)
+    assert np.abs(analysis.closed.poles()).max() < 1.0
+    assert analysis.closed.input_labels == ["speed_reference", "load_torque", "speed_noise"]
+
+
+def test_closing_the_plant_by_hand_gives_the_closed_loop():
+    control = pytest.importorskip("control")
+    analysis = wb.loop(payloads_kg=[9000.0], heights_m=[10.0])
+    K = analysis.members[0].loop.controller
+    feedback = control.ss(K.A, K.B[:, [1]], K.C, K.D[:, [1]], K.dt)
+    seen = analysis.plant[[analysis.plant.noutputs - 1], [0]]
+    by_hand = control.feedback(seen, feedback, sign=1)
+    ours = np.sort_complex(analysis.closed.poles())
+    np.testing.assert_allclose(np.sort_complex(by_hand.poles()), ours, atol=1e-6)
+
+
+def test_the_controller_of_the_docs_follows_within_a_rad_per_second(capsys: pytest.CaptureFixture[str]):
+    pytest.importorskip("control")
+    (code,) = re.findall(r"```python\n(import control.*?)```", DOCS.read_text(encoding="utf-8"), re.S)
+    names: dict[str, object] = {}
+    exec(code, names)
+    error = float(re.search(r"error ([\d.]+) rad/s", capsys.readouterr().out)[1])  # type: ignore[index]
+    assert error < 1.0
+    assert np.asarray(names["speed"])[3400] == pytest.approx(60.0, abs=0.05)

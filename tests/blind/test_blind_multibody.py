@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from benchmarks.validation import entry, multibody
 from benchmarks.validation.campaign import built, input_change
 from benchmarks.validation.content import Content, draw
-from benchmarks.validation.orders import families_of, orders
 from workbench.blind.seal import Order
 from workbench.logs import read_campaign
 from workbench.machines import Hoist
@@ -40,13 +38,6 @@ def test_without_a_cause_nothing_changes_and_a_torque_offset_changes_by_itself()
     assert input_change(well, (5, 1)).rms_nm == 0.0
     more = built(ill, (5, 1)).sensors.offset - built(well, (5, 1)).sensors.offset
     assert input_change(ill, (5, 1)).rms_nm == pytest.approx(abs(more), rel=1e-3)
-
-
-def test_causes_that_this_machine_does_not_have_are_not_ordered():
-    wanted = orders(3, {"multibody": families_of(multibody.USUAL)}, counts={"unknown": 40})
-    assert len(wanted) == 40
-    assert {order.names[0] for order in wanted} == set(multibody.UNLISTED)
-    assert np.all(np.diff([order.number for order in wanted]) == 1)
 
 
 def test_an_identified_machine_is_that_of_the_well_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

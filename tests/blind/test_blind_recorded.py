@@ -6,25 +6,17 @@ import json
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tests.support.commands import Commands
-from tests.support.emps_campaign import RUNS
+from tests.support.emps_campaign import emps_in
 from workbench.blind import make as making
 from workbench.blind.recorded import SINGLES, UNLISTED, bent, cases
-from workbench.blind.recording import Recording, cut, recording, rms
+from workbench.blind.recording import Recording, recording, rms
 from workbench.blind.seal import key_of, read_manifest, unseal
 from workbench.logs import read_campaign
-from workbench.machines import LinearAxis, kind_of
+from workbench.machines import LinearAxis
 
-MACHINE = """\
-kind: axis
-motion: linear
-mass_kg: 50.0
-gravity: {constant_n: 0.0}
-friction: {coulomb_forward_n: 10.0, coulomb_backward_n: 10.0, viscous_n_s_per_m: 50.0}
-"""
 SEED = (5, 1)
 ON_AXES = [name for name in SINGLES if name not in ("payload", "load")]
 
@@ -32,11 +24,7 @@ ON_AXES = [name for name in SINGLES if name not in ("payload", "load")]
 @pytest.fixture(scope="module")
 def emps(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recorded") / "emps"
-    folder.mkdir()
-    (folder / "machine.yaml").write_text(MACHINE)
-    (folder / "runs.yaml").write_text(RUNS)
-    (folder / "runs").symlink_to(shared_data / "emps")
-    return folder
+    return emps_in(folder, shared_data, mass=50.0, coulomb=10.0, viscous=50.0, offset=0.0)
 
 
 @cache
@@ -84,28 +72,6 @@ def test_a_pendulum_logged_with_noise_is_identified_in_a_band_that_holds_its_ine
     assert known.machine.gravity.sine_nm == pytest.approx(3.56, rel=0.03)
 
 
-def test_a_cable_chain_pulls_with_the_height_alike_in_every_run(shared_data: Path):
-    known = known_of(shared_data / "campaigns" / "20")
-    found = bent("spring", SEED, known)
-    assert found is not None
-    made, kind = found[0], kind_of(known.machine)
-    pulls = [a["torque_motor_nm"] - b["torque_motor_nm"] for a, b in zip(made.runs, known.runs, strict=True)]
-    heights = [
-        kind.place_of(known.machine, run.start_position_m, motion.position)
-        for run, motion in zip(known.runs, known.bench.motions, strict=True)
-    ]
-    lines = np.array([np.polyfit(height, pull, 1) for height, pull in zip(heights, pulls, strict=True)])
-    assert np.ptp(lines, axis=0) == pytest.approx(0.0, abs=1e-6 * np.max(np.abs(lines)))
-
-
-def test_a_ripple_comes_again_on_the_way_of_the_machine(shared_data: Path):
-    known = known_of(shared_data / "real" / "geared_pendulum")
-    travel = float(np.ptp(np.concatenate([motion.position for motion in known.bench.motions])))
-    for seed in range(8):
-        found = bent("ripple", (seed, 1), known)
-        assert found is None or found[0].parameters["order_per_turn"] * travel > 0.99 * 2.0 * np.pi
-
-
 def test_what_the_machine_does_not_have_is_not_asked(emps: Path):
     known = known_of(emps)
     assert bent("payload", SEED, known) is None
@@ -126,17 +92,6 @@ def test_a_gain_is_alike_with_inertia_and_friction_together(emps: Path):
     inertia = bent("inertia", SEED, known)
     assert inertia is not None
     assert not known.alike("inertia_error", inertia[1])
-
-
-def test_parts_of_a_run_are_the_run(emps: Path):
-    campaign = read_campaign(emps)
-    run = campaign.runs[0]
-    parts = cut(campaign.machine, run, 4, np.random.default_rng(0))
-    assert len(parts) == 4
-    np.testing.assert_array_equal(np.concatenate([part["force_n"] for part in parts]), run["force_n"])
-    for part in parts:
-        assert part.start_position_m == part["position_m"][0]
-        assert part.start_time_s == pytest.approx(part.time_s[0] - run.time_s[0])
 
 
 def test_the_command_makes_campaigns_that_tell_nothing_of_the_truth(

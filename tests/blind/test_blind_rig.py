@@ -13,23 +13,15 @@ import numpy as np
 import pytest
 
 from benchmarks.validation import next_run
-from benchmarks.validation.axis_causes import LISTED as ON_AXES
-from benchmarks.validation.axis_causes import OF_A_LOAD, OF_NO_LOAD
 from benchmarks.validation.campaign import make_campaign
 from benchmarks.validation.content import draw
 from benchmarks.validation.entry import LARGEST, SMALLEST, content_of, made, ordered
 from benchmarks.validation.rig import Rig, rig_from
 from benchmarks.validation.rig_files import rig_of
-from workbench.blind import score as later
-from workbench.blind.answer import Answer
 from workbench.blind.make import Asked
-from workbench.blind.measures import Share, of_the_oracle
 from workbench.blind.power import LEAST, power_of, thresholds
-from workbench.blind.seal import Order
 from workbench.core.errors import InputError
-from workbench.effects import find
 from workbench.logs import read_campaign
-from workbench.machines import plant_of
 from workbench.view import blind as tables
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -91,26 +83,6 @@ def test_an_axis_gives_its_motion_and_plays_it_again(tmp_path: Path):
     assert np.std(seen - theirs[speed]) < 0.1 * np.std(theirs[speed])
 
 
-@pytest.mark.parametrize("seed", [5, 8])
-def test_every_effect_of_an_axis_can_be_made_smaller(seed: int):
-    content = draw((seed, 1), "axis_std", "none")
-    sensors = {"input_noise": 0.0, "encoder": False, "jitter_s": 0.0}
-    rig = Rig("axis", content.drawn, content.runs, content.logging, sensors, (), "N")
-    plant = plant_of(content.drawn.machine).kind
-    seen = 0
-    for name in sorted({*ON_AXES} - {*(OF_NO_LOAD if content.drawn.loaded else OF_A_LOAD)}):
-        order = Order(1, (seed, 1), "simulator", "yours", "singles", (name,))
-        (whole,), (half,) = (content_of(replace(order, size=size), rig).causes for size in (1.0, 0.5))
-        for effect, numbers in whole.library.items():
-            for parameter in find(effect, plant).parameters:
-                key = parameter.named(plant)
-                if key in numbers and parameter.vanishes_at is not None:
-                    expected = parameter.vanishes_at + 0.5 * (numbers[key] - parameter.vanishes_at)
-                    assert half.library[effect][key] == pytest.approx(expected), (name, key)
-                    seen += numbers[key] != parameter.vanishes_at
-    assert seen > 10
-
-
 PLAN = """\
 rate_hz: 100
 input_noise: 2.0
@@ -136,10 +108,8 @@ def test_a_plan_gives_runs_that_were_never_recorded(tmp_path: Path):
     [
         ("profile: fast", "profile: fats", r"plan.yaml:5: runs.0.profile: unknown profile 'fats'; did you mean 'fast'"),
         ("name: loaded", "name: empty", "plan.yaml:6: run 'empty' is there twice"),
-        ("rate_hz: 100", "rate_hz: 0", "rate_hz"),
         ("rate_hz: 100", "rate: 100", "did you mean 'rate_hz'"),
         ("start_position_m: 9.0, duration_s: 40}", "start_position_m: 0.5, duration_s: 40}", "the rail reaches from"),
-        (PLAN[PLAN.index("runs:") :], "runs: []\n", "runs"),
     ],
 )
 def test_a_plan_that_cannot_be_driven_is_one_line(tmp_path: Path, before: str, after: str, sentence: str):
@@ -234,87 +204,3 @@ def test_one_more_run_makes_smaller_effects_show(rig: Rig, monkeypatch: pytest.M
 
 
 # What is computed once the seal is open
-
-
-def test_the_recommended_run_is_driven_as_the_menu_has_it_by_the_same_machine(rig: Rig, tmp_path: Path):
-    short = replace(rig, runs=tuple(cut(run, 20.0) for run in rig.runs[1:3]))
-    content = content_of(ordered(Asked(runs=DEMO, cases=1, case="none"), 5)[0][0], short)
-    make_campaign(tmp_path / "before", (5, 1), content)
-    asked = {
-        "payload_kg": 0.0, "profile": "designed", "signals": ["tension_dead_line_n"],
-        "start_position": 6.0, "speed": 0.2,
-        "moves": [{"by_m": 1.0}, {"by_m": -0.5}, {"by_m": 0.5}, {"by_m": -1.0}, {"by_m": 0.5}, {"by_m": -0.5}],
-    }  # fmt: skip
-    more = next_run.extended(content, asked, tmp_path / "before")
-    assert more.drawn == content.drawn and more.runs[:-1] == content.runs
-    assert "tension" in more.logging.logs
-    last = more.runs[-1]
-    assert last.payload_kg == 0.0 and last.start_time_s > content.runs[-1].start_time_s
-    speed = np.array(last.reference)
-    assert np.sum(np.diff(np.sign(speed[np.abs(speed) > 1e-3])) != 0) == 5  # up, back, up, down, back, down
-    with pytest.raises(InputError, match="moves"):
-        next_run.extended(content, {k: v for k, v in asked.items() if k != "moves"}, tmp_path / "before")
-
-
-def cut(run: Any, length_s: float) -> Any:
-    return replace(run, reference=(run.reference or ())[: round(1000 * length_s)], duration_s=length_s)
-
-
-DECIDES = {"profile": "slow", "separation": 7.0, "now": 1.0}
-
-
-def open_score(folder: Path) -> Any:
-    """Three cases of which two are open; the second one's label says friction_viscous."""
-    rows = []
-    for k, effect in enumerate(("heave", "friction_viscous", "torque_offset")):
-        label = {"effects": [effect], "where": [], "parameters": {}, "seed": [5, k], "torque_change_rms_nm": 5.0}
-        rows.append(
-            {
-                "folder": f"{k:03d}", "label": label, "word": "unknown", "names": [], "alike": [], "noise": 0.5,
-                "after": 1.0, "held_out": [], "next_run": DECIDES if k else None,
-            }
-        )  # fmt: skip
-    said = {"number": 1, "seed": [5, 1], "source": "simulator", "family": "hoist_small", "case": "singles", "names": []}
-    truth = SimpleNamespace(orders={row["folder"]: said for row in rows}, rig=None)
-    score = SimpleNamespace(folder=folder, rows=tuple(rows), truth=truth)
-    score.with_rows = lambda changed: SimpleNamespace(rows=tuple(changed))
-    return score
-
-
-def test_a_next_run_settles_an_open_case_where_the_answer_becomes_right(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    asked = []
-
-    def anew(said: Any, rig: Any, row: Any) -> Answer:
-        asked.append(row["folder"])
-        open_still = DECIDES if row["folder"] == "000" else None
-        return Answer("after", "named", names=("friction_viscous",), next_run=open_still)
-
-    monkeypatch.setattr(next_run, "answered_with_next_run", anew)
-    score = open_score(tmp_path)
-    lines: list[str] = []
-
-    def counted(scores: list[Any], most: int) -> Share:
-        return tables.settled(later.with_next_runs(scores, most, 1, lines.append))
-
-    assert counted([score], 9) == Share(1, 2)
-    assert asked == ["001", "002"] and lines[0] == "1/2 next run of campaign 001: friction_viscous"
-    assert counted([score], 9) == Share(1, 2)
-    assert asked == ["001", "002"]  # what was answered is kept
-    assert counted([score], 1) == Share(1, 1)
-    score.rows[0].update(label=score.rows[1]["label"], next_run=DECIDES)
-    assert counted([score, score], 2) == Share(2, 4)  # 000 is right, and open still
-    score.rows[0].update(next_run={**DECIDES, "separation": 1.5})  # no run on the menu decides
-    assert counted([score], 9) == Share(1, 2)
-
-
-def test_the_true_effect_is_fitted_where_the_diagnosis_has_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def fitted(campaigns: Path, row: Any) -> Any:
-        return {**row, "held_out": [[row["label"]["effects"], 0.8]]}
-
-    monkeypatch.setattr(later, "fitted_truth", fitted)
-    score = open_score(tmp_path)
-    score.rows[0]["held_out"] = [[["heave"], 0.5]]
-    rows = later.with_oracle(score, 1, lambda line: None).rows
-    assert [of_the_oracle(row) for row in rows] == pytest.approx([0.5, 0.8, 0.8])

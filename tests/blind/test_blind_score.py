@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -90,19 +89,6 @@ def test_shares_are_of_the_campaigns_they_speak_of():
     assert share("false_unknown") == (0, 2)
     assert share("unknown_caught") == (1, 2)
     assert share("pair_both", ANSWERS[:1]) == (0, 0)
-
-
-def test_cases_stand_with_others_of_their_size_over_the_noise():
-    """The noise is 0.5 in all answers made here."""
-    sized = {name: len(rows) for name, rows in measures.by_size(ANSWERS).items()}
-    assert sized == {"below the noise": 1, "10 and more": 8}
-    at = {3.9: "3 to 10", 2.9: "1 to 3", 0.9: "below", 11.0: "10 and more"}
-    for ratio, name in at.items():
-        (cell,) = measures.by_size([made([VISCOUS], "no_gap", size=0.5 * ratio)])
-        assert name in cell
-    unknown = made([VISCOUS], "no_gap")
-    unknown["label"]["torque_change_rms_nm"] = None
-    assert list(measures.by_size([unknown])) == ["size not known"]
 
 
 def test_a_correction_that_makes_it_worse_is_harmful_and_a_shrink_is_held_against_the_true_effects():
@@ -259,16 +245,6 @@ def test_what_is_stated_is_fitted_to_how_often_answers_are_right():
     assert len(lines) == 4 and lines[-1].startswith("| all |")
 
 
-def test_a_calibration_error_by_chance_is_what_few_answers_have():
-    """Of one answer that says p it is 2 p (1 - p); of many it goes with the root of their number."""
-    one = made([VISCOUS], "named", [VISCOUS], probability=0.9)
-    assert measures.calibration_by_chance([one]) == pytest.approx(0.18)
-    few, many = (measures.calibration_by_chance([one] * n) or 0.0 for n in (100, 400))
-    assert few == pytest.approx(math.sqrt(2.0 / math.pi * 0.09 / 100), rel=0.02)
-    assert many == pytest.approx(0.5 * few, rel=0.02)
-    assert measures.calibration_by_chance([]) is None
-
-
 def test_a_family_is_judged_by_what_the_others_give(monkeypatch: pytest.MonkeyPatch):
     """Its own answers play no part in the numbers that it is judged by, and each keeps its label and its fits."""
     families = ("hoist_small", "hoist_large", "axis_std")
@@ -289,46 +265,3 @@ def test_a_family_is_judged_by_what_the_others_give(monkeypatch: pytest.MonkeyPa
     for row in anew:
         assert row["word"] == row["ranking"][0][0]
         assert sum(probability for _, _, probability in row["ranking"]) == pytest.approx(1.0)
-
-
-def test_recorded_machines_come_first_each_a_column_and_names_that_say_the_same_count_as_one():
-    recorded = {"source": "recorded", "family": "emps", "alike": ["friction_viscous+inertia_error"]}
-    row = made(["torque_scale"], "named", ["friction_viscous", "inertia_error"])
-    row = {**row, "label": {**row["label"], **recorded}}
-    first, *_ = measures.groups([*ANSWERS, row])
-    assert first == "recorded, emps"
-    assert tables.sheet_table([*ANSWERS, row]).columns[1].head == "recorded,\nasked"
-    assert measures.right_or_alike(row) and not measures.right(row) and not measures.wrong(row)
-    assert not measures.right_or_alike({**row, "names": ["inertia_error"]})
-    assert measures.wrong({**row, "names": ["inertia_error"]})
-
-
-@pytest.mark.parametrize(
-    ("row", "why"),
-    [
-        (made([OFFSET], "no_gap", size=0.3), "smaller than the noise"),
-        (made([], "named", [VISCOUS], size=0.0), "10.0 times the noise"),
-        (made([VISCOUS], "named", [VISCOUS, OFFSET]), f"with {OFFSET} beside it"),
-        (made([VISCOUS, OFFSET], "named", [VISCOUS]), "the other one is missed"),
-        (made([VISCOUS], "named", [OFFSET], merits=[((VISCOUS,), 3.0)]), "worth less than the answer"),
-        (made([VISCOUS], "named", [OFFSET]), "not among the fits"),
-        (
-            made([VISCOUS], "unknown", merits=[((VISCOUS,), 9.0)], evidence={**EVIDENCE, "prior": 2.0}),
-            "merit 9, the best 9; for an unknown one speaks most: stretched tolerances",
-        ),
-        (
-            {**made([VISCOUS], "named", [OFFSET]), "ranking": [["named", [OFFSET], 0.7], ["named", [VISCOUS], 0.2]]},
-            "comes second, with 0.20",
-        ),
-        (
-            {
-                **made([VISCOUS], "unknown"),
-                "ranking": [["unknown", [], 0.7], ["named", [OFFSET], 0.2]],
-                "twins": [[[OFFSET], [VISCOUS]]],
-            },
-            "comes second, with 0.20",
-        ),
-    ],
-)
-def test_each_miss_says_how_it_came(row: Mapping[str, Any], why: str):
-    assert why in tables.why(row)

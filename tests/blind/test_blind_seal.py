@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
 import stat
-import subprocess
 import sys
 import time
 from dataclasses import asdict, replace
@@ -27,7 +25,6 @@ from workbench.cli import main
 from workbench.core.errors import InputError
 from workbench.view.blind import sentences
 
-ROOT = Path(__file__).resolve().parents[2]
 SEED = 424242424242
 TRUTH = ("friction_viscous", "heave", "torque_offset", "")
 
@@ -90,15 +87,6 @@ def test_the_manifest_holds_the_hash_of_the_seal_and_of_every_file_from_the_star
     assert sorted(manifest.cases) == ["001", "002", "003", "004"]
     assert sorted(manifest.cases["002"]) == ["machine.yaml", "runs.yaml", "runs/first.csv"]
     assert manifest.cases["002"]["machine.yaml"] == seal.sha256(b"machine.yaml of 002\n")
-
-
-def test_with_the_key_the_labels_come_out_as_they_went_in(made: Made):
-    answered(made)
-    score = open_and_score(made.folder, made.key)
-    assert score.truth.seed == SEED
-    assert [row["label"]["effects"] for row in score.rows] == [[name] if name else [] for name in TRUTH]
-    assert not score.partial
-    assert "truth" not in score.rows[0]["label"]
 
 
 @pytest.mark.parametrize(
@@ -231,7 +219,7 @@ def test_a_last_answer_that_was_removed_is_named(made: Made):
 def test_the_sheet_says_how_the_answers_were_compared(made: Made):
     first = answered(made, count=2).head
     head = answered(made).head
-    assert open_and_score(made.folder, made.key).compared == "The ledger is that of test.answers."
+    assert open_and_score(made.folder, made.key).compared.startswith("The ledger is that of test.answers; against")
     assert open_and_score(made.folder, made.key, head).compared == "The answers are those of the given head."
     assert open_and_score(made.folder, made.key, first).compared.endswith("answers to 003, 004 were given after it.")
     copy_of(made.folder).unlink()
@@ -239,13 +227,6 @@ def test_the_sheet_says_how_the_answers_were_compared(made: Made):
     assert head == entries(made.folder)[-1].chain
     with pytest.raises(InputError, match="is no head"):
         open_and_score(made.folder, made.key, "notes.txt")
-
-
-def test_dask_workers_answer_as_this_process_does(made: Made):
-    pytest.importorskip("distributed")
-    assert run.run(made.folder, diagnose=said, cluster="local:2").done == 4
-    for row in open_and_score(made.folder, made.key).rows:
-        assert (row["folder"], row["names"]) in [(f"00{k}", ["friction_viscous"]) for k in (1, 2, 3, 4)]
 
 
 def cut_off(file: Path) -> None:
@@ -282,8 +263,7 @@ def test_labels_sealed_anew_by_another_key_are_no_labels(made: Made, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("key", "sentence"),
-    [("", "no key there"), ("short", "is not the key"), ("A" * 43 + "=", "is not the key")],
+    ("key", "sentence"), [("", "no key there"), ("short", "is not the key"), ("A" * 43 + "=", "is not the key")]
 )
 def test_without_the_right_key_nothing_is_opened(made: Made, tmp_path: Path, key: str, sentence: str):
     answered(made)
@@ -335,42 +315,6 @@ def test_an_answer_given_anew_after_the_opening_is_found_out(made: Made):
     run.run(made.folder, processes=1, diagnose=lambda campaign: said(campaign).replace("viscous", "coulomb"))
     with pytest.raises(InputError, match="campaign 002 is answered otherwise than when the seal was opened"):
         open_and_score(made.folder, made.key)
-
-
-def test_processes_share_the_work_and_stand_in_a_folder_without_the_seal(made: Made):
-    assert run.run(made.folder, processes=2, diagnose=standing).done == 4
-    rows = open_and_score(made.folder, made.key).rows
-    assert {row["subsystem"] for row in rows} == {"guide"}
-    assert all("workbench-blind-" in row["warnings"][0] for row in rows)
-
-
-def standing(campaign: Path) -> str:
-    row = json.loads(said(campaign))
-    return json.dumps({**row, "warnings": [os.getcwd()]})
-
-
-@pytest.mark.skipif(os.name != "posix", reason="allowed: signals of POSIX")
-def test_ctrl_c_ends_a_run_of_processes_with_what_is_answered(made: Made, tmp_path: Path):
-    code = (
-        "import sys, time\nfrom pathlib import Path\nfrom workbench.blind import run\n"
-        "from tests.blind.slow_answer import slow\n"
-        "if __name__ == '__main__':\n"
-        "    run.run(Path(sys.argv[1]), processes=2, diagnose=slow, tell=lambda line: print(line, flush=True))\n"
-    )
-    file = tmp_path / "program.py"
-    file.write_text(code)
-    words = [sys.executable, str(file), str(made.folder)]
-    program = subprocess.Popen(
-        words, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-        text=True, start_new_session=True,
-    )  # fmt: skip
-    assert program.stdout is not None
-    assert program.stdout.readline().startswith("1/4 campaign")
-    os.killpg(program.pid, signal.SIGINT)
-    assert program.wait(timeout=120) != 0
-    kept = len(list((made.folder / "answers").glob("*.json")))
-    assert 1 <= kept < 4
-    assert answered(made).kept == kept
 
 
 def another(made: Made, tmp_path: Path) -> Made:
@@ -439,19 +383,16 @@ def test_the_command_makes_runs_and_scores(tmp_path: Path, monkeypatch: pytest.M
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["make", "--out", "x", "--cases", "0"], "0 is not in the range"),
         (
             ["make", "--out", "x", "--source", "simulater"],
             "--source: unknown source 'simulater'; did you mean 'simulator'?",
         ),
         (["make", "--out", "x", "--family", "hoist_smal"], "did you mean 'hoist_small'?"),
         (["make", "--out", "x", "--effects", "friction_viscos"], "did you mean 'friction_viscous'?"),
-        (["make", "--out", "x", "--effects", " , "], "no effect is named"),
         (["make", "--out", "x", "--source", "multibody", "--kind", "axis"], "does not play machines of kind axis"),
         (["make", "--out", "x", "--machine", "machine.yaml"], "--machine: needs runs"),
         (["run", "nowhere"], "no such folder"),
         (["run", "."], "has no manifest.json"),
-        (["score", "nowhere"], "no such folder"),
         (["scroe", "x"], "did you mean 'score'?"),
     ],
 )
@@ -471,21 +412,6 @@ def test_a_key_that_is_there_is_not_overwritten(tmp_path: Path):
         make(Asked(cases=1, seed=1), tmp_path / "test", processes=1, maker=makes(1, 1))
     assert (tmp_path / "test.key").read_text() == "mine"
     assert not (tmp_path / "test").exists()
-
-
-def test_without_the_extra_the_error_says_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(sys.modules, "cryptography.fernet", None)
-    with pytest.raises(InputError, match=r"needs the extra 'blind'; from a checkout: pip install '\.\[blind\]'"):
-        make(Asked(cases=1, seed=1), tmp_path / "test", processes=1, maker=makes(1, 1))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_seed_that_nobody_names_is_the_systems_own(tmp_path: Path):
-    seeds = []
-    for name in ("one", "two"):
-        one = make(Asked(cases=1), tmp_path / name, processes=1, maker=makes(1, 1))
-        seeds.append(seal.unseal(one.folder, seal.read_manifest(one.folder), one.key).seed)
-    assert seeds[0] != seeds[1]
 
 
 def test_where_only_the_package_is_installed_the_simulators_are_named_as_missing(

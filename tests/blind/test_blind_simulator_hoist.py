@@ -6,7 +6,6 @@ import ast
 import dataclasses
 import json
 import math
-import re
 from functools import cache
 from pathlib import Path
 
@@ -16,19 +15,11 @@ import pytest
 from benchmarks.validation.campaign import built, input_change, log_columns, make_campaign, simulated
 from benchmarks.validation.content import draw
 from benchmarks.validation.families import FAMILIES
-from benchmarks.validation.hoist_causes import (
-    EVENTS,
-    IN_THE_LIBRARY,
-    LISTED,
-    UNLISTED,
-    USUAL,
-    scales_of,
-)
+from benchmarks.validation.hoist_causes import EVENTS, IN_THE_LIBRARY, LISTED, UNLISTED, scales_of
 from benchmarks.validation.hoist_machines import practice_machine, reference
 from benchmarks.validation.hoist_motion import (
     CARRIAGE_SPEED,
     DRUM,
-    FRICTION,
     HEIGHT,
     RECORD_S,
     SHAFT,
@@ -38,12 +29,8 @@ from benchmarks.validation.hoist_motion import (
     nominal_truth,
     simulate,
 )
-from benchmarks.validation.orders import families_of, orders
-from benchmarks.validation.sensors import Sensors, Window, shown_input
-from benchmarks.validation.standstill import LAWS as STANDSTILL_LAWS
-from benchmarks.validation.standstill import bend, drawn_standstill
+from benchmarks.validation.sensors import Window
 from workbench import effects
-from workbench.blind.seal import CASES, MIXED
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
 
@@ -86,16 +73,6 @@ def near_a_jump(expected):
     return np.convolve(jump, np.ones(round(1.5 / RECORD_S)), "full")[150 : 150 + len(jump)] > 0.5
 
 
-def starts(speed):
-    """Where the reference begins to move, and how long ago that was, s."""
-    moving = speed != 0.0
-    since, out = 0, np.zeros(len(speed))
-    for k, on in enumerate(moving):
-        since = since + 1 if on else 0
-        out[k] = since * RECORD_S
-    return out
-
-
 def sign(record):
     return np.sign(record[:, SPEED])
 
@@ -108,11 +85,6 @@ def at_motor(force_n):
 # effect in the truth -> the torque it takes at the motor, from its law and the run's own motion.
 LAWS = {
     "viscous": ("fast", {"B_up": 3000.0, "B_dn": 3000.0}, lambda p, r, t: at_motor(3000.0 * r[:, CARRIAGE_SPEED])),
-    "viscous of hoisting": (
-        "fast",
-        {"B_up": 5000.0},
-        lambda p, r, t: at_motor(5000.0 * np.maximum(r[:, CARRIAGE_SPEED], 0.0)),
-    ),
     "coulomb": ("slow", {"dF_up": 4000.0, "dF_dn": 4000.0}, lambda p, r, t: at_motor(4000.0 * sign(r))),
     "coulomb of lowering": (
         "slow",
@@ -146,21 +118,13 @@ LAWS = {
         {"ecc_e": 0.008, "ecc_ph": 1.0},
         lambda p, r, t: r[:, SHAFT] / p.ratio * 0.008 * np.sin(r[:, DRUM] + 1.0) / p.R,
     ),
-    "wire": (
-        "slow",
-        {"rho": nominal_truth(MACHINE).rho + 8.0},
-        lambda p, r, t: ARM * 8.0 * p.g * (p.L - r[:, HEIGHT]),
-    ),
+    "wire": ("slow", {"rho": nominal_truth(MACHINE).rho + 8.0}, lambda p, r, t: ARM * 8.0 * p.g * (p.L - r[:, HEIGHT])),
     "heave": (
         "slow",
         {"heave_A": 0.3, "heave_w": 0.7, "heave_ph": 2.0},
         lambda p, r, t: -0.3 * 0.49 * np.sin(0.7 * t + 2.0) * (r[:, SHAFT] / p.ratio / p.g),
     ),
-    "carriage": (
-        "slow",
-        {"m_c": 8500.0},
-        lambda p, r, t: at_motor(500.0 * 9.81) * np.ones(len(r)),
-    ),
+    "carriage": ("slow", {"m_c": 8500.0}, lambda p, r, t: at_motor(500.0 * 9.81) * np.ones(len(r))),
     "fan": ("fast", {"fan_q": 0.002}, lambda p, r, t: 0.002 * r[:, SPEED] * np.abs(r[:, SPEED])),
     "rail step": (
         "fast",
@@ -219,14 +183,6 @@ def test_a_load_is_held_by_its_weight_times_the_lever_over_the_gear(payload_kg):
     assert np.ptp(record[:, HEIGHT]) < 1e-4
 
 
-def test_what_sticks_holds_within_its_friction():
-    p = nominal_truth(MACHINE)._replace(bristles=1.0, bristle_m=3e-4, z_0=0.6)
-    nothing = np.zeros(4000)
-    above = np.mean(simulate(p, nothing, nothing, nothing)[:, TORQUE])
-    free = np.mean(simulate(p._replace(z_0=0.0), nothing, nothing, nothing)[:, TORQUE])
-    assert 2.0 < above - free < at_motor(p.F_up)
-
-
 def test_without_friction_the_motors_work_is_what_the_load_gained():
     """From rest to rest; the wire's own damping takes the rest, which is little and never negative."""
     p, record, _ = plain_run("fast", F_up=0.0, F_dn=0.0, mu=0.0, rho=0.0)
@@ -234,28 +190,6 @@ def test_without_friction_the_motors_work_is_what_the_load_gained():
     gained = (p.m_c + p.m_p) * p.g * (record[-1, HEIGHT] - record[0, HEIGHT])
     moved = np.sum(np.abs(record[:, TORQUE] * record[:, SPEED])) * RECORD_S
     assert -1e-4 * moved < work - gained < 0.01 * moved
-
-
-def shown(record, window=None, **changed):
-    """Torque as a sensor without noise shows it, and where the sensor has wandered to."""
-    sensors = Sensors(input_noise=0.0, speed_noise=0.0, speed_turn=1.0, count=1e-4, **changed)
-    walk = np.random.default_rng(1)
-    return shown_input(record[:, TORQUE], record[:, SPEED], RECORD_S, sensors, walk, 0.0, window)
-
-
-@pytest.mark.parametrize(
-    ("sensors", "law"),
-    [
-        ({"gain": 1.07}, lambda T, w: 1.07 * T),
-        ({"offset": -30.0}, lambda T, w: T - 30.0),
-        ({"gain_forward": 0.05}, lambda T, w: T * (1.0 + 0.05 * np.tanh(w))),
-        ({"bend": 1e-4}, lambda T, w: T + 1e-4 * T**2),
-    ],
-)
-def test_the_logged_torque_is_what_its_sensor_makes_of_the_true_one(sensors, law):
-    _, record, _ = plain_run("fast")
-    logged, _ = shown(record, **sensors)
-    assert logged == pytest.approx(law(record[:, TORQUE], record[:, SPEED]), rel=1e-12)
 
 
 def logged(content, seed, number):
@@ -325,15 +259,6 @@ def test_a_seed_makes_the_same_campaign_to_the_byte_and_another_seed_another(tmp
     assert a != c
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_a_seeds_machine_and_runs_do_not_depend_on_what_ails_it(case):
-    content, well = draw(21, "hoist_middle", case), draw(21, "hoist_middle", "none")
-    assert (content.machine, content.runs, content.logging) == (well.machine, well.runs, well.logging)
-    assert len(content.causes) == {"none": 0, "pairs": 2}.get(case, 1)
-    if case == "pairs":
-        assert len({cause.subsystem for cause in content.causes}) == 2
-
-
 @pytest.mark.parametrize("family", FAMILY_NAMES)
 def test_all_profiles_stay_within_the_rails_on_every_drawn_machine(family):
     for seed in range(12):
@@ -354,22 +279,6 @@ def test_a_drawn_machine_without_a_gap_is_identified_down_to_the_noise(tmp_path,
     make_campaign(tmp_path / "none", seed, content)
     fit = identify(read_campaign(tmp_path / "none")).fit
     assert fit.residual_rms < 1.25 * fit.noise_rms
-
-
-def ordered(seed, names, **asked):
-    return orders(seed, {"simulator": families_of(names)}, **asked)
-
-
-def test_orders_hold_each_family_and_each_effect_as_often_as_the_others():
-    families = ("hoist_small", "hoist_large")
-    wanted = ordered(4, families, count=132)
-    cases = [order.case for order in wanted]
-    assert {case: cases.count(case) for case in CASES} == {"singles": 88, "none": 22, "pairs": 13, "unknown": 9}
-    assert sum(MIXED.values()) == pytest.approx(1.0)
-    for family in families:
-        singles = [order.names[0] for order in wanted if order.case == "singles" and order.family == family]
-        assert {name: singles.count(name) for name in USUAL} == dict.fromkeys(USUAL, 2)
-    assert wanted == ordered(4, families, count=132)
 
 
 # place -> the torque at the motor of 100 N m there, or of a force of so much on the carriage.
@@ -393,45 +302,7 @@ def test_an_event_takes_its_torque_at_its_place_while_it_lasts(name):
     assert np.max(np.abs(change[time > 13.0])) < 3.0
 
 
-def test_events_are_in_one_run_and_the_label_says_where_and_when(tmp_path):
-    content = draw((7, 2), "hoist_small", "unknown", ["event_guide"])
-    label = make_campaign(tmp_path / "once", (7, 2), content)
-    (event,) = label.events
-    assert event["subsystem"] == "guide" == label.where[0]["subsystem"]
-    assert label.where[0]["regime"] == "event"
-    seconds = input_change(content, (7, 2)).by_second_nm
-    assert [name for name, size in seconds.items() if max(size) > 0.5] == [event["run"]]
-    assert int(event["from_s"]) - 1 <= int(np.argmax(seconds[event["run"]])) <= int(event["to_s"]) + 1
-
-
 # Laws near standstill
-
-
-@pytest.mark.parametrize("law", STANDSTILL_LAWS)
-def test_a_law_near_standstill_is_coulombs_at_speed_and_rises_by_its_peak_before(law):
-    drawn = drawn_standstill((law,), np.random.default_rng(3))
-    assert (drawn.peak > 0.0) == (law in ("smooth_peak", "lugre", "creeping"))
-    peak_m_s = 20.0 * drawn.peak_speed  # wide, so that the run's slow starts pass through it
-    numbers = {"bristles": drawn.bristles, "peak": drawn.peak, "peak_m_s": peak_m_s, "relax_s": drawn.relax_s}
-    p, record, speed = plain_run("slow", bristle_m=2e-4, bristle_tau=0.01, **numbers)
-    v, up = np.abs(record[:, CARRIAGE_SPEED]), record[:, CARRIAGE_SPEED] > 0.0
-    relative = np.abs(record[:, FRICTION]) / np.where(up, p.F_up, p.F_dn)
-    moving = (v > 0.005) & (starts(speed) > 0.3)
-    expected = 1.0 + drawn.peak * np.exp(-((v / peak_m_s) ** 2))
-    assert np.sum(moving) > 5.0 / RECORD_S
-    assert np.median(np.abs(relative - expected)[moving]) < 0.005
-    assert np.max(relative[moving]) < 1.05 + drawn.peak
-
-
-@pytest.mark.parametrize("relax_s", [0.0, 20.0])
-def test_bristles_reach_their_level_and_give_way_only_where_they_creep(relax_s):
-    z, h = 0.0, 1e-4
-    for _ in range(20_000):  # 2 s at 5 mm/s over bristles of 0.5 mm
-        z = bend(z, 0.005, 5e-4, 1.06, relax_s, h)
-    assert z == pytest.approx(1.06, rel=0.01)
-    for _ in range(100_000):  # 10 s at rest
-        z = bend(z, 0.0, 5e-4, 1.06, relax_s, h)
-    assert z == pytest.approx(1.06 * (math.exp(-10.0 / relax_s) if relax_s else 1.0), rel=0.01)
 
 
 PHYSICS = {"HOIST", "KINDS", "LINEAR", "PLANTS", "ROTARY", "TWO_INERTIA", "kind_of", "plant_of"}
@@ -456,8 +327,3 @@ def test_a_source_shares_nothing_with_the_plant_but_the_machines_records(which, 
             elif isinstance(node, ast.Import):
                 imports |= {alias.name for alias in node.names if alias.name.startswith("workbench")}
     assert imports == allowed
-
-
-def test_the_package_imports_no_benchmark():
-    for module in (ROOT / "workbench").rglob("*.py"):
-        assert "benchmarks" not in re.findall(r"^(?:from|import) (\w+)", module.read_text(encoding="utf-8"), re.M)

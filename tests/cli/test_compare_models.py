@@ -12,7 +12,6 @@ from tests.support.commands import Commands
 from tests.support.scenario_text import study_of, write
 from workbench.core.errors import InputError
 from workbench.machines import Hoist, default_hoist, save_machine
-from workbench.machines.multibody.exudyn_import import engine
 from workbench.study.run import run_study
 
 SHORT = """\
@@ -88,13 +87,3 @@ def test_a_plant_that_cannot_be_is_said_with_its_line(tmp_path: Path, more: str,
     with pytest.raises(InputError, match=said) as caught:
         study_of(tmp_path, more)
     assert "scenario.yaml:" in str(caught.value)
-
-
-def test_without_the_extra_a_study_says_so_before_it_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    import sys
-
-    engine.cache_clear()
-    monkeypatch.setitem(sys.modules, "exudyn", None)
-    with pytest.raises(InputError, match=r"pip install '\.\[multibody\]'"):
-        study_of(tmp_path, "plant: multibody\n")
-    engine.cache_clear()

@@ -78,17 +78,6 @@ def test_a_scenario_s_own_effect_is_at_work_and_travels_with_the_result(commands
     assert (tmp_path / "again" / "index.parquet").read_bytes() == (again / "index.parquet").read_bytes()
 
 
-def test_two_workers_that_know_nothing_of_it_give_the_same_bytes(commands: Commands, tmp_path: Path, wind: Path):
-    pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
-    text = BLOWN + "sweep:\n  controller.kp_nm_s_per_rad: {from: 25.0, to: 40.0, steps: 20}\n"
-    file = write(tmp_path, text)
-    assert commands("study", file, "--out", tmp_path / "here", "--effects", wind).status == 0
-    words = ("study", file, "--out", tmp_path / "there", "--effects", wind, "--cluster", "local:2")
-    done = commands(*words)
-    assert done.status == 0, done.err
-    assert (tmp_path / "here" / "index.parquet").read_bytes() == (tmp_path / "there" / "index.parquet").read_bytes()
-
-
 def test_without_the_option_the_scenario_is_refused_by_line(commands: Commands, tmp_path: Path):
     ended = commands("study", write(tmp_path, BLOWN), "--out", tmp_path / "out")
     assert ended.status == 2
@@ -104,15 +93,6 @@ def test_another_text_of_the_file_is_another_study_and_an_unused_one_is_not(tmp_
     load_effects(wind)
     assert load_study(blown).fingerprint != before
     assert load_study(plain).fingerprint == before_plain
-
-
-def test_an_edit_within_a_second_is_seen(tmp_path: Path, wind: Path):
-    """No compiled copy is kept that could stand in for the file."""
-    load_effects(wind)
-    write(tmp_path, WIND.replace("Drag of the air", "Pull of the air"), "wind.py")
-    (effect,) = load_effects(wind)
-    assert effect.meaning == "Pull of the air on the load."
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["wind.py"]
 
 
 def test_a_worker_that_gets_another_text_of_the_effect_refuses(tmp_path: Path, wind: Path):
@@ -180,14 +160,11 @@ TWICE = WIND.replace("def wind", "def gale")
 BAD = {
     "x = 1\n": ".py: declares no effect",
     "x = 1\nx = = 2\n": ".py:2: fails: SyntaxError: invalid syntax",
-    "x = 1\n\nimport nowhere_at_all\n": ".py:3: fails: ModuleNotFoundError: No module named 'nowhere_at_all'",
     "import sys\nsys.exit()\n": ".py:2: fails: SystemExit: without a word",
     WIND.replace("s.v", "s.vv"): ".py: effect wind: on kind hoist: reads 'vv', which is not there; "
     "at guide_force_n s has t, v, x,",
     WIND.replace("return -", "if s.v > 0: return 0.0\n    return -"): "physics cannot branch on a traced value",
     WIND.replace("return -(e.c", "return 5.0 - (e.c"): "wind: on kind hoist: gives 5 where its parameters vanish",
-    WIND.replace("guide_force_n", "guide_force"): ".py:6: fails: ValueError: effect wind: no place 'guide_force'",
-    WIND.replace("def wind", "def heave"): ".py: the effect name 'heave' is taken; choose another",
 }
 
 
@@ -201,15 +178,6 @@ def test_a_file_that_is_no_good_is_one_line_before_anything_is_read(
     assert said in ended.err and len(ended.err.splitlines()) == 1
     assert ended.err.startswith(f"error: {file}")
     assert "wind" not in names("hoist")
-
-
-@pytest.mark.parametrize(
-    ("name", "said"), [("nowhere.py", "no such file"), (".", "is a folder"), ("a.yaml", "is no Python file (.py)")]
-)
-def test_what_is_no_python_file_is_said(commands: Commands, tmp_path: Path, name: str, said: str):
-    write(tmp_path, GOOD, "a.yaml")
-    ended = commands("loop", "--effects", tmp_path / name)
-    assert ended.status == 2 and said in ended.err
 
 
 def test_the_option_may_be_repeated_and_one_name_in_two_files_is_refused(

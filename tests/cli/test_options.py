@@ -8,11 +8,7 @@ import pytest
 from workbench.cli.options import keyed_number, placed_at_option
 from workbench.core.errors import InputError
 
-OPTIONS = [
-    click.Option(["--band"]),
-    click.Option(["--max-regression", "limits"]),
-    click.Argument(["campaign"]),
-]
+OPTIONS = [click.Option(["--band"]), click.Option(["--max-regression", "limits"]), click.Argument(["campaign"])]
 
 
 def place(error: InputError) -> str | None:

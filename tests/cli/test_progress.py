@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import pytest
 
 from workbench.cli import progress
@@ -31,12 +29,3 @@ def test_lines_say_where_a_study_goes_on_and_how_fast_it_is(
         "",
         "a: 64 of 100 runs (1 failed) done and kept; the same command goes on from there.",
     ]
-
-
-def test_a_bar_on_a_terminal_is_gone_at_the_end(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with progress.shown(["a", "b"]) as tell:
-        tell(Progress("a", done=1, runs=2, kept=0, failed=0))
-        tell(Progress("b", done=1, runs=2, kept=1, failed=0))
-    said = capsys.readouterr()
-    assert said.out == "" and "goes on" not in said.err

@@ -205,13 +205,6 @@ def test_feed_forward_through_the_wire_ends_at_the_stiff_machine_s(wire):
     assert out[-1] == pytest.approx(shaft + load, rel=1e-6)
 
 
-def test_a_loop_without_extras_is_the_same_in_both_forms():
-    rng = np.random.default_rng(2)
-    reference, speed = rng.normal(0.0, 20.0, 500), rng.normal(0.0, 20.0, 500)
-    p = numbers(settings(), {"u_all": 800.0})
-    assert torques(full_pi(), p, reference, speed) == pytest.approx(torques(PI, p, reference, speed), abs=1e-8)
-
-
 @pytest.mark.parametrize("late", [0.4, 1.0, 3.0, 70.25, 100.0])
 def test_the_compiled_step_keeps_the_speed_as_long_as_the_delay_says(late):
     p = numbers(only_proportional(), speed_delay_s=late * DT)

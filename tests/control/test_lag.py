@@ -60,11 +60,3 @@ def test_the_simulated_run_goes_over_into_that_without_lag():
     w = [result.run["speed_motor_rad_s"] for result in (none, hardly, real)]
     assert np.abs(w[1] - w[0]).max() < 1e-4 < np.abs(w[2] - w[0]).max()
     assert hardly.metrics["energy_motoring_j"] == pytest.approx(none.metrics["energy_motoring_j"], rel=1e-4)
-
-
-def test_steps_of_the_plant_finer_than_the_lag_change_nothing():
-    speed = 20.0 * np.clip(np.arange(1000) / 500.0, 0.0, 1.0)
-    case = LoopCase("", lagging(0.002), 4500.0, 5.0, SETTINGS, speed)
-    (coarse,), (fine,) = (simulate_loop([case], record_every=1, step_s=step) for step in (0.001, 0.0001))
-    w = [result.run["speed_motor_rad_s"] for result in (coarse, fine)]
-    assert np.abs(w[0] - w[1]).max() < 2e-5

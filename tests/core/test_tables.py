@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from workbench.core.table import Column, Table, words
-from workbench.core.templates import Sentences, render
+from workbench.core.templates import Sentences
 
 TABLE = Table(
     [words("run"), Column("speed error\nopen loop", "%"), Column("proba-\nbility")],
@@ -49,11 +49,6 @@ def test_a_row_has_one_text_a_column():
         Table([words("a"), Column("b")], [["1", "2"], ["3"]])
 
 
-def test_head_and_unit_are_one_line_and_a_parted_word_is_whole():
-    assert TABLE.heads == ("run", "speed error open loop %", "probability")
-    assert TABLE.by_column["speed error open loop %"] == ["1.00", "–"]
-
-
 def test_text_sets_words_left_numbers_right_and_units_in_the_last_line_of_the_head():
     assert TABLE.text().splitlines() == [
         "               speed error  proba-",
@@ -61,19 +56,6 @@ def test_text_sets_words_left_numbers_right_and_units_in_the_last_line_of_the_he
         "run                      %",
         "full <&> fast         1.00     0.9",
         "empty                    –     0.1",
-    ]
-
-
-def test_text_is_no_wider_than_asked_for():
-    assert max(len(line) for line in TABLE.text(24).splitlines()) <= 24
-
-
-def test_markdown_has_alignment_and_escapes_its_own_mark():
-    shown = Table(TABLE.columns, [["a | b", "1", "2"]]).markdown()
-    assert shown.splitlines() == [
-        "| run | speed error open loop % | probability |",
-        "|---|---:|---:|",
-        r"| a \| b | 1 | 2 |",
     ]
 
 
@@ -92,18 +74,6 @@ CELL = st.text(st.characters(codec="utf-8", exclude_characters="\r\x00"), max_si
 def test_whatever_a_cell_says_html_says_it_back_and_nothing_else(rows: list[list[str]]):
     html = Table([words("a"), Column("b")], rows).html()
     assert Cells(html).rows[1:] == [[cell.strip() for cell in row] for row in rows]
-
-
-def test_a_table_without_rows_is_false_and_still_has_a_head():
-    empty = Table(TABLE.columns, [])
-    assert not empty
-    assert TABLE
-    assert "run" in empty.text()
-
-
-def test_a_template_refuses_to_leave_a_value_out():
-    with pytest.raises(Exception, match="'title' is undefined"):
-        render("view/page.html.j2")
 
 
 def test_a_narrow_table_wraps_the_heads_of_numbers_and_cuts_words_but_no_number():

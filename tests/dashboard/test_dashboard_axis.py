@@ -6,29 +6,18 @@ from typing import Any
 
 import pytest
 
-from tests.support import axes
-from tests.support.dashboard_app import errors, figures, good, page
+from tests.support.dashboard_app import errors, figures, page
 from workbench.control import LinearCascade
-from workbench.core.errors import InputError
 from workbench.dashboard import chosen as machines
 from workbench.dashboard.desk import (
     Desk,
-    desk_of,
-    edited,
-    from_address,
-    in_address,
-    scenario_file,
     shipped_desk,
-    shipped_files,
     usual_desk,
-    with_gains,
 )
-from workbench.dashboard.pages.compare import Kept
-from workbench.machines import default_hoist, kind_of, shipped, with_values
+from workbench.machines import default_hoist, kind_of, shipped
 from workbench.machines.files import machine_text
 from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
-from workbench.study.decide import decisions, take_sentences
-from workbench.study.load import load_study, plan_study
+from workbench.study.load import plan_study
 from workbench.study.run import run_study
 
 
@@ -78,28 +67,6 @@ def test_an_axis_is_studied_in_its_own_units(study):
     assert len(figures(study)) == 2
 
 
-def test_its_table_and_verdict_are_those_of_the_library(study):
-    result = run_study(plan_study(shipped_axis_desk().scenario, EMPS))
-    (table,) = (text.value for text in study.markdown if text.value.startswith("| reference"))
-    peak = [line.split("|")[3].strip() for line in table.splitlines()]
-    assert "peak" in peak[0] and set(peak[2:]) == {f"{row['peak_force_n']:.4g}" for row in result.rows}
-    assert study.info[0].value.startswith("Take ")
-    (said,) = (text.value for text in study.markdown if text.value.startswith("| used of what is borne"))
-    assert "force peak" in said and "rms force" in said and "wire" not in said
-
-
-def test_a_reached_limit_of_the_drive_is_an_alarm_and_keeps_the_page():
-    app = page("Study")
-    weak = with_values(EMPS, {"drive.force_limit_n": 200.0})
-    app.session_state["machines kept"] = {"weak": weak}
-    app.session_state["machine chosen"] = "weak"
-    app.session_state[KEY] = shipped_axis_desk()
-    app.run()
-    assert not app.exception
-    (alarmed,) = errors(app)
-    assert alarmed.startswith("Overload: force peak 100 % of the limit of 200 N")
-
-
 def test_an_uploaded_rotary_axis_is_studied_in_radians():
     app = page("Study")
     app.session_state["machine chosen"] = machines.AXIS
@@ -131,74 +98,6 @@ def test_an_axis_gains_go_from_loop_to_study_and_leave_the_hoists_alone():
     assert study.slider(key="study.kp").value == 5000.0 and not study.exception
 
 
-def test_a_tuning_of_an_axis_fills_its_sliders_and_keeps_its_position_loop():
-    loop = page("Loop")
-    loop.session_state["machine chosen"] = machines.AXIS
-    loop.run()
-    kv, kp = (loop.number_input(key=f"loop {name} typed").value for name in ("kv", "kp"))
-    loop.button(key="loop tune").click().run()
-    assert not loop.exception and errors(loop) == []
-    asked = loop.number_input(key=f"loop hertz {kind_of(EMPS).name}").value
-    slowest = next(metric.value for metric in loop.metric if metric.label == "Slowest bandwidth")
-    assert float(slowest.split()[0]) == pytest.approx(asked, rel=0.05)
-    assert loop.number_input(key="loop kv typed").value == kv
-    assert loop.number_input(key="loop kp typed").value != kp
-
-
-@pytest.mark.parametrize("machine", [EMPS, ROTARY, axes.two_inertia()], ids=lambda machine: machine.name)
-def test_a_link_shows_an_axis_study_on_its_own_machine(machine):
-    usual = usual_desk(machine).scenario
-    scenario = edited(usual, machine, {"speed": 0.7 * usual.limits.given()["speed_m_s"]})
-    text = in_address(scenario, machine)
-    assert text is not None
-    read, own = from_address(text)
-    assert own == machine
-    assert read.scenario == scenario.model_copy(update={"machine": read.scenario.machine})
-    app = page("Study")
-    app.query_params["study"] = text
-    good(app.run())
-    assert "".join(app.query_params["study"]) == text  # the page writes the same link
-    assert app.selectbox(key="study machine").value in (machine.name, machines.AXIS)
-
-
-def test_the_verdict_of_an_axis_is_that_of_its_runs_and_other_limits_are_drawn(study):
-    scenario = shipped_axis_desk().scenario
-    rows = run_study(plan_study(scenario, EMPS)).rows
-    said = " ".join(take_sentences(decisions(rows, EMPS)))
-    assert said and study.info[0].value.replace("\\", "").startswith(said)
-    (front,) = (drawn for drawn in figures(study) if "against force peak" in drawn["layout"]["title"]["text"])
-    names = {line["name"] for line in front["data"]}
-    assert {"front: beaten by no run", "chosen: trapezoid", "chosen: ruckig, same limits"} <= names
-
-
-def test_kept_studies_of_an_axis_stand_side_by_side_in_its_units():
-    app = page("Compare")
-    kept: dict[str, Kept] = {}
-    for name, speed, acceleration, jerk in (("first", 0.3, 1.2, 7.6), ("quicker", 0.4, 1.6, 9.0)):
-        scenario = edited(usual_desk(EMPS).scenario, EMPS, {"speed": speed, "acceleration": acceleration, "jerk": jerk})
-        kept[name] = Kept(name, scenario, EMPS, run_study(plan_study(scenario, EMPS)))
-    app.session_state["runs kept"] = kept
-    app.run()
-    assert not app.exception and errors(app) == []
-    table = app.table[0].value
-    rows = dict(zip(table[""], table["quicker"], strict=True))
-    assert rows["limits"].replace("\\", "") == "0.4 m/s, 1.6 m/s², 9 m/s³" and "Force peak \\(N\\)" in rows
-    assert len(figures(app)) == 1 and "kg" not in str([caption.value for caption in app.caption])
-
-
-def test_studies_of_other_kinds_are_not_compared():
-    app = page("Compare")
-    both = {}
-    for name, machine in (("slide", EMPS), ("turn", ROTARY)):
-        scenario = usual_desk(machine).scenario
-        both[name] = Kept(name, scenario, machine, run_study(plan_study(scenario, machine)))
-    app.session_state["runs kept"] = both
-    app.run()
-    assert not app.exception
-    assert app.info[0].value == "Of another kind of machine than slide, and left out: turn."
-    assert "turn" not in app.table[0].value
-
-
 def test_a_page_for_hoists_says_so_and_leaves_the_axis_chosen():
     app = page("Machine")
     app.session_state["machine chosen"] = machines.AXIS
@@ -215,30 +114,3 @@ def test_the_usual_study_of_any_axis_runs_within_its_drive():
         name = "peak_force_n" if machine is EMPS else "peak_torque_nm"
         peaks = [row.metrics[name] for row in rows]
         assert all(peak is not None and 0.0 < peak < machine.drive.limit for peak in peaks)
-
-
-def test_a_saved_study_of_an_axis_is_read_by_the_study_command(tmp_path):
-    heavier = with_values(EMPS, {"mass_kg": 110.0})
-    scenario = shipped_axis_desk().scenario
-    (tmp_path / "own.yaml").write_text(machine_text(heavier), encoding="utf-8")
-    (tmp_path / "saved.yaml").write_text(scenario_file(scenario, heavier, "own.yaml"), encoding="utf-8")
-    study = load_study(tmp_path / "saved.yaml")
-    assert study.machine == heavier
-    assert desk_of(study.scenario, heavier).scenario.controller == scenario.controller
-    assert study.scenario.limits == scenario.limits and study.scenario.moves == scenario.moves
-
-
-def test_what_is_set_for_one_axis_goes_over_to_its_corrected_twin_and_to_no_other():
-    desk = shipped_axis_desk()
-    assert desk.suits(with_values(EMPS, {"mass_kg": 105.0}))
-    assert not desk.suits(with_values(EMPS, {"mass_kg": 300.0})) and not desk.suits(ROTARY)
-
-
-def test_what_no_axis_can_be_asked_is_one_clear_error():
-    desk = shipped_axis_desk()
-    with pytest.raises(InputError, match="nothing asks the axis to move"):
-        with_gains(desk.scenario.controller, {"kv_per_s": 0.0, "feed_forward": {"speed": 0.0}})
-    hoist, machine = shipped_desk("payloads", EMPS)
-    assert hoist.scenario.payloads_kg and machine == default_hoist()
-    with pytest.raises(InputError, match="sweep"):
-        desk_of(load_study(shipped_files()["axis.yaml"]).scenario, EMPS)

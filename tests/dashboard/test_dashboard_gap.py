@@ -10,19 +10,7 @@ from typing import Any
 import pytest
 from streamlit.testing.v1 import AppTest
 
-from tests.support.dashboard_app import (
-    after,
-    downloads,
-    errors,
-    good,
-    made_job,
-    metrics,
-    page,
-    the_job,
-    titles,
-    until,
-    words,
-)
+from tests.support.dashboard_app import after, errors, good, made_job, page, the_job, until, words
 from tests.support.log_campaign import hoist_columns, write_campaign
 from tests.support.made_diagnosis import made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
@@ -30,14 +18,10 @@ from workbench.core.errors import InputError
 from workbench.dashboard import chosen, jobs
 from workbench.dashboard.jobs import VIEW, Job, new_id, read_view
 from workbench.dashboard.pages import gap
-from workbench.dashboard.server import SCRIPT
 from workbench.diagnose import diagnose as orchestration
-from workbench.effects import check
 from workbench.machines import load_machine
-from workbench.view.diagnosis import sections_of
 
 BOX = "gap campaign"
-TABS = ["Verdict", "Where it lies", "Before and after", "Told apart, next run", "Control study", "Gap and logs"]
 Made = Callable[..., tuple[str, Job]]
 
 
@@ -76,14 +60,6 @@ def shown(number: str) -> AppTest:
     return app
 
 
-def turned(app: AppTest, job: Job, tab: str) -> AppTest:
-    app.session_state[f"{TAB} {job.id}"] = tab
-    return good(app.run())
-
-
-TAB = gap.TAB
-
-
 def one_candidate() -> AppTest:
     """The quickest question."""
     return page("Gap").run().selectbox(key="gap candidates").set_value(gap.OWN).run()
@@ -93,13 +69,6 @@ def begun(app: AppTest) -> AppTest:
     app.button(key="gap start").click().run()
     assert not app.exception
     return app
-
-
-def test_a_campaign_is_shown_before_it_is_diagnosed(server):
-    app = good(page("Gap").run())
-    assert "Campaign spring" in words(app) and "which effect the model lacks" in words(app)
-    assert app.dataframe[0].value["run"].tolist() == ["empty", "half", "full"]
-    assert not list(server.glob("work-*")) and downloads(app) == []
 
 
 def test_a_diagnosis_is_run_in_a_process_of_its_own_and_its_answer_shown(server, spring):
@@ -130,95 +99,6 @@ def test_a_diagnosis_is_cancelled_tried_again_and_removed(server):
     assert not job.folder.exists() and "which effect the model lacks" in words(app)
 
 
-def test_the_answer_stands_first_and_each_tab_draws_its_own_figures_only(made):
-    number, job = made("named")
-    app = shown(number)
-    assert "##### The machine lacks friction_viscous." in words(app)
-    assert "That probability means: of a hundred campaigns judged like this one" in words(app)
-    assert list(metrics(app)) == ["Torque residual", "Noise floor", "Shrinks by", "Speed error"]
-    assert all(delta.startswith("-") for _, delta in metrics(app).values() if delta)
-    assert [tab.label for tab in app.tabs] == TABS
-    assert titles(app) == ["Probability", "How the gap shows"]
-    drawn = {
-        "Where it lies": ["Measured and predicted torque", "Mean residual (N m) over what may explain it"],
-        "Before and after": [
-            "Residual on held-out runs, rms (N m)",
-            "Torque residual (dashed: ± 2 × noise of 0.49 N m; grey: at rest or at an end, left out)",
-            "Speed replayed open loop, in % of nominal motor speed",
-        ],
-        "Told apart, next run": ["Angle between the marks that two effects leave in these runs"],
-        "Control study": ["Control study before and after: friction_viscous"],
-        "Gap and logs": [],
-    }  # fmt: skip
-    for tab, expected in drawn.items():
-        assert titles(turned(app, job, tab)) == expected
-    # and they are the report's
-    view, sections = read_view(gap.View, job), sections_of(made_diagnosis("named", True))
-    assert list(view.sections) == list(sections)
-    for name in set(sections) - {"answer", "verdict"}:
-        kept = list(map(tuple, view.sections[name].figures))
-        assert kept == [(json.loads(figure.to_json()), note) for figure, note in sections[name].figures if figure]
-    assert job.file(VIEW).stat().st_size < 1_000_000
-
-
-def test_an_unknown_cause_shows_its_curves(made):
-    number, job = made("unknown")
-    app = shown(number)
-    assert [tab.label for tab in app.tabs] == [TABS[0], "Unknown cause", *TABS[1:]]
-    assert "- An unlisted effect explains more: friction_step. Weigh it among the candidates." in words(app)
-    assert titles(turned(app, job, "Unknown cause")) == ["The unknown cause: force against the motion"]
-    assert "measured_correction" in words(app)
-
-
-def test_what_is_alike_and_the_next_run_are_said(made):
-    number, job = made("pair")
-    app = turned(shown(number), job, "Told apart, next run")
-    assert "These runs cannot tell it from carriage_mass_error" in words(app)
-    assert "**The next run.** A slow run tells friction_viscous from carriage_mass_error." in words(app)
-    assert app.dataframe[0].value["signals to log too"].tolist() == ["tension_dead_line_n"]
-    assert [warning.value for warning in app.warning] == ["No run logs the dead line's tension."]
-
-
-@pytest.mark.parametrize(
-    ("kind", "name", "elsewhere"), [("named", "corrected by lifts", "Machine"), ("axis", "", "Study")]
-)
-def test_the_files_are_offered_and_the_corrected_machine_is_kept_for_the_pages_that_take_it(
-    made, kind: str, name: str, elsewhere: str
-):
-    number, job = made(kind)
-    app = shown(number)
-    assert downloads(app) == ["Report", "diagnosis.json", "machine.yaml"]
-    app.button(key="gap keep").click().run()
-    kept = app.session_state["machines kept"]
-    corrected = load_machine(job.file("result/machine.yaml"), check_effects=check)
-    name = name or next(iter(kept))
-    assert kept == {name: corrected} and [element.value for element in app.toast] == [f"Kept as {name}"]
-    for title in ("Study", "Machine"):
-        options = page(title, machines_kept=kept).run().selectbox(key=f"{title.lower()} machine").options
-        assert (name in options) == (title in ("Study", elsewhere))
-
-
-def test_after_a_reload_the_newest_is_shown_and_only_to_who_knows_the_address(made):
-    number, first = made("no_gap")
-    made("named", work=number)
-    app = shown(number)
-    assert "The machine lacks friction_viscous" in words(app)
-    app.selectbox(key="gap shown").set_value(first.id).run()
-    assert not app.exception and "No gap: what is left is noise" in words(app)
-    for stranger in (page("Gap").run(), shown(new_id())):
-        assert "which effect the model lacks" in words(stranger)
-
-
-def test_a_reload_brings_back_the_campaign_too_and_another_one_its_own_answer(made, spring, tmp_path, offer):
-    offer(write_campaign(tmp_path / "autumn", hoist_columns()), spring.parent)
-    app = shown(made("named")[0])
-    assert app.selectbox(key=BOX).options[:2] == ["autumn", "spring"] and app.selectbox(key=BOX).value == "spring"
-    app.selectbox(key=BOX).set_value("autumn").run()
-    assert "Campaign autumn" in words(app) and "The machine lacks" not in words(app)
-    app.selectbox(key=BOX).set_value("spring").run()
-    assert "The machine lacks friction_viscous" in words(app)
-
-
 def test_an_uploaded_campaign_is_copied_for_its_job(server, spring, monkeypatch):
     monkeypatch.delenv(chosen.VARIABLE)
     app = page("Gap").run()
@@ -236,14 +116,6 @@ def test_an_uploaded_campaign_is_copied_for_its_job(server, spring, monkeypatch)
     assert job.arguments["folder"] == str(job.file("inputs/campaign"))
 
 
-def test_a_bad_campaign_is_one_clear_sentence_and_cannot_be_diagnosed(tmp_path, offer):
-    offer(write_campaign(tmp_path / "bad", hoist_columns(), runs="runs:\n- {name: lift, fiel: runs/lift.csv}\n"))
-    app = page("Gap").run()
-    (said,) = errors(app)
-    assert said.startswith("runs.yaml:2: runs[0].fiel: unknown key 'fiel'; did you mean 'file'?")
-    assert app.button(key="gap start").disabled
-
-
 def test_runs_that_cannot_be_diagnosed_are_one_clear_sentence_without_the_servers_folder(server, tmp_path, offer):
     folder = write_campaign(tmp_path / "standing", hoist_columns())
     offer(folder)
@@ -255,13 +127,6 @@ def test_runs_that_cannot_be_diagnosed_are_one_clear_sentence_without_the_server
     assert ":red-badge[failed]" in words(app)
 
 
-def test_without_an_effect_to_weigh_nothing_starts(server):
-    app = one_candidate()
-    app.multiselect[0].set_value([]).run()
-    assert errors(begun(app)) == ["candidates: choose at least one effect to weigh"]
-    assert not list(server.glob("work-*"))
-
-
 def test_a_damaged_result_says_so(made):
     number, job = made("named")
     job.file(VIEW).write_text('{"campaign": "spring"}')
@@ -269,13 +134,3 @@ def test_a_damaged_result_says_so(made):
     job.file(VIEW).unlink()
     with pytest.raises(InputError, match="damaged"):
         read_view(gap.View, job)
-
-
-def test_the_address_keeps_the_jobs_on_every_page(made):
-    number, _ = made("named")
-    app = AppTest.from_file(str(SCRIPT), default_timeout=60.0)
-    app.query_params["work"] = number
-    app.run()
-    app.query_params.clear()  # as a link to another page does
-    app.run()
-    assert not app.exception and app.query_params["work"] in (number, [number])

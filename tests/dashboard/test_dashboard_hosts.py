@@ -10,13 +10,11 @@ import socket
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
 
 from tests.support import browser
-from tests.support.dashboard_app import page
 from workbench.dashboard.server import HERE, OPTIONS, PLOTLY, hosts_allowed, is_allowed
 
 
@@ -85,35 +83,6 @@ def test_every_answer_forbids_frames_and_what_comes_from_elsewhere(server: str, 
 
 def test_nobody_reads_the_metrics(server: str):
     assert answer(f"{server}/_stcore/metrics")[0] == 404
-
-
-def test_a_download_belongs_to_its_session_and_needs_none_when_it_is_written(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-):
-    """Streamlit calls the function of a download in a thread outside of every session. Two are asked at once."""
-    import streamlit
-
-    offered: dict[str, Any] = {}
-    drawn = streamlit.download_button
-
-    def noted(label: str, data: Any, file_name: str, *rest: Any, **more: Any) -> Any:
-        offered[file_name] = data
-        return drawn(label, data, file_name, *rest, **more)
-
-    monkeypatch.setattr(streamlit, "download_button", noted)
-    names, visitors = ["first-visitor", "second-visitor"], []
-    for name in names:
-        visitors.append(app := page("Study").run())
-        app.multiselect(key="study.payloads").set_value([0.0])
-        app.text_input(key="study.name").set_value(name).run()
-        assert not app.exception
-    caplog.clear()
-    with ThreadPoolExecutor(4) as threads:
-        written = list(threads.map(lambda name: (name, offered[f"{name}.html"]()), names * 2))
-    for name, content in written:
-        title, *_ = re.findall(r"<title>(.*?)</title>", content.decode())
-        assert name in title
-    assert "ScriptRunContext" not in caplog.text
 
 
 def test_the_library_of_figures_is_of_the_packages_version_draws_every_trace_and_is_packed_once(server: str):

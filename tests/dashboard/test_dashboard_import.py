@@ -7,19 +7,12 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.support.dashboard_app import errors, figures, good, page, words
-from tests.support.drive_files import RPM, drive_file
+from tests.support.drive_files import drive_file
 from tests.support.log_campaign import hoist_columns
-from workbench.core.run import Run
 from workbench.logs import read_campaign
-from workbench.logs.formats.declared import Channel
-from workbench.logs.importing import propose
-from workbench.machines import default_hoist
-
-DEMO = Path(__file__).resolve().parents[2] / "scenarios" / "demo_campaign"
 
 
 def dropped(content: bytes, suffix: str = ".csv") -> Any:
@@ -62,31 +55,3 @@ def test_what_is_no_log_and_a_missing_payload_are_one_sentence(server: Path):
     app = dropped(drive_file(server, ".csv"))
     app.button(key="import make").click().run()
     assert not app.exception and len(errors(app)) == 1 and "/" not in errors(app)[0].partition(":")[0]
-
-
-@pytest.mark.parametrize(
-    ("factor", "guessed"), [(1.0, ""), (RPM, "rpm"), (1e4, "")], ids=["rad/s", "rpm", "none that fits"]
-)
-def test_a_unit_that_the_file_does_not_say_is_proposed_by_size_only_where_si_is_not_plausible(
-    factor: float, guessed: str
-):
-    machine, columns = default_hoist(), hoist_columns()
-    speed = factor * 100.0 * np.sin(columns["time_s"])
-    channels = [Channel("n_act", "", columns["time_s"], speed)]
-    channels += [Channel(f"torque motor {k}", "Nm", columns["time_s"], columns[f"torque_motor{k}_nm"]) for k in (1, 2)]
-    (proposal,) = (p for p in propose(machine, channels).proposals if p.signal == "speed_motor_rad_s")
-    assert proposal.by_size == guessed
-    assert proposal.factor * factor == pytest.approx(1.0 if guessed else factor)
-
-
-@pytest.mark.parametrize("run", read_campaign(DEMO).runs, ids=lambda run: run.name)
-@pytest.mark.parametrize("unit", ["", "%nominal"])
-def test_a_torque_that_would_not_hold_the_empty_carriage_is_proposed_in_per_cent(run: Run, unit: str):
-    """From the empty gripper to the full load, on every run of the demonstration: right in either unit."""
-    machine = default_hoist()
-    factor = 100.0 / machine.motor.nominal_torque_nm if unit else 1.0
-    channels = [Channel("n_act", "rad/s", run.time_s, run["speed_motor_rad_s"])]
-    channels += [Channel(f"torque motor {k}", "", run.time_s, factor * run[f"torque_motor{k}_nm"]) for k in (1, 2)]
-    torques = [p for p in propose(machine, channels).proposals if "torque" in p.signal]
-    assert [p.by_size for p in torques] == [unit, unit]
-    assert [p.factor * factor for p in torques] == pytest.approx([1.0, 1.0])

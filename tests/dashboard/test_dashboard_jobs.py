@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -19,7 +18,7 @@ from tests.support.dashboard_app import end_all, ended, until
 from tests.support.scenario_text import write
 from workbench.core.errors import InputError
 from workbench.dashboard import jobs, session
-from workbench.dashboard.jobs import INPUTS, Job, Teller, poll, start, stop
+from workbench.dashboard.jobs import INPUTS, Job, poll, start, stop
 from workbench.study.store import read_finished
 
 LONG: dict[str, Any] = {"to": 10_000, "each_s": 0.01}
@@ -39,14 +38,6 @@ def begin(workspace: Path, name: str, **arguments: object) -> Job:
 
 def said(job: Job) -> str:
     return job.file("result/said.txt").read_text()
-
-
-def test_a_call_is_counted_while_it_runs_and_leaves_its_result(workspace: Path):
-    job = begin(workspace, "counted", to=20, each_s=0.1)
-    on_the_way = until(job, lambda progress: progress.done > 0)
-    assert (on_the_way.state, on_the_way.stage, on_the_way.total, on_the_way.failed) == ("running", "counting", 20, 1)
-    assert 0.0 < on_the_way.share < 1.0
-    assert ended(job).state == "done" and poll(job).share == 1.0 and said(job) == "0 to 20"
 
 
 def test_a_stopped_call_goes_on_from_what_it_kept(workspace: Path):
@@ -141,26 +132,6 @@ def test_a_stop_before_the_worker_can_hear_of_it_is_not_lost(workspace: Path, wa
     assert ended(job).state == "stopped" and not job.file("result").exists()
 
 
-def test_progress_is_written_a_few_times_a_second_and_always_at_a_stages_ends(tmp_path: Path):
-    tell, file = Teller(tmp_path / "said.jsonl"), tmp_path / "said.jsonl"
-    for number in range(1000):
-        tell("quick", number, 1000)
-    assert len(file.read_text().splitlines()) < 50
-    for stage, done, of in (("quick", 1000, 1000), ("next", 0, 9)):
-        tell(stage, done, of)
-        last = json.loads(file.read_text().splitlines()[-1])
-        assert (last["stage"], last["done"]) == (stage, done)
-
-
-def test_jobs_are_found_again_by_the_workspace_alone(workspace: Path):
-    first, second = begin(workspace, "counted", to=1), begin(workspace, "counted", to=2)
-    ended(first), ended(second)
-    assert jobs.jobs_of(workspace) == [second, first]
-    assert jobs.jobs_of(workspace, "other") == jobs.jobs_of(workspace / "nowhere") == []
-    first.file("job.json").write_text("{")  # damaged
-    assert jobs.jobs_of(workspace) == [second]
-
-
 @pytest.mark.parametrize("number", ["", "..", "../../etc", "a" * 15, "a" * 65, "aaaaaaaaaaaaaaaa/b", "\0" * 20, None])
 def test_an_id_that_is_none_is_no_path(number: str | None):
     assert not jobs.is_id(number)
@@ -200,12 +171,6 @@ def test_old_jobs_and_old_workspaces_without_one_go_and_the_young_stay(workspace
         os.utime(root / name, (when, when))
     session.sweep(root)
     assert [path.name for path in root.iterdir()] == ["work-young"]
-
-
-def test_a_place_that_cannot_be_written_is_said(tmp_path: Path):
-    (tmp_path / "jobs").write_text("a file where a folder must be")
-    with pytest.raises(InputError, match="no job can be started there"):
-        begin(tmp_path, "counted", to=1)
 
 
 def test_a_server_that_ends_takes_its_workers_along(workspace: Path):

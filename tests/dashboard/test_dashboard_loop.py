@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from tests.support.dashboard_app import errors, figures, page
+from tests.support.dashboard_app import downloads, ended, errors, figures, good, made_job, page, the_job, titles, words
+from tests.support.log_campaign import hoist_columns, write_campaign
 from workbench.analysis.family import family, operating_points
-from workbench.analysis.loop import INPUTS, SHOWN, step_response
-from workbench.analysis.tune import Goal, Weights
 from workbench.analysis.usual import usual_controller
 from workbench.control import PiSettings
-from workbench.core.errors import InputError
-from workbench.dashboard.desk import edited, usual_desk
-from workbench.dashboard.pages import loop
+from workbench.core.yaml_strict import dumps, loads
+from workbench.dashboard import jobs
+from workbench.dashboard.pages import sizing, validate
 from workbench.dashboard.pages.loop import gain_steps, rule_settings
-from workbench.machines import default_hoist, with_values
-from workbench.view.loop import HZ, RAD_S, bode, gang_of_four
+from workbench.logs import read_campaign
+from workbench.machines import Hoist, default_hoist, with_values
+from workbench.machines.files import machine_text
+from workbench.simulate.models import compare_models
+from workbench.study.size import size
+from workbench.view.size import sentences
 
 KP, KI, WEIGHT = "loop kp", "loop ki", "loop weight"
 KP_STEPS = gain_steps("kp", rule_settings(default_hoist()).kp)
@@ -40,25 +42,6 @@ def lagging() -> Any:
     return app.run()
 
 
-def test_the_page_draws_bode_nyquist_steps_and_the_gang_of_four():
-    app = page("Loop").run()
-    assert not app.exception and errors(app) == []
-    titles = [figure["layout"]["title"]["text"] for figure in figures(app)]
-    assert titles == ["Open loop L", "Nyquist", "Step responses of the linear loop", "Gang of four"]
-    app.selectbox(key="loop unit").set_value("rad/s").run()
-    assert figures(app)[0]["layout"]["xaxis2"]["title"]["text"] == "frequency (rad/s)"
-
-
-def test_the_table_holds_every_payload_at_every_height():
-    app = page("Loop").run()
-    app.text_input(key="loop payloads").set_value("0, 3000").run()
-    app.text_input(key="loop heights").set_value("2, 9, 20").run()
-    table = app.dataframe[0].value
-    assert list(zip(table["load kg"], table["height m"], strict=True)) == [
-        (load, height) for load in ("0", "3000") for height in ("2", "9", "20")
-    ]
-
-
 def test_the_numbers_are_the_weakest_loops_own(lagging):
     drive = {"drive.torque_lag_s": 0.004, "drive.speed_filter_s": 0.003, "drive.speed_delay_s": 0.002}
     machine = with_values(default_hoist(), drive)
@@ -66,15 +49,6 @@ def test_the_numbers_are_the_weakest_loops_own(lagging):
     expected = max(member.margins.ms for member in family(machine, usual_controller(machine), points))
     assert number(lagging, "Largest Ms") == f"{expected:.2f}"
     assert "4 ms torque lag" in lagging.markdown[1].value.replace("\\", "")
-
-
-def test_a_larger_gain_costs_margin_and_the_delta_says_so():
-    app = page("Loop").run()
-    app.number_input(key=f"loop speed_delay_s {OWN['speed_delay_s']}").set_value(5.0).run()
-    before = number(app, "Largest Ms")
-    app.select_slider(key=KP).set_value(KP_STEPS[110]).run()
-    assert float(number(app, "Largest Ms")) > float(before)
-    assert next(metric for metric in app.metric if metric.label == "Largest Ms").delta.startswith("+")
 
 
 def test_gains_that_lose_the_loop_are_called_unstable():
@@ -107,41 +81,10 @@ def test_tune_fills_the_sliders_and_keeps_to_its_goal():
     assert app.select_slider(key=KP).value == tuned.kp_nm_s_per_rad
 
 
-def test_weights_and_what_is_tuned_too_reach_the_tuning(monkeypatch: pytest.MonkeyPatch):
-    asked: dict[str, Any] = {}
-
-    def tune(machine: Any, settings: Any, points: Any, trial: Any, goal: Any, weights: Any, **more: Any) -> None:
-        asked.update(more, goal=goal, weights=weights)
-        raise InputError("enough")
-
-    monkeypatch.setattr(loop, "tune", tune)
-    app = page("Loop").run()
-    app.pills(key="loop also").set_value(["notch", "schedule"])
-    app.number_input(key="loop peak").set_value(5.0)
-    app.radio(key="loop goal").set_value(loop.REJECTION)
-    app.button(key="loop tune").click().run()
-    assert errors(app) == ["enough"] and not app.exception
-    assert (asked["also"], asked["weights"], asked["goal"]) == (
-        ("notch", "schedule"), Weights(1.0, 5.0, 1.0), Goal(None, 1.4),
-    )  # fmt: skip
-    for what in ("tracking error", "peak", "rms"):
-        app.number_input(key=f"loop {what}").set_value(0.0)
-    assert errors(app.run()) == ["Weights: 0, 0 and 0, expected at least one above 0"]
-
-
-def test_a_bandwidth_out_of_reach_says_what_the_drive_allows(lagging):
-    lagging.number_input(key="loop hertz").set_value(40.0)
-    lagging.button(key="loop tune").click().run()
-    (said,) = errors(lagging)
-    assert said.startswith("bandwidth: 40 Hz is out of reach: this machine and drive allow at most 12.4 Hz at Ms 1.4")
-
-
 @pytest.mark.parametrize(
     ("key", "text", "said"),
     [
         ("payloads", "0; 4500", "payloads: '0; 4500', expected numbers with commas between, such as 0,4500,9000"),
-        ("payloads", "-5", "payloads: -5 kg, expected 0 to 1000000 kg"),
-        ("heights", "2, 40", "heights: 40 m is off the rail, which reaches from 0 m to 25 m"),
         ("heights", "nan", "heights: 'nan', expected finite numbers"),
         ("payloads", ",".join(map(str, range(60))), "60 payloads at 3 heights, expected at most 50 loops in all"),
     ],
@@ -153,38 +96,80 @@ def test_bad_payloads_and_heights_are_one_sentence(key, text, said):
     assert not app.exception
 
 
-def test_bode_in_radians_shows_the_same_loop_at_two_pi_times_the_frequency():
-    machine = default_hoist()
-    members = family(machine, usual_controller(machine), operating_points(machine, (4500.0,), (9.0,)))
-    for make in (lambda unit: bode(members, unit=unit), lambda unit: gang_of_four(members, 1.4, unit=unit)):
-        hertz, radians = make(HZ), make(RAD_S)
-        for one, other in zip(hertz.data, radians.data, strict=True):
-            assert other.x == pytest.approx(2.0 * math.pi * one.x)
-            assert (other.y == one.y).all()
-    crossover = members[0].margins.crossover_hz
-    words = [note.text for note in bode(members, unit=RAD_S).layout.annotations]
-    assert f"crossover {2.0 * math.pi * crossover:.3g} rad/s" in words
-    assert f"crossover {crossover:.3g} Hz" in [note.text for note in bode(members).layout.annotations]
+# The page Sizing: the drive that `workbench size` takes for the file that the page offers.
 
 
-def test_the_step_response_is_that_of_the_loop_taken_sample_by_sample():
-    drive = {"drive.torque_lag_s": 0.004, "drive.speed_filter_s": 0.003, "drive.speed_delay_s": 0.002}
-    machine = with_values(default_hoist(), drive)
-    (member,) = family(machine, usual_controller(machine), operating_points(machine, (4500.0,), (9.0,)))
-    for column, name in enumerate(INPUTS):
-        response = step_response(member.loop, name, 1.5)
-        inputs = np.zeros((len(response.time_s), len(INPUTS)))
-        inputs[:, column] = 1.0
-        slowly = member.loop.closed.run(inputs)
-        for signal, values in zip(SHOWN, slowly.T, strict=True):
-            assert response.signals[signal] == pytest.approx(values, abs=1e-9 * np.max(np.abs(values)))
+CATALOGUE = "name,power_kw,speed_rpm,inertia_kg_m2\nsmall,22,1480,0.2\nlarge,90,1485,1.2\n"
 
 
-def test_the_page_says_that_its_loop_is_the_lumped_machines_where_study_runs_on_the_multibody_one():
-    said = "Study runs on the multi-body machine; this loop is that of the lumped one, which is linearised."
-    desk, key = usual_desk(default_hoist()), "desk hoist"
-    app = page("Loop")
-    app.session_state[key] = replace(desk, scenario=edited(desk.scenario, default_hoist(), {"plant": "multibody"}))
-    assert said in [caption.value for caption in app.run().caption]
-    app.session_state[key] = desk
-    assert said not in [caption.value for caption in app.run().caption]
+def test_what_the_page_takes_is_what_the_command_takes_for_the_pages_file(server: Path):
+    app = page("Sizing").run()
+    assert not app.exception and errors(app) == []
+    app.file_uploader(key="sizing catalogue").upload("my motors.csv", CATALOGUE.encode(), "text/csv")
+    app.segmented_control(key="sizing ratios").set_value("the machine's")
+    app.number_input(key="sizing share 9000").set_value(3.0)
+    app.number_input(key=f"sizing {default_hoist().name} winch drum_diameter_m").set_value(0.65)
+    app.number_input(key="sizing wire safety_factor").set_value(5.0).run()
+    assert not app.exception and errors(app) == []
+    app.button(key="sizing start").click().run()
+    job = the_job(server, sizing.KIND)
+    assert ended(job).state == "done", jobs.poll(job).sentence
+    own: Any = loads((job.file("inputs") / sizing.SIZE).read_text(), "size.yaml").data
+    assert own["wire"]["safety_factor"] == 5.0 and own["payloads"][-1]["share"] == 0.6
+    found = size(job.file("inputs") / sizing.SIZE)
+    machine: Any = found.study.machine
+    assert machine.winch.drum_diameter_m == 0.65
+    assert {candidate.motor.name for candidate in found.candidates} == {"small", "large"}
+    app.run()
+    assert all(sentence in words(app) for sentence in sentences(found))
+    # a smaller bound is harder to keep: the page's answer follows its own file
+    harder = job.file("inputs") / "harder.yaml"
+    harder.write_text(dumps({**own, "wire": {**own["wire"], "breaking_load_n": 1000.0}}))
+    assert size(harder).taken is None
+
+
+# Both models on the page Validate: a comparison by a job, its report on the page, its errors.
+
+
+@pytest.fixture
+def lift(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, offer) -> Path:
+    """A campaign of one short run that the server offers. What a worker would do is done at once."""
+
+    def at_once(
+        kind: str, call: str, asked: dict[str, Any], workspace: Path, title: str, inputs: Mapping[str, Path]
+    ) -> jobs.Job:
+        return made_job(workspace, kind, title, call, asked)
+
+    offer(tmp_path / "owner")
+    monkeypatch.setattr(jobs, "start", at_once)
+    return write_campaign(tmp_path / "owner" / "lift", hoist_columns())
+
+
+def compared() -> Any:
+    return page("Validate").run().button(key="validate models").click().run()
+
+
+def test_both_models_are_compared_by_a_job_and_shown(server: Path, lift: Path):
+    app = good(compared())
+    campaign = read_campaign(lift)
+    assert isinstance(campaign.machine, Hoist)
+    expected = compare_models(campaign.machine, campaign.runs)
+    line = app.dataframe[-1].value.iloc[0]
+    assert float(line.iloc[3]) == pytest.approx(expected.runs[0].apart_percent, abs=2e-3)
+    assert titles(app)[-3:] == [
+        "Motor speed of both models", "Difference of both models", "Forces of rollers and cylinders",
+    ]  # fmt: skip
+    assert "The paper's models took 3.46 s and 91.53 s" in words(app)
+    assert downloads(app)[-2:] == ["Report", "models.json"]
+    job = the_job(server, "models")
+    app.run()
+    assert jobs.jobs_of(job.folder.parents[1], "models") == [job]
+    job.file(jobs.VIEW).write_text('{"heading": 3}')
+    assert errors(app.run()) == [f"{jobs.VIEW}: this result is damaged; compute it again"]
+
+
+def test_what_cannot_be_compared_is_said_without_the_servers_folder(server: Path, lift: Path):
+    machine = read_campaign(lift).machine.model_copy(update={"effects": {"backlash": {"play_rad": 0.01}}})
+    asked = {"folder": str(lift), "name": "lift", "runs": ["lift"], "machine": machine_text(machine)}
+    job = jobs.start(validate.MODELS, "workbench.dashboard.pages.validate:work", asked, server, "lift", {})
+    assert jobs.poll(job).state == "failed" and not job.file("result").exists()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +10,15 @@ import numpy as np
 import pytest
 
 from tests.support.dashboard_app import errors, page
-from tests.support.log_campaign import AXIS, axis_columns, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from tests.view.test_figures_legible import contrast
 from workbench.analysis.usual import usual_controller
 from workbench.core.run import Run
-from workbench.dashboard.pages import compare as kept
 from workbench.dashboard.pages.machine import LARGE
 from workbench.logs import read_campaign
 from workbench.machines import default_hoist
 from workbench.simulate.loop import LoopCase, simulate_loop
-from workbench.study.load import plan_study
-from workbench.study.run import run_study
-from workbench.study.scenario import Scenario
-from workbench.view.film import HEIGHT, VIRIDIS, Scene, film, film_data, half_pipe, look_of, scene_of, sizes
+from workbench.view.film import HEIGHT, Scene, film, look_of, scene_of
 from workbench.view.style import GROUND
 
 
@@ -43,11 +37,6 @@ def scene(lift: Run, **changes: Any) -> Scene:
     return Scene(**{**vars(made), **changes})
 
 
-def runs(*shown: Scene) -> list[dict[str, Any]]:
-    made: list[dict[str, Any]] = film_data(default_hoist(), shown)["runs"]
-    return made
-
-
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_film_is_one_page_that_fetches_nothing(lift, dark):
     page_of = film(default_hoist(), [scene(lift, name="</script><b>x"), scene(lift)], dark)
@@ -58,68 +47,6 @@ def test_the_film_is_one_page_that_fetches_nothing(lift, dark):
     wire = ["#{:02X}{:02X}{:02X}".format(*colour) for colour in data["viridis"]]  # at every tension
     ground = GROUND if dark else "#FFFFFF"
     assert min(contrast(colour, ground) for colour in [*wire, look_of(dark).faint, look_of(dark).edge]) >= 3.0
-
-
-def test_every_part_that_the_script_moves_is_drawn_once_for_each_run(lift):
-    page_of = film(default_hoist(), [scene(lift), scene(lift)])
-    for name in ("carriage", "sheave", "drum", "fall", "dead", "around", "numbers"):
-        for number in (0, 1):
-            assert page_of.count(f'id="{name}{number}"') == 1
-
-
-def test_the_samples_are_those_of_the_run_fifty_times_a_second(lift):
-    data = film_data(default_hoist(), [scene(lift)])
-    assert data["step_s"] == pytest.approx(0.02, rel=0.01)
-    time = data["start_s"] + data["step_s"] * np.arange(data["samples"])
-    (run,) = data["runs"]
-    shown = scene(lift)
-    assert run["height_m"] == pytest.approx(np.interp(time, shown.time_s, shown.height_m), abs=1e-4)
-    assert run["tension_kn"] == pytest.approx(np.interp(time, shown.time_s, shown.tension_drum_n) / 1000.0, abs=0.01)
-
-
-def test_drum_and_sheave_turn_as_the_drawn_wire_runs(lift):
-    s, shown = sizes(default_hoist()), scene(lift)
-    (run,) = runs(shown)
-    taken = shown.wound_m[-1] - shown.wound_m[0]
-    assert taken > 0.0
-    turned = [math.radians(run[name][-1] - run[name][0]) for name in ("drum_deg", "sheave_deg")]
-    assert turned[0] == pytest.approx(taken / s.R, rel=1e-3)  # hoisting turns the drum counter-clockwise
-    assert turned[1] == pytest.approx(-taken / (2.0 * s.r), rel=1e-3)  # and the sheave backward
-
-
-def test_a_slack_wire_of_one_sample_is_not_lost_between_frames(lift):
-    slack = np.zeros(len(lift.time_s), dtype=bool)
-    slack[int(np.searchsorted(lift.time_s, 5.0))] = True
-    assert sum(runs(scene(lift, slack=slack))[0]["slack"]) == 1
-
-
-def test_the_torque_is_that_of_the_harder_worked_motor(lift):
-    one, other = np.full(len(lift.time_s), 100.0), np.linspace(-200.0, 50.0, len(lift.time_s))
-    (run,) = runs(scene(lift, torques_nm=(one, other)))
-    assert (run["torque_nm"][0], run["torque_nm"][-1]) == (-200.0, 100.0)
-
-
-def test_runs_of_different_length_share_one_time(lift):
-    shown = scene(lift)
-    short: dict[str, Any] = {name: v[:4000] if isinstance(v, np.ndarray) else v for name, v in vars(shown).items()}
-    half = Scene(**short | {"torques_nm": tuple(t[:4000] for t in shown.torques_nm)})
-    one, other = runs(shown, half)
-    assert len(one["height_m"]) == len(other["height_m"])
-    assert other["height_m"][-1] == pytest.approx(float(half.height_m[-1]), abs=1e-4)  # it waits where it ended
-
-
-def test_the_colours_of_tension_grow_lighter_and_are_read_in_black_and_white_too():
-    lightness = [0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b in VIRIDIS]
-    assert lightness == sorted(lightness)
-
-
-def test_an_empty_gripper_holds_nothing_and_a_heavier_pipe_is_thicker(lift):
-    s = sizes(default_hoist())
-    widths = [half_pipe(s, payload, 8000.0) for payload in (0.0, 1000.0, 4500.0, 9000.0)]
-    assert widths[0] == 0.0 and widths == sorted(set(widths))
-    pipe = look_of(False).pipe
-    assert pipe in film(default_hoist(), [scene(lift)])
-    assert pipe not in film(default_hoist(), [scene(lift, payload_kg=0.0)])
 
 
 def test_a_measured_run_gets_the_tensions_and_heights_of_the_model(lift, tmp_path):
@@ -138,23 +65,6 @@ def test_a_measured_run_gets_the_tensions_and_heights_of_the_model(lift, tmp_pat
     assert 'id="carriage0"' in film(default_hoist(), [shown])
 
 
-def test_logged_heights_and_tensions_are_shown_as_they_were_measured(lift):
-    names = ("torque_motor_nm", "speed_motor_rad_s", "position_carriage_m", "tension_dead_line_n")
-    logged = {name: lift[name] + (0.25 if name == "position_carriage_m" else 0.0) for name in names}
-    shown = scene_of(default_hoist(), Run("log", lift.time_s, logged, 4500.0, 6.25))
-    assert (shown.height_m == logged["position_carriage_m"]).all() and shown.height_of == "measured"
-    assert (shown.tension_dead_line_n == logged["tension_dead_line_n"]).all()
-    assert len(shown.torques_nm) == 1  # the sum is logged: half of it is each motor's
-    assert (shown.torques_nm[0] == lift["torque_motor_nm"] / 2.0).all()
-
-
-def test_the_simulated_and_the_measured_way_agree_on_a_run(lift):
-    log = Run("log", lift.time_s, {name: lift[name] for name in ("torque_motor_nm", "speed_motor_rad_s")}, 4500.0, 6.0)
-    one, other = scene_of(default_hoist(), lift), scene_of(default_hoist(), log)
-    assert other.height_m == pytest.approx(one.height_m, abs=2e-3)
-    assert other.tension_drum_n == pytest.approx(one.tension_drum_n, rel=0.03)
-
-
 def test_the_page_shows_a_quick_run_and_another_reference_beside_it():
     app = page("Machine").run()
     assert not app.exception and errors(app) == []
@@ -168,29 +78,6 @@ def test_the_page_shows_a_quick_run_and_another_reference_beside_it():
     assert "9000 kg" in app.markdown[0].value and f"height: {LARGE}px" in app.get("iframe")[0].proto.srcdoc
     app.slider(key="machine payload").set_value(12000).run()  # shown, or told
     assert not app.exception
-
-
-def test_a_study_run_kept_in_the_session_can_be_shown():
-    scenario = Scenario.model_validate(
-        {
-            "name": "short",
-            "payloads_kg": [0.0, 4500.0],
-            "start_position_m": 4.0,
-            "moves": [{"by_m": 2.0}],
-            "limits": {"speed_m_s": 0.5, "acceleration_m_s2": 0.5, "jerk_m_s3": 1.0},
-            "references": ["trapezoid", "ruckig"],
-            "controller": {"kp_nm_s_per_rad": 31.0, "ki_nm_per_rad": 122.0},
-        }
-    )
-    result = run_study(plan_study(scenario, default_hoist()))
-    app = page("Machine")
-    app.session_state["runs kept"] = {"short": kept.Kept("short", scenario, default_hoist(), result)}
-    app.run()
-    app.radio(key="machine source").set_value("a run kept from Study").run()
-    assert app.selectbox(key="machine study run").options[:2] == ["trapezoid, 0 kg", "ruckig, 0 kg"]
-    app.selectbox(key="machine study run").set_value("ruckig, 4500 kg").run()
-    assert not app.exception and errors(app) == []
-    assert "short, ruckig, 4500 kg" in app.markdown[0].value
 
 
 @pytest.fixture
@@ -215,9 +102,3 @@ def test_a_measured_run_of_the_validated_campaign_can_be_shown(chosen, tmp_path)
     assert not app.exception and errors(app) == []
     assert "spring, full" in app.markdown[0].value
     assert "of the model under the measured motor speed" in app.caption[0].value
-
-
-def test_an_axis_has_no_drawing_and_says_so(chosen, tmp_path):
-    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
-    app = chosen(write_campaign(tmp_path / "axis", axis_columns(), runs=runs, machine=AXIS))
-    assert errors(app) == ["machine.yaml: kind: is a machine of kind 'axis'; this drawing is of kind 'hoist'"]

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from streamlit.testing.v1 import AppTest
 
-from tests.support.dashboard_app import errors, figures, good, page
+from tests.support.dashboard_app import errors, figures, page
 from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.dashboard.pages.signals import RAMP, part_of, runs_table, with_computed
-from workbench.dashboard.pages.study import force_table, forces_of
+from workbench.dashboard.pages.signals import RAMP, part_of, with_computed
 from workbench.logs.signal_files import Labelled, as_csv, as_mat, as_parquet
-from workbench.view.signals import BEFORE_S, Stretch, browser, start_of_move
-from workbench.view.style import line
+from workbench.view.signals import Stretch, browser
 
 
 def run(n: int = 50_000, name: str = "long") -> Run:
@@ -37,47 +33,6 @@ def test_a_peak_of_one_sample_is_drawn_whatever_is_left_out():
     assert len(figure.data[0].x) < 5000
     assert max(figure.data[0].y) == 77.0
     assert figure.data[0].x[int(np.argmax(figure.data[0].y))] == pytest.approx(12.345)
-
-
-def test_rows_have_units_and_share_one_cursor_and_one_zoom():
-    signals = ["speed_motor_rad_s", "torque_motor_nm", "tension_dead_line_n"]
-    figure = browser([Stretch.whole(run()), Stretch.whole(run(name="other"))], signals)
-    layout = figure.to_dict()["layout"]
-    titles = [axis["title"]["text"] for name, axis in layout.items() if name.startswith("yaxis")]
-    assert [title.rpartition("<br>")[2] for title in titles] == ["(rad/s)", "(N m)", "(kN)"]
-    assert {trace.xaxis for trace in figure.data} == {"x3"} and layout["hoversubplots"] == "axis"
-    assert figure.data[-1].y[0] == 50.0
-    assert [trace.name for trace in figure.data if trace.showlegend] == ["long", "other"]
-
-
-def _two_charts() -> None:
-    from plotly.graph_objects import Figure
-
-    from workbench.dashboard.widgets import chart
-
-    for key in ("run a__b", "run a_b", "run a%5Fb", "__"):
-        chart(Figure(), key)
-
-
-def test_any_name_of_a_run_may_be_a_charts_key():
-    app = AppTest.from_function(_two_charts).run()
-    assert not errors(app) and not app.exception and len(figures(app)) == 4
-
-
-def test_a_short_stretch_shows_every_sample_between_its_ends():
-    time, values = Stretch(run(), 12.0, 13.0).cut("torque_motor_nm")
-    assert (time[0], time[-1]) == pytest.approx((12.0, 13.0), abs=0.0011)
-    assert len(time) == pytest.approx(1001, abs=2) and values.max() == 77.0
-
-
-def test_time_is_counted_from_the_start_of_the_first_move():
-    start = start_of_move(run())
-    assert start is not None
-    assert start.zero_s == pytest.approx(10.0) and start.start_s == pytest.approx(10.0 - BEFORE_S)
-    assert start.cut("speed_motor_rad_s")[0][0] == pytest.approx(-BEFORE_S, abs=0.002)
-    still = Run("still", np.arange(5.0), {"speed_motor_rad_s": np.zeros(5)})
-    blind = Run("blind", np.arange(5.0), {"torque_motor_nm": np.ones(5)})
-    assert start_of_move(still) is None and start_of_move(blind) is None
 
 
 def test_what_is_taken_away_is_every_sample_of_the_stretch(tmp_path: Path):
@@ -121,37 +76,6 @@ def test_what_is_no_arithmetic_of_signals_is_one_clear_error(said: str, why: str
     with pytest.raises(InputError, match="Computed signal") as caught:
         with_computed(said, run(20_000))
     assert why in str(caught.value)
-
-
-def test_the_table_counts_missing_samples():
-    gappy = Run("gappy", np.arange(5.0), {"torque_motor_nm": np.array([1.0, np.nan, np.nan, 2.0, 3.0])})
-    whole = replace(gappy, name="whole", signals={"speed_motor_rad_s": np.zeros(5)})
-    assert runs_table([gappy]).rows == [("gappy", "5", "1000", "4.000", "0", "2")]
-    assert runs_table([gappy]).note == "Signals of each run: torque_motor_nm."
-    assert [row[-1] for row in runs_table([gappy, whole]).rows] == ["torque_motor_nm", "speed_motor_rad_s"]
-
-
-@pytest.mark.parametrize("name", ["hoist", "axis"])
-def test_the_example_of_a_computed_signal_can_be_typed(offered, name):
-    app = page("Signals").run()
-    app.selectbox(key="signals campaign").set_value(name).run()
-    app.text_area[0].set_value(app.text_area[0].placeholder).run()
-    good(app)
-    assert "product" in field(app, 0).options
-
-
-def test_forces_of_the_multibody_machine_are_told_from_the_lumped_ones_and_the_largest_listed():
-    time = np.arange(3.0)
-    lumped, top = np.array([9e9, 0.0, 0.0]), np.array([1e3, -5e3, 2e3])
-    one = Run("a", time, {"force_guide_n": lumped, "force_roller_top_n": top, "pitch_lower_dolly_rad": time})
-    assert forces_of(one) == ["force_roller_top_n"]
-    other = Run("b", time, {"force_roller_top_n": 2.0 * top})
-    shown = force_table([("trapezoid", one), ("ruckig", one), ("ruckig", other)])
-    assert [list(row) for row in shown.rows] == [["roller top", "\N{MINUS SIGN}5.00", "\N{MINUS SIGN}10.0"]]
-    assert shown.heads[1:] == ("trapezoid kN", "ruckig, same limits kN")
-    drawn = browser([Stretch.whole(one), Stretch.whole(other)], ["force_roller_top_n"], ["trapezoid", "ruckig"])
-    assert [trace.name for trace in drawn.data] == ["trapezoid", "ruckig, same limits"]
-    assert drawn.data[0].line.color == line("trapezoid")["color"] and min(drawn.data[1].y) == -10.0
 
 
 @pytest.fixture

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import math
 import os
-import re
 import signal
 import socket
 import subprocess
@@ -16,25 +13,18 @@ import urllib.request
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from streamlit.testing.v1 import AppTest
 
 from tests.support.dashboard_app import errors, figures, good, metrics, page, sent
 from workbench.cli import cli
 from workbench.core.errors import InputError
-from workbench.core.yaml_strict import loads
-from workbench.dashboard import chosen as machines
 from workbench.dashboard import session, widgets
-from workbench.dashboard.desk import desk_of, edited, from_address, in_address, usual_desk, with_gains
-from workbench.dashboard.pages import compare as kept
-from workbench.dashboard.pages.compare import difference, machine_told_apart, under_gains
-from workbench.dashboard.pages.study import OWN
-from workbench.dashboard.server import OPTIONS, SCRIPT
-from workbench.machines import Hoist, default_hoist, with_values
-from workbench.metrics import find
-from workbench.study.load import load_study, plan_study, read_standalone, standalone_text
-from workbench.study.run import StudyResult, run_study
+from workbench.dashboard.desk import edited, usual_desk
+from workbench.dashboard.server import OPTIONS
+from workbench.machines import default_hoist, with_values
+from workbench.study.load import load_study, plan_study, standalone_text
+from workbench.study.run import run_study
 from workbench.study.scenario import Scenario
 
 KP, KI = "loop kp", "loop ki"
@@ -119,47 +109,6 @@ def test_a_loaded_scenario_sets_the_controls_and_stays_under_the_sliders_that_mo
     assert app.text_input(key="study.name").value == "payloads"
 
 
-def test_a_slider_changes_the_numbers_and_the_range_of_another(drawn):
-    app, last = good(against_ruckig().run()), metrics(drawn)
-    for key, value in {
-        "study.jerk": 2.0,
-        "study.acceleration": 0.9,
-        "study.bandwidth": 1.2,
-        "study.ff inertia": 1.0,
-    }.items():
-        good(app.slider(key=key).set_value(value).run())
-        assert metrics(app) != last
-        last = metrics(app)
-    good(app.slider(key="study.start").set_value(24.0).run())  # near the top, which leaves this room to move
-    assert app.slider(key="study.way").value == 1.0
-
-
-def test_runs_that_fail_are_said_and_references_not_compared_where_one_of_them_fails():
-    app = trapezoid_and_ruckig(page("Study").run())
-    app.multiselect(key="study.payloads").set_value([0.0, "30000"]).run()
-    assert not app.exception
-    assert app.warning[0].value.startswith("2 of 4 runs failed") and "30000 kg, trapezoid" in app.warning[0].value
-    assert metrics(app)["Torque peak per motor"][0].endswith(" N m") and len(figures(app)) == 2
-    app.multiselect(key="study.payloads").set_value([0.0, 4500.0, 9000.0])
-    # From the rail's end, and hard: the trapezoid overshoots out of the rail with every load.
-    app.slider(key="study.start").set_value(0.0)
-    app.slider(key="study.acceleration").set_value(1.5).run()
-    assert app.warning[0].value.startswith("3 of 6 runs failed")
-    value, delta = metrics(app)["Torque peak per motor"]
-    assert value.endswith(" N m") and not value.startswith("–") and delta == ""
-
-
-def test_what_no_control_shows_is_kept_from_a_loaded_scenario():
-    text = SCENARIO + "events: {emergency_stop_s: 5.0, emergency_deceleration_m_s2: 2.0}\nsettle_s: 4.5\n"
-    scenario = read_standalone(loads(text, "s.yaml"))
-    again = desk_of(scenario, default_hoist()).scenario
-    assert again.events == scenario.events and again.settle_s == 4.5
-    assert plan_study(again, default_hoist()).specs[0].limits == plan_study(scenario, default_hoist()).specs[0].limits
-    other = SCENARIO.replace("[{by_m: 10.0}, {dwell_s: 1.5}, {by_m: -10.0}]", "[{to_m: 9.0}, {by_m: 2.0}]")
-    scenario = read_standalone(loads(other, "s.yaml"))
-    assert edited(desk_of(scenario, default_hoist()).scenario, default_hoist(), {"jerk": 2.0}).moves == scenario.moves
-
-
 def test_a_session_has_a_private_folder_that_goes_with_it_or_with_its_server(tmp_path: Path):
     script = (
         "import streamlit as st\nfrom workbench.dashboard.session import workspace\nst.text(str(workspace()))\n"
@@ -192,77 +141,6 @@ def test_a_link_shows_the_study_that_it_was_copied_from():
     assert metrics(other) == metrics(app)
 
 
-@pytest.mark.parametrize("cut", [0.0, 0.3, 0.99])
-def test_a_link_that_was_cut_is_one_error(cut: float):
-    whole = in_address(usual_scenario(payloads_kg=(1.0,)), default_hoist())
-    assert whole is not None
-    with pytest.raises(InputError, match="study: is damaged"):
-        from_address(whole[: int(cut * len(whole))])
-
-
-def test_gains_are_carried_from_loop_to_study_and_back():
-    loop = page("Loop").run()
-    loop.number_input(key=f"{KI} typed").set_value(918.0).run()
-    assert not loop.exception and loop.select_slider(key=KI).value == 918.0
-    study = page("Study")
-    study.session_state["desk hoist"] = loop.session_state["desk hoist"]
-    study.run()
-    assert study.slider(key="study.ki").value == 918.0 and not study.exception
-    study.number_input(key="study.kp typed").set_value(150.0).run()
-    back = page("Loop")
-    back.session_state["desk hoist"] = study.session_state["desk hoist"]
-    back.run()
-    assert back.select_slider(key=KP).value == 150.0 and back.select_slider(key=KI).value == 918.0
-
-
-def trapezoid_and_ruckig(app: Any) -> Any:
-    return app.pills(key="study.references").set_value(["ruckig"]).run()
-
-
-def test_a_stretch_of_time_stays_while_sliders_move_and_a_bad_one_is_said():
-    app = page("Study").run()
-    app.segmented_control(key="study stretch").set_value(OWN).run()
-    app.number_input(key="study from (s)").set_value(17.0)
-    app.number_input(key="study to (s)").set_value(21.0).run()
-    for _ in range(2):
-        times = figures(app)[0]["data"][0]["x"]
-        drawn = np.frombuffer(base64.b64decode(times["bdata"]), times["dtype"]) if isinstance(times, dict) else times
-        assert min(drawn) > 16.9 and max(drawn) < 21.1
-        app.slider(key="study.jerk").set_value(1.2).run()
-    app.number_input(key="study from (s)").set_value(500.0).run()
-    assert errors(app)[0].startswith("from … to: 500 to 21 s, expected a stretch") and not app.exception
-
-
-def test_at_a_payload_that_no_reference_carries_none_is_taken_and_the_other_keeps_its_own_choice():
-    app = page("Study").run()
-    app.pills(key="study.references").set_value(["ruckig", "optimal"])
-    app.multiselect(key="study.payloads").set_value([0.0, "22000"]).run()
-    (said,) = (each.value.replace("\\", "") for each in app.warning)
-    assert "22000 kg, least torque peak: " in said
-    taken = app.info[0].value.replace("\\", "")
-    assert re.match(r"Take [^.:]+ at 0 kg: .* Take none of these at 22000 kg: ", taken), taken
-    assert errors(app)[0].startswith("Overload: torque peak 100 %") and not app.exception
-
-
-def test_limits_and_weights_that_are_set_decide():
-    app = page("Study").run()
-    assert "Out at 9000 kg" not in app.info[0].value
-    app.number_input(key="study.limit wire_tension_swing_n").set_value(19.0).run()  # kN: the trapezoid swings by 20.5
-    assert not app.exception and errors(app) == []
-    said = app.info[0].value.replace("\\", "")
-    assert "the trapezoid (" in said.partition("Out at 9000 kg:")[2] and "Take the trapezoid" not in said
-    assert "study" in app.query_params
-    app.number_input(key="study.limit wire_tension_swing_n").set_value(0.001).run()
-    assert "Take none of these" in app.info[0].value
-    app.number_input(key="study.limit wire_tension_swing_n").set_value(None).run()
-    assert "Out at 9000 kg" not in app.info[0].value and "study" not in app.query_params
-    weights = [str(w.key) for w in app.number_input if w.label == "weight"]
-    assert len(weights) > 5
-    for key in weights:
-        app.number_input(key=key).set_value(0.0)
-    assert errors(app.run()) == ["Decision: limits and weights: every weight is 0, expected one above 0"]
-
-
 def test_each_move_of_a_widget_counts_and_so_does_what_is_changed_elsewhere():
     app = AppTest.from_string(
         "import streamlit as st\nfrom workbench.dashboard.widgets import held\n"
@@ -279,13 +157,10 @@ def test_each_move_of_a_widget_counts_and_so_does_what_is_changed_elsewhere():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (SCENARIO.replace("jerk_m_s3", "jerk_m_s2"), "scenario.yaml:6: limits.jerk_m_s2: unknown key"),
         (SCENARIO.replace("[8000]", "[heavy]"), "scenario.yaml:3: payloads_kg[0]: 'heavy', expected a number"),
         ("name: [", "scenario.yaml:1: is not YAML"),
-        ("", "scenario.yaml: is empty"),
         (SCENARIO + "extends: /etc/passwd\n", "scenario.yaml:9: extends: another file, which is not here"),
         (SCENARIO + "machine: ../../secret.yaml\n", "scenario.yaml:9: machine: '../../secret.yaml' is another file"),
-        (SCENARIO.replace("10.0}, {d", "90.0}, {d"), "scenario.yaml:5: moves[0]: goes from 3 m to 93 m"),
         (SCENARIO + "sweep: {limits.jerk_m_s3: [1, 2]}\n", "sweep: is a batch of runs"),
     ],
 )
@@ -296,24 +171,6 @@ def test_a_bad_scenario_is_one_clear_error_and_leaves_the_controls(text: str, sa
     assert shown.startswith(said)
     assert "/tmp" not in shown and len(app.metric) == 4
     assert app.slider(key="study.jerk").value == 0.8
-
-
-def test_an_uploaded_machine_is_what_is_run(drawn):
-    app = trapezoid_and_ruckig(page("Study").run())
-    app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
-    assert not app.exception and "Choose a machine.yaml." in [info.value for info in app.info]
-    assert len(figures(app)) == 2  # of the machine chosen before
-    bad = sent(app, "name: x\nwinch: 3\n", "study machine file")
-    assert errors(bad)[0].startswith("machine.yaml:") and not bad.exception
-    from workbench.machines.files import machine_text
-
-    heavier = with_values(default_hoist(), {"carriage.mass_kg": 12000.0})
-    app.file_uploader(key="study machine file").upload("m.yaml", machine_text(heavier).encode(), "application/yaml")
-    app.run()
-    assert not app.exception
-    (overload,) = errors(app)
-    assert overload.startswith("Overload: rms torque 105 % of nominal torque")
-    assert metrics(app)["Smallest wire tension"] != metrics(drawn)["Smallest wire tension"]
 
 
 def test_a_saved_scenario_is_read_by_the_study_command(tmp_path: Path):
@@ -329,94 +186,6 @@ def test_a_saved_scenario_is_read_by_the_study_command(tmp_path: Path):
     assert [row.metrics for row in rows] == [row.metrics for row in own]
 
 
-def test_kept_runs_stand_side_by_side_in_compare():
-    source = (
-        "import streamlit as st\nfrom workbench.dashboard.shell import run_page\n"
-        "run_page(st.session_state.get('page', 'Study'))\n"
-    )
-    app = AppTest.from_string(source, default_timeout=60.0).run()
-    app.button(key="study keep").click().run()
-    assert app.button(key="study keep").disabled
-    app.slider(key="study.jerk").set_value(2.0).run()
-    app.button(key="study keep").click().run()
-    app.session_state["page"] = "Compare"
-    app.run()
-    assert not app.exception
-    table = app.table[0].value
-    assert list(table.columns) == ["", "what-if", "what-if \\(2\\)"]
-    machine, limits = table.values.tolist()[:2]
-    assert machine[0] == "machine" and machine[1] == machine[2]
-    assert limits == ["limits", "0.7 m/s, 0.6 m/s², 0.8 m/s³", "0.7 m/s, 0.6 m/s², 2 m/s³"]
-    peak = next(row for row in table.values.tolist() if row[0].startswith("Torque peak per motor"))
-    assert ":red[" in peak[2]
-    time = next(row for row in table.values.tolist() if row[0].startswith("Move time"))
-    assert ":green[" in time[2]
-    app.button(key="compare remove what-if (2)").click().run()
-    assert list(app.session_state["runs kept"]) == ["what-if"]
-    # Back on the Study page the sliders stand where they were left.
-    app.session_state["page"] = "Study"
-    app.run()
-    assert app.slider(key="study.jerk").value == 2.0
-
-
-@pytest.mark.parametrize(
-    ("metric", "value", "base", "colour"),
-    [
-        ("peak_torque_motor_nm", 110.0, 100.0, "red"),
-        ("min_wire_tension_n", 110.0, 100.0, "green"),
-        ("position_error_end_m", -0.1, 0.2, "green"),
-    ],
-)
-def test_a_difference_has_the_colour_of_its_metric(metric: str, value: float, base: float, colour: str):
-    declared = find(metric)
-    assert f":{colour}[" in difference(value, base, declared)
-    for invisible in (0.0, 0.9 * declared.visible * declared.scale):
-        assert difference(base + invisible, base, declared) == " (=)"
-
-
-def test_a_difference_of_per_cents_is_in_points():
-    """72.6 to 79.9 % is 7.3 points, and 10 %."""
-    assert difference(79.9, 72.6, find("thermal_load_percent")) == " :red[(+7.3 pp)]"
-    source = (
-        "from workbench.dashboard.widgets import Number, numbers\n"
-        "numbers([Number('Load', 79.9, '%', 7.3, 'lower'), Number('Peak', 110.0, 'N m', 10.0, 'lower')])\n"
-    )
-    assert [card.delta for card in AppTest.from_string(source).run().metric] == ["+7.3 pp", "+10 N m"]
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [{"kp_nm_s_per_rad": 50.0, "ki_nm_per_rad": 400.0}, {"kv_per_s": 3.0}, {"set_point_weight": 0.5},
-     {"gain_schedule": ({"payload_kg": 0.0, "kp_nm_s_per_rad": 20.0, "ki_nm_per_rad": 60.0},)}],
-    ids=lambda settings: next(iter(settings)),
-)  # fmt: skip
-def test_under_the_same_gains_two_studies_that_differ_in_nothing_else_are_one(settings: dict[str, Any]):
-    """Every figure of every run, and none is one before."""
-
-    def study(**own: Any) -> kept.Kept:
-        usual = usual_scenario(payloads_kg=(9000.0,), references=("trapezoid",))
-        loop = with_gains(usual.controller, own)
-        scenario = usual.model_copy(update={"controller": loop})
-        machine = default_hoist()
-        return kept.Kept("one", scenario, machine, run_study(plan_study(scenario, machine)))
-
-    first, other = study(), study(**settings)
-    for theirs, same in ((other, False), (under_gains(other, first), True), (under_gains(first, other), False)):
-        assert (theirs.result.rows[0].metrics == first.result.rows[0].metrics) == same
-    assert under_gains(first, other).result.rows[0].metrics == other.result.rows[0].metrics
-
-
-def test_a_number_has_three_digits_that_are_right_whatever_its_size():
-    for value in [*np.geomspace(1e-9, 9e6, 97), *-np.geomspace(1e-9, 9e6, 97)]:
-        said = widgets.text(float(value))
-        mantissa, _, raised = said.replace("\N{MINUS SIGN}", "-").partition("·10")
-        power = raised.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))
-        assert float(mantissa) * 10.0 ** int(power or 0) == pytest.approx(value, rel=5.1e-3), said
-        digits = mantissa.lstrip("-0.").replace(".", "")
-        assert len(digits) <= 3 or "." not in mantissa, said
-    assert widgets.text(math.nan) == "–" and widgets.text(0.0) == "0"
-
-
 def test_an_error_shows_the_files_name_and_no_markdown():
     app = AppTest.from_string(
         "from workbench.dashboard.widgets import guarded\nfrom workbench.core.errors import InputError\n"
@@ -429,22 +198,6 @@ def test_an_error_shows_the_files_name_and_no_markdown():
     assert "\\*\\*bold" in app.error[0].value
 
 
-def test_a_file_that_is_too_large_is_refused_before_it_is_read():
-    class Large:
-        size = 2_000_001
-
-        def getvalue(self) -> bytes:
-            raise AssertionError("was read")
-
-    with pytest.raises(InputError, match=r"machine.yaml: 2.0 MB, expected at most 1 MB"):
-        session.stored(Large(), "machine.yaml")
-
-
-def test_the_whole_app_runs_in_its_frame():
-    app = AppTest.from_file(str(SCRIPT), default_timeout=60.0).run()
-    assert not app.exception and app.info
-
-
 def test_streamlit_run_and_the_command_set_the_server_up_alike():
     file = tomllib.loads((ROOT / ".streamlit" / "config.toml").read_text(encoding="utf-8"))
 
@@ -455,14 +208,6 @@ def test_streamlit_run_and_the_command_set_the_server_up_alike():
         return options
 
     assert flat(file) == OPTIONS
-
-
-def test_without_streamlit_the_command_names_the_extra(monkeypatch):
-    from workbench.cli import app
-
-    monkeypatch.setattr(app.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"needs the extra 'app'; from a checkout: pip install '\.\[app\]'"):
-        cli.main(["app", "--no-browser"], standalone_mode=False)
 
 
 def test_a_taken_port_is_said_before_anything_starts():
@@ -508,13 +253,3 @@ def test_the_command_serves_on_localhost_from_any_folder_and_ends_its_server(tmp
         assert opened.read_text(encoding="utf-8").strip() == f"http://127.0.0.1:{port}"
     with socket.socket() as after:
         assert after.connect_ex(("127.0.0.1", port)) != 0
-
-
-def test_compare_tells_machines_of_one_name_apart():
-    def study(machine: Hoist) -> kept.Kept:
-        scenario = edited(usual_desk(machine).scenario, machine, {"payloads_kg": (700.0,), "way": 1.0})
-        return kept.Kept("one", scenario, machine, StudyResult(plan_study(scenario, machine), (), {}))
-
-    plain, heavier = study(default_hoist()), study(with_values(default_hoist(), {"carriage.mass_kg": 9000.0}))
-    assert machine_told_apart(plain, [plain, heavier]) == default_hoist().name
-    assert machine_told_apart(heavier, [plain, heavier]).endswith(": carriage.mass kg 9000")

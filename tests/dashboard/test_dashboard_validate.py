@@ -10,16 +10,12 @@ from typing import Any
 
 import pytest
 
-from tests.support.dashboard_app import downloads, errors, figures, good, metrics, page, titles, words
-from tests.support.log_campaign import AXIS, axis_columns, hoist_columns, write_campaign
-from tests.support.simulated_campaign import TRUTH, simulated_campaign
+from tests.support.dashboard_app import errors, metrics, page, titles, words
+from tests.support.log_campaign import hoist_columns, write_campaign
+from tests.support.simulated_campaign import simulated_campaign
 from workbench.dashboard import chosen as campaigns
-from workbench.identify.identify import identify
 from workbench.logs import read_campaign
-from workbench.machines import Hoist
 from workbench.simulate.replay import replay_runs
-from workbench.view.identify import Shift as Estimate
-from workbench.view.identify import estimates
 
 BOX = "validate campaign"
 
@@ -54,12 +50,6 @@ def test_the_owners_campaigns_are_offered_by_name_never_by_path(offered):
     assert not app.text_input and not app.text_area
 
 
-def test_a_folder_that_is_itself_a_campaign_and_names_that_meet_are_listed_once_each(simulated, offer, tmp_path):
-    other = write_campaign(tmp_path / "spring", hoist_columns())
-    offer(simulated, simulated.parent, other, tmp_path / "gone")
-    assert campaigns.offered() == {"spring": simulated, "spring (2)": other}
-
-
 def test_the_replay_is_the_librarys_own(offered):
     app = page("Validate").run()
     assert not app.exception and errors(app) == []
@@ -71,48 +61,6 @@ def test_the_replay_is_the_librarys_own(offered):
     assert app.dataframe[0].value["run"].tolist() == ["empty", "half", "full", "all runs"]
     assert "Identify fits the values. The page Gap names what the model lacks." in words(app)
     assert "workbench" not in words(app)
-
-
-def test_identification_finds_the_friction_and_the_machine_can_be_kept_and_downloaded(offered, tmp_path):
-    app = page("Validate").run()
-    before = number(app, "Torque residual, moving")
-    app.button(key="validate identify").click().run()
-    assert not app.exception and errors(app) == []
-    assert number(app, "Torque residual, moving") < 0.5 * before
-    assert next(m for m in app.metric if m.label == "Torque residual, moving").delta.startswith("-")
-    table = app.dataframe[0].value.set_index("parameter")
-    level = table.loc["guide.coulomb_hoisting_n"]
-    assert abs(float(level["identified"]) - TRUTH["guide.coulomb_hoisting_n"]) < 4.0 * float(level["± std error"])
-    assert titles(app)[0].startswith("Identified values, ± one standard error")
-    app.button(key="validate keep").click().run()
-    kept = app.session_state["machines kept"]
-    assert list(kept) == ["identified from spring"]
-    expected = identify(read_campaign(offered)).machine
-    assert isinstance(expected, Hoist)
-    assert kept["identified from spring"].guide == expected.guide
-    assert [element.value for element in app.toast] == ["Kept as identified from spring"]
-    assert downloads(app) == ["machine.yaml"]
-    app.selectbox(key="validate machine").set_value("identified from spring").run()  # it can be replayed, too
-    assert number(app, "Torque residual, moving") < 0.5 * before
-    assert "Identified machine" not in words(app)
-
-
-def test_without_campaigns_the_page_asks_for_an_upload():
-    app = page("Validate").run()
-    assert app.selectbox(key=BOX).options == [campaigns.UPLOAD]
-    assert [element.value for element in app.info] == [
-        "A campaign is machine.yaml, runs.yaml and the logs that it names."
-    ]
-
-
-def test_an_uploaded_zip_is_replayed_and_stays_choosable(simulated):
-    app = page("Validate").run()
-    app.file_uploader(key=f"{BOX} files 0").upload("../../spring lifts.zip", zipped(simulated), "application/zip")
-    good(app.run())
-    assert "Campaign spring lifts" in app.markdown[0].value
-    assert app.selectbox(key=BOX).options == ["spring lifts (uploaded)", campaigns.UPLOAD] or (
-        app.run().selectbox(key=BOX).options == ["spring lifts (uploaded)", campaigns.UPLOAD]
-    )
 
 
 def test_the_servers_copy_of_an_upload_is_let_go(simulated, monkeypatch):
@@ -141,36 +89,6 @@ def test_two_sessions_do_not_see_each_others_uploads(simulated):
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "said"),
-    [
-        ("lifts.zip", b"no zip", "lifts.zip: is not a readable zip file; zip the campaign's folder again"),
-        ("runs.yaml", b"runs: []", "machine.yaml: is missing; did you mean"),
-        ("lift.csv", b"time_s", "machine.yaml: is missing; valid: lift.csv"),
-    ],
-)  # fmt: skip
-def test_a_bad_upload_is_one_clear_sentence(name, content, said):
-    app = page("Validate").run()
-    app.file_uploader(key=f"{BOX} files 0").upload(name, content, "text/plain")
-    app.run()
-    assert not app.exception
-    (shown,) = errors(app)
-    assert shown.startswith(said.partition("; did")[0])
-
-
-def test_a_fault_in_an_uploaded_log_names_file_and_line_but_no_folder(tmp_path):
-    folder = write_campaign(tmp_path / "bad", hoist_columns())
-    log = folder / "runs" / "lift.csv"
-    rows = log.read_text().splitlines()
-    rows[41] = "0.4,oops,1,2,3"
-    log.write_text("\n".join(rows))
-    app = page("Validate").run()
-    app.file_uploader(key=f"{BOX} files 0").upload("bad.zip", zipped(folder), "application/zip")
-    app.run()
-    (shown,) = errors(app)
-    assert shown == "lift.csv:42: lift: torque_motor1_nm: 'oops' is not a number"
-
-
 def test_a_log_outside_an_owners_campaign_is_not_read(offer, tmp_path):
     runs = "runs:\n- {name: lift, file: ../secret.csv, payload_kg: 0.0, start_position_m: 9.0}\n"
     folder = write_campaign(tmp_path / "broken", hoist_columns(), runs=runs)
@@ -178,26 +96,3 @@ def test_a_log_outside_an_owners_campaign_is_not_read(offer, tmp_path):
     offer(folder)
     (shown,) = errors(page("Validate").run())
     assert "lies outside the campaign's folder" in shown
-
-
-def test_an_axis_is_replayed_and_identified_too(offer, tmp_path):
-    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
-    folder = write_campaign(tmp_path / "axis", axis_columns(3000), runs=runs, machine=AXIS)
-    offer(folder)
-    app = page("Validate").run()
-    assert not app.exception and errors(app) == []
-    app.button(key="validate identify").click().run()
-    assert not app.exception and errors(app) == []
-    axis = figures(app)[0]["layout"]["xaxis"]["title"]["text"]
-    assert axis == "distance from nominal (% of nominal)"
-
-
-def test_estimates_stand_at_their_distance_with_their_error():
-    fitted = [Estimate("level", 1.9, 0.4, "7728 ± 385"), Estimate("mass", -0.2, 0.1, "7990 ± 12")]
-    figure = estimates(fitted, "tolerances", 1.0)
-    (dots,) = figure.data
-    assert list(dots.x) == [1.9, -0.2] and list(dots.error_x.array) == [0.4, 0.1]
-    assert (figure.layout.shapes[0].x0, figure.layout.shapes[0].x1) == (-1.0, 1.0)
-    assert figure.layout.xaxis.range[1] >= 2.3
-    assert [note.text for note in figure.layout.annotations] == ["7728 ± 385", "7990 ± 12"]
-    assert not estimates(fitted, "% of nominal").layout.shapes

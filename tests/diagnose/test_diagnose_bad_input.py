@@ -18,7 +18,7 @@ from workbench.diagnose.readiness.checks import check_runs, rigid_of
 from workbench.diagnose.readiness.noise import informative_band
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import Hoist, with_values
+from workbench.machines import with_values
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 
@@ -92,52 +92,53 @@ def test_every_recorded_campaign_passes_without_a_word(campaigns: Path):
     }
 
 
-def test_a_speed_upside_down_is_said_with_the_runs(hoist: Campaign):
-    said = refusal(scaled(hoist, ("empty", "full"), speed_motor_rad_s=-1.0))
-    assert "speed rises against the torque in 2 of 3 runs (empty, full): is its sign flipped?" in said
-
-
-def test_a_torque_upside_down_is_told_from_a_speed_upside_down(hoist: Campaign):
-    said = refusal(scaled(hoist, ALL, torque=-1.0))
-    assert "in all 3 runs (empty, half, full): is the sign of torque_motor_nm flipped?" in said
-
-
-def test_torque_and_speed_that_both_count_downwards_are_said(hoist: Campaign):
-    said = refusal(scaled(hoist, ("half",), torque=-1.0, speed_motor_rad_s=-1.0))
-    assert "in 1 of 3 runs (half): are torque and speed both counted downwards?" in said
-
-
-def test_a_speed_in_rpm_is_named_with_its_scale(hoist: Campaign):
-    said = refusal(scaled(hoist, ("full",), speed_motor_rad_s=RPM))
-    assert "is speed_motor_rad_s in rpm? Then give the column a scale of 0.10472" in said
-    assert "in 1 of 3 runs (full)" in said
-
-
-def test_runs_of_another_machine_are_named(hoist: Campaign):
-    said = refusal(scaled(hoist, ("half",), torque=1.35))
-    assert "run half disagrees with the machine and with the others" in said
-    assert "is it of another machine, or is payload_kg wrong?" in said
-
-
-def test_a_payload_stated_for_another_run_is_seen(hoist: Campaign):
-    said = refusal(changed(hoist, ("full",), lambda run: replace(run, payload_kg=4500.0)))
-    assert "run full disagrees" in said
-
-
-def test_a_machine_file_of_another_machine_is_a_warning(hoist: Campaign):
-    assert isinstance(hoist.machine, Hoist)
-    other = replace(hoist, machine=with_values(hoist.machine, {"winch.drum_diameter_m": 0.9}))
-    assert any("load is about 0.68 times what machine.yaml says" in text for text in check_runs(other))
-
-
-def test_logs_of_half_a_second_are_refused_with_what_is_needed(hoist: Campaign):
-    said = refusal(cut(hoist, 0.5))
-    assert "empty lasts 0.49 s" in said
-    assert "needs at least 2.3" in said
-
-
-def test_motion_of_a_few_seconds_is_too_little(hoist: Campaign):
-    assert "run moves for" in refusal(replace(cut(hoist, 6.0), runs=cut(hoist, 6.0).runs[:1]))
+REFUSED: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
+    "speed upside down": (
+        lambda c: scaled(c, ("empty", "full"), speed_motor_rad_s=-1.0),
+        "speed rises against the torque in 2 of 3 runs (empty, full): is its sign flipped?",
+    ),
+    "torque upside down": (
+        lambda c: scaled(c, ALL, torque=-1.0),
+        "in all 3 runs (empty, half, full): is the sign of torque_motor_nm flipped?",
+    ),
+    "both upside down": (
+        lambda c: scaled(c, ("half",), torque=-1.0, speed_motor_rad_s=-1.0),
+        "in 1 of 3 runs (half): are torque and speed both counted downwards?",
+    ),
+    "speed in rpm": (
+        lambda c: scaled(c, ("full",), speed_motor_rad_s=RPM),
+        "in 1 of 3 runs (full); is speed_motor_rad_s in rpm? Then give the column a scale of 0.10472",
+    ),
+    "another machine's run": (
+        lambda c: scaled(c, ("half",), torque=1.35),
+        "run half disagrees with the machine and with the others",
+    ),
+    "payload of another run": (
+        lambda c: changed(c, ("full",), lambda run: replace(run, payload_kg=4500.0)),
+        "run full disagrees",
+    ),
+    "half a second": (lambda c: cut(c, 0.5), "empty lasts 0.49 s"),
+    "a few seconds": (lambda c: replace(cut(c, 6.0), runs=cut(c, 6.0).runs[:1]), "run moves for"),
+    "standstill": (lambda c: changed(c, ALL, _still), "all runs stand still"),
+    "tension in kN": (lambda c: changed(c, ("half",), _with_tension), "is it in kN"),
+    "height the other way": (lambda c: changed(c, ("full",), _with_height), "position_carriage_m goes"),
+}
+ON_AXIS: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
+    "force upside down": (
+        lambda c: scaled(c, ("again",), force_n=-1.0),
+        "speed rises against force_n in 1 of 2 runs (again): is the sign of force_n or of the motion flipped?",
+    ),
+    "position in mm": (
+        lambda c: scaled(c, ("lift", "again"), position_m=1e3), "is force_n or the motion in another unit",
+    ),
+    "two masses": (lambda c: scaled(c, ("again",), force_n=2.0), "disagree"),
+    "frozen force": (
+        lambda c: changed(c, ("again",), _frozen), "force_n is 12 throughout while the machine moves",
+    ),
+    "speed against position": (
+        lambda c: changed(c, ("lift",), _with_speed), "position_m changes -1 times as fast as velocity_m_s says",
+    ),
+}  # fmt: skip
 
 
 def _still(run: Run) -> Run:
@@ -146,82 +147,58 @@ def _still(run: Run) -> Run:
     return replace(run, signals={**run.signals, "speed_motor_rad_s": noise, "torque_motor_nm": torque})
 
 
-def test_a_campaign_of_standstill_is_refused(hoist: Campaign):
-    assert "all runs stand still" in refusal(changed(hoist, ALL, _still))
+def _with_tension(run: Run) -> Run:
+    weight = (8000.0 + run.payload_kg) * 9.81 / 2.0
+    return replace(run, signals={**run.signals, "tension_dead_line_n": np.full(len(run.time_s), 1e-3 * weight)})
 
 
-def test_a_run_that_stands_still_among_others_is_a_warning(hoist: Campaign):
-    warnings = check_runs(changed(hoist, ("half",), _still))
-    assert "Run half stands still throughout and adds nothing to the diagnosis." in warnings
+def _with_height(run: Run) -> Run:
+    height = 9.0 - 0.0048 * np.cumsum(run["speed_motor_rad_s"]) * 0.01
+    return replace(run, signals={**run.signals, "position_carriage_m": height})
 
 
-def test_what_one_run_cannot_show_is_said(hoist: Campaign):
-    assert any("One run only" in text for text in check_runs(replace(hoist, runs=hoist.runs[:1])))
+def _frozen(run: Run) -> Run:
+    return replace(run, signals={**run.signals, "force_n": np.full(len(run.time_s), 12.0)})
 
 
-def test_runs_of_one_payload_are_a_warning(hoist: Campaign):
-    again = replace(hoist.runs[0], name="again")
-    warnings = check_runs(replace(hoist, runs=(hoist.runs[0], again)))
-    assert any(text.startswith("All runs carry about 0 kg") for text in warnings)
+def _with_speed(run: Run) -> Run:
+    return replace(run, signals={**run.signals, "velocity_m_s": -np.gradient(run["position_m"], run.time_s)})
 
 
-def test_runs_of_one_direction_are_a_warning(hoist: Campaign):
-    """The first lift of each run, a little over 4 s long."""
-    assert any(text.startswith("All runs only hoist") for text in check_runs(cut(hoist, 5.5)))
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_wrong_campaign_of_a_hoist_is_refused_with_what_may_be_wrong(hoist: Campaign, name: str):
+    made, said = REFUSED[name]
+    assert said in refusal(made(hoist))
 
 
-def test_cruising_at_one_speed_is_a_warning(hoist: Campaign):
-    assert any(text.startswith("All runs move at one speed") for text in check_runs(hoist))
-
-
-def test_a_tension_in_kilonewton_is_refused(hoist: Campaign):
-    def with_tension(run: Run) -> Run:
-        weight = (8000.0 + run.payload_kg) * 9.81 / 2.0
-        return replace(run, signals={**run.signals, "tension_dead_line_n": np.full(len(run.time_s), 1e-3 * weight)})
-
-    assert "is it in kN" in refusal(changed(hoist, ("half",), with_tension))
-
-
-def test_a_height_that_goes_the_other_way_is_refused(hoist: Campaign):
-    def with_height(run: Run) -> Run:
-        height = 9.0 - 0.0048 * np.cumsum(run["speed_motor_rad_s"]) * 0.01
-        return replace(run, signals={**run.signals, "position_carriage_m": height})
-
-    assert "position_carriage_m goes" in refusal(changed(hoist, ("full",), with_height))
-
-
-def test_an_axis_passes_with_its_warning_only(axis: Campaign):
+@pytest.mark.parametrize("name", ON_AXIS)
+def test_a_wrong_campaign_of_an_axis_is_refused_with_what_may_be_wrong(axis: Campaign, name: str):
     assert check_runs(axis) == ()
+    made, said = ON_AXIS[name]
+    assert said in refusal(made(axis))
 
 
-def test_a_force_upside_down_on_an_axis_is_said(axis: Campaign):
-    said = refusal(scaled(axis, ("again",), force_n=-1.0))
-    assert (
-        "speed rises against force_n in 1 of 2 runs (again): is the sign of force_n or of the motion flipped?" in said
-    )
+WARNED: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
+    "another machine's file": (
+        lambda c: replace(c, machine=with_values(c.machine, {"winch.drum_diameter_m": 0.9})),
+        "load is about 0.68 times what machine.yaml says",
+    ),
+    "one of standstill": (
+        lambda c: changed(c, ("half",), _still), "Run half stands still throughout and adds nothing to the diagnosis.",
+    ),
+    "one run": (lambda c: replace(c, runs=c.runs[:1]), "One run only"),
+    "one payload": (
+        lambda c: replace(c, runs=(c.runs[0], replace(c.runs[0], name="again"))), "All runs carry about 0 kg",
+    ),
+    "one direction": (lambda c: cut(c, 5.5), "All runs only hoist"),  # the first lift of each, a little over 4 s
+    "one speed": (lambda c: c, "All runs move at one speed"),
+}  # fmt: skip
 
 
-def test_a_position_in_millimetres_is_said(axis: Campaign):
-    assert "is force_n or the motion in another unit" in refusal(scaled(axis, ("lift", "again"), position_m=1e3))
-
-
-def test_axes_of_two_masses_are_not_one_machine(axis: Campaign):
-    said = refusal(scaled(axis, ("again",), force_n=2.0))
-    assert "disagree" in said and "inertia" in said
-
-
-def test_a_frozen_force_is_said(axis: Campaign):
-    def frozen(run: Run) -> Run:
-        return replace(run, signals={**run.signals, "force_n": np.full(len(run.time_s), 12.0)})
-
-    assert "force_n is 12 throughout while the machine moves" in refusal(changed(axis, ("again",), frozen))
-
-
-def test_speed_and_position_that_contradict_each_other_are_refused(axis: Campaign):
-    def with_speed(run: Run) -> Run:
-        return replace(run, signals={**run.signals, "velocity_m_s": -np.gradient(run["position_m"], run.time_s)})
-
-    assert "position_m changes -1 times as fast as velocity_m_s says" in refusal(changed(axis, ("lift",), with_speed))
+@pytest.mark.parametrize("name", WARNED)
+def test_what_runs_cannot_show_is_a_warning(hoist: Campaign, name: str):
+    made, said = WARNED[name]
+    assert any(said in text for text in check_runs(made(hoist)))
 
 
 @pytest.mark.parametrize("stride", [1, 2])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,29 +13,14 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.made_diagnosis import KINDS, VISCOUS, made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
-from workbench.cli.progress import stages as shown
 from workbench.cli.show import print_sections
 from workbench.core.errors import InputError
 from workbench.diagnose.progress import Progress, Remaining, Stage, Task, Tell
-from workbench.effects import check, forget_users
+from workbench.effects import check
 from workbench.machines import default_hoist, load_machine
 from workbench.view.diagnosis import brief_sections, candidates_table, progress_words
 
 ROOT = Path(__file__).resolve().parents[2]
-
-OWN_EFFECT = '''\
-from workbench.effects import Parameter, effect
-
-
-@effect(
-    place={"hoist": "guide_force_n"}, subsystem="guide", regime="speed", reads={"v": "speed, m/s"},
-    parameters=[Parameter("B", "slope_n_s_per_m", "slope", "force/speed", 0.0, 1.0, 0.02, 0.03, vanishes_at=0.0)],
-    equation="F = −B v", reference="none", shows="with the speed",
-)
-def my_drag(s, e, p):
-    """A drag of mine."""
-    return -(e.B * s.v)
-'''
 
 
 @pytest.fixture
@@ -100,16 +84,6 @@ def test_another_machine_is_what_is_diagnosed(workbench: Commands, folder: Path,
     other.write_text(text.replace("name: ", "name: other "))
     assert workbench("diagnose", folder, "--machine", other).status == 0
     assert called.how["campaign"].machine.name.startswith("other ")
-
-
-def test_an_effect_of_ones_own_is_a_candidate(workbench: Commands, folder: Path, called: Called, tmp_path: Path):
-    (tmp_path / "mine.py").write_text(OWN_EFFECT)
-    try:
-        done = workbench("diagnose", folder, "--effects", tmp_path / "mine.py", "--candidates", "my_drag")
-        assert (done.status, called.how["candidates"]) == (0, ("my_drag",))
-    finally:
-        forget_users()
-    assert workbench("diagnose", folder, "--candidates", "my_drag").status == 2
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -180,13 +154,6 @@ def test_what_stops_it_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_each_step_is_a_plain_line_where_there_is_no_terminal(workbench: Commands, folder: Path, called: Called):
-    heave = Progress(Stage.SEARCH, Task.SINGLE, 3, 8, ("heave",))
-    called.steps = [Progress(Stage.SEARCH, Task.BASE), heave, heave]
-    done = workbench("diagnose", folder)
-    assert done.err.splitlines()[-2:] == ["2/7 base parameters", "2/7 effect 3 of 8: heave"]
-
-
 def test_the_stages_are_counted_without_a_gap_to_the_last(
     workbench: Commands, folder: Path, called: Called, tmp_path: Path
 ):
@@ -242,19 +209,6 @@ def test_nine_of_ten_messages_are_followed_by_no_more_than_they_say():
     assert Remaining(lambda: 0.0)(Progress(Stage.SEARCH, Task.SINGLE)) is None  # nothing was measured
 
 
-def test_a_terminal_gets_a_bar_that_is_gone_at_the_end(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    with shown(writes=True) as stages:
-        stages.tell(Progress(Stage.SEARCH, Task.SIGNATURES))
-        stages.tell(Progress(Stage.LOCATE))
-        stages.writing("the report")
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "4/8" not in said.err
-
-
 def test_the_terminal_shows_the_set_that_is_alike_and_the_run_that_decides(capsys: pytest.CaptureFixture[str]):
     print_sections(brief_sections(made_diagnosis("pair", with_consequences=True)))
     said = " ".join(capsys.readouterr().out.split())
@@ -263,20 +217,6 @@ def test_the_terminal_shows_the_set_that_is_alike_and_the_run_that_decides(capsy
     assert "- No run logs the dead line's tension." in said
     assert "- The torque peak per motor changes by" in said
     assert "viscous_n_s_per_m 4210 130" in said
-
-
-def test_an_unknown_cause_is_said_to_be_a_measured_correction(capsys: pytest.CaptureFixture[str]):
-    print_sections(brief_sections(made_diagnosis("unknown")))
-    said = " ".join(capsys.readouterr().out.split())
-    assert "over the height of the carriage, as `measured_correction`" in said
-    assert "no explanation" in said
-
-
-def test_the_terminal_says_why_a_cause_is_unknown(capsys: pytest.CaptureFixture[str]):
-    print_sections(brief_sections(made_diagnosis("unknown")))
-    said = " ".join(capsys.readouterr().out.split())
-    assert "- An unlisted effect explains more: friction_step. Weigh it among the candidates." in said
-    assert "- The best hypothesis leaves 3.6 N m, 0.8 % of the input, beyond noise and what a model may miss." in said
 
 
 def test_without_a_gap_the_terminal_claims_no_shrink_and_no_share_of_it(capsys: pytest.CaptureFixture[str]):

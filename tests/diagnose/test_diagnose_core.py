@@ -15,14 +15,12 @@ from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
 from workbench.core.run import Array, Run
-from workbench.diagnose.hypotheses.evidence import discounted
 from workbench.diagnose.hypotheses.fit import fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     GAIN,
     LOG_TIMING,
     OFFSET,
     FreeParameter,
-    PhaseOfEachRun,
     Scalar,
     Wave,
     base_parameters,
@@ -33,8 +31,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.hypotheses.settings import NOISE_KNOWN
-from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, loudest, signatures_of, start_of
+from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, signatures_of
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation
@@ -62,11 +59,6 @@ def float_of(value: float | tuple[float, ...]) -> float:
 # Knobs
 
 
-@given(st.floats(-5.0, 5.0), st.floats(0.1, 10.0), st.floats(-3.0, 3.0))
-def test_a_value_moves_by_its_scale(origin: float, scale: float, z: float):
-    assert Scalar("x", origin, scale).values([z])["x"] == pytest.approx(origin + scale * z)
-
-
 def test_a_logarithmic_value_moves_by_factors_and_never_reaches_zero():
     parameter = Scalar("x", 40.0, 0.5, least=0.0, logarithmic=True)
     assert parameter.values([2.0])["x"] == pytest.approx(40.0 * math.e)
@@ -86,14 +78,6 @@ def test_the_bounds_of_a_value_are_where_z_says(logarithmic: bool):
     assert (near.lowest, near.highest) == ((-0.25,), (0.25,))
 
 
-@given(st.floats(0.01, 5.0), st.floats(0.0, 6.28))
-def test_a_wave_starts_at_its_amplitude_and_phase(amplitude: float, phase: float):
-    parameter = Wave("A", "phi", phase, 0.5, 5.0)
-    values = parameter.values([amplitude / 0.5, 0.0])
-    assert values["A"] == pytest.approx(amplitude)
-    assert values["phi"] == pytest.approx(phase)
-
-
 @given(st.floats(0.0, 6.28), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 def test_the_quadratures_of_a_wave_add_up(origin: float, a: float, b: float):
     """A sin(x + phi) is linear in z, whatever angle the fit began at."""
@@ -102,15 +86,6 @@ def test_the_quadratures_of_a_wave_add_up(origin: float, a: float, b: float):
     wave = float_of(values["A"]) * np.sin(x + float_of(values["phi"]))
     assert wave == pytest.approx(0.5 * (a * np.sin(x + origin) + b * np.cos(x + origin)), abs=1e-9)
     assert 0.0 <= float_of(values["phi"]) <= TURN
-
-
-def test_each_run_has_a_phase_of_its_own():
-    parameter = PhaseOfEachRun("phi", (0.5, 6.0, 1.0))
-    assert parameter.values([0.0, 1.0, -0.25])["phi"] == pytest.approx((0.5, 7.0 - TURN, 0.75))
-    lowest, highest, std = bounds_of([parameter, Scalar("x", 0.0, 1.0, 0.0, std=1.0)])
-    assert lowest.tolist() == [-math.inf] * 3 + [0.0]
-    assert highest.tolist() == [math.inf] * 4
-    assert std.tolist() == [math.inf] * 3 + [1.0]
 
 
 EVERY = [
@@ -184,10 +159,6 @@ def test_runs_of_a_machine_leave_their_noise_under_that_machine(kind: str, reque
     assert abs(np.mean(residual)) < 0.2 * problem.noise
 
 
-def test_the_noise_of_white_torque_noise_is_its_share_of_the_band(hoist: Problem):
-    assert hoist.noise == pytest.approx(4.0 * math.sqrt(hoist.band_hz / 25.0), rel=0.1)
-
-
 def test_a_setting_is_the_machine_with_these_values(hoist: Problem):
     """By symbol or in machine.yaml: the residual is the same, but for the steps that the integration took."""
     values = {"carriage.mass_kg": 8300.0, "guide.coulomb_hoisting_n": 7000.0, "sensors.torque_gain": 1.02}
@@ -255,38 +226,6 @@ def add_tension(run: Run, seed: int) -> Run:
     return replace(run, signals={**run.signals, TENSION: pull + cell})
 
 
-def test_a_logs_timing_is_judged_by_what_a_step_of_some_size_changes():
-    """Friction jumps between two samples: over a thousandth of a step the slope is that of one sample's jump."""
-    machine = linear_axis()
-    problem = Problem(machine, axis_runs(machine))
-    parameter = base_parameters(machine, problem.runs)[LOG_TIMING]
-    step = max(0.5, 0.05 / (problem.band_hz * problem.runs[0].sample_time_s))  # samples
-    sizes = []
-    for at in (0.0, 0.2, 0.48, 1.0, 1.5):
-        _, jacobian = problem.evaluate([parameter], np.array([at]))
-        _, change = problem.differences(parameter.values([at]), [parameter.values([at + step])])
-        assert jacobian[:, 0] == pytest.approx(change[0] / step, abs=1e-9)
-        sizes.append(rms(jacobian))
-    assert max(sizes) < 1.5 * min(sizes)
-
-
-def test_a_late_logs_samples_are_left_out_whose_motion_had_ended_by_then(axis: Problem):
-    late_s = 0.1  # five samples
-    kept = axis.moving_after(late_s)
-    for all_rows, rows, run, moving in zip(axis.rows, kept.rows, axis.runs, axis.bench.moving, strict=True):
-        ends = np.minimum(np.searchsorted(run.time_s, run.time_s[all_rows] + late_s), len(run.time_s) - 1)
-        assert rows.tolist() == all_rows[moving[ends]].tolist()
-    assert 0.5 * axis.inputs < kept.inputs < axis.inputs
-    same = np.isin(np.concatenate([k * 10**6 + rows for k, rows in enumerate(axis.rows)]),
-                   np.concatenate([k * 10**6 + rows for k, rows in enumerate(kept.rows)]))  # fmt: skip
-    assert kept.residuals([{}])[0] == pytest.approx(axis.residuals([{}])[0][same], abs=1e-9 * axis.noise)
-    assert len(kept.errors.white) == len(kept.run_of_row) == kept.samples
-
-
-def test_no_sample_is_left_out_where_too_few_would_stay(axis: Problem):
-    assert axis.moving_after(1e6) is axis
-
-
 @pytest.mark.parametrize("late_samples", [0, 10])
 def test_the_base_fit_tells_how_late_a_log_is(late_samples: int):
     machine = linear_axis()
@@ -295,16 +234,6 @@ def test_the_base_fit_tells_how_late_a_log_is(late_samples: int):
     runs = axis_runs(with_effects(machine, effects))
     late_s = Search(Problem(machine, runs), []).late_s()
     assert late_s == pytest.approx(late_samples * step, abs=0.5 * step)
-
-
-def test_what_an_axis_noise_may_hide_speaks_for_no_cause(axis: Problem):
-    share = axis.errors.at_speed[: axis.inputs]
-    allowed = ((1.0 + NOISE_KNOWN) ** 2 - 1.0) * axis.row_noise**2 + axis.errors.model_error[: axis.inputs] ** 2
-    after = np.zeros(axis.samples)
-    for times, expected in ((0.99, 0.0), (2.0, 50.0)):
-        before = np.zeros(axis.samples)
-        before[: axis.inputs] = math.sqrt(times * float(np.mean(share * allowed)) / float(np.mean(share)))
-        assert discounted(axis, {"torque_filter"}, 100.0, before, after) == pytest.approx(expected, abs=1e-6)
 
 
 # Signatures
@@ -345,40 +274,11 @@ def test_a_signature_is_what_the_prediction_gains_by_that_much(hoist: Problem, n
         assert signature.scale[k] == pytest.approx(r.start - (r.vanishes_at or 0.0))
 
 
-def test_the_two_columns_of_a_wave_are_its_quadratures(hoist: Problem):
-    effect = find("drum_eccentricity", "hoist")
-    (signature,) = signatures_of(hoist, [effect], {})
-    amount = 0.2 * signature.scale[0]
-    gained = signature_by_file(hoist, effect, {"amplitude_m": amount, "phase_rad": 2.0})
-    sine, cosine = signature.columns[: hoist.inputs].T
-    assert rms(0.2 * (math.cos(2.0) * sine + math.sin(2.0) * cosine) - gained) < 0.03 * rms(gained)
-    assert signature.signed
-
-
-def test_a_phase_of_each_run_has_columns_of_each_run(hoist: Problem):
-    signature = signatures_of(hoist, [find("heave", "hoist")], {})[3]
-    assert signature.columns.shape == (hoist.samples, 2 * len(hoist.runs))
-    for j in range(len(hoist.runs)):
-        mine = hoist.run_of_row == j
-        assert not np.any(signature.columns[~mine][:, 2 * j : 2 * j + 2])
-        assert np.all(np.linalg.norm(signature.columns[mine][:, 2 * j : 2 * j + 2], axis=0) > 0.0)
-
-
-def test_places_are_tried_where_the_runs_have_been_and_no_wave_beyond_the_band(hoist: Problem):
-    tight = signatures_of(hoist, [find("friction_position_dependent", "hoist")], {})
-    places = sorted({value for signature in tight for name, value in signature.at.items() if name.endswith("centre_m")})
-    assert 4.0 < places[0] < places[-1] < 13.0
-    assert max(np.diff(places)) < 0.5
-    swell = [signature.at["heave__frequency_rad_s"] for signature in signatures_of(hoist, [find("heave", "hoist")], {})]
-    assert max(swell) <= TURN * hoist.band_hz
-    assert max(np.diff(swell)) * 20.0 < math.pi  # two neighbours do not fall out of step within a run
-
-
 # Fits
 
 
 @given(st.integers(0, 10_000), st.integers(0, 2), st.integers(0, 4))
-@settings(max_examples=150)
+@settings(max_examples=60)
 def test_linear_gain_is_that_of_bounded_least_squares(seed: int, held: int, free: int):
     """No effect has more than two columns with a sign."""
     from scipy.optimize import lsq_linear
@@ -396,28 +296,6 @@ def test_linear_gain_is_that_of_bounded_least_squares(seed: int, held: int, free
     left = residual - columns @ amounts
     assert data == pytest.approx(np.sum(residual[:-priors] ** 2) - np.sum(left[:-priors] ** 2))
     assert data + prior == pytest.approx(residual @ residual - 2.0 * exact.cost, rel=1e-6, abs=1e-6)
-
-
-@given(st.integers(0, 10_000))
-@settings(max_examples=100)
-def test_linear_gain_of_pairs_promises_nothing_that_bounded_least_squares_does_not_give(seed: int):
-    from scipy.optimize import lsq_linear
-
-    random = np.random.default_rng(seed)
-    columns, residual = random.normal(size=(40, 4)), random.normal(size=40)
-    data, prior, amounts = linear_gain(columns, residual, [False] * 4, 5)
-    best = residual @ residual - 2.0 * lsq_linear(columns, residual, (0.0, np.inf), method="bvls").cost
-    assert np.all(amounts >= 0.0)
-    assert 0.9 * best - 1e-9 <= data + prior <= best + 1e-9
-
-
-def test_columns_that_are_nearly_the_same_share_and_lose_nothing():
-    random = np.random.default_rng(2)
-    one, residual = random.normal(size=(60, 1)), random.normal(size=60)
-    alone = linear_gain(one, residual, [True], 5)
-    twice = linear_gain(np.hstack([one, one * (1.0 + 1e-13)]), residual, [True, True], 5)
-    assert sum(twice[:2]) == pytest.approx(sum(alone[:2]), rel=1e-6)
-    assert twice[2][0] == pytest.approx(twice[2][1], rel=1e-3)
 
 
 @dataclass
@@ -447,7 +325,7 @@ class Straight:
         return self.measured - self.columns @ values(z), -(self.columns @ slopes.T)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("base", [0, 2])
 def test_a_fit_ends_at_the_least_of_data_and_tolerances_within_bounds(seed: int, base: int):
     from scipy.optimize import lsq_linear
@@ -489,17 +367,6 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     assert fit.effects == (effect.id,)
 
 
-@pytest.mark.parametrize("name", ["friction_viscous_asymmetric", "drum_eccentricity", "heave", "torque_scale"])
-def test_a_fit_begins_where_the_linear_one_ended(hoist: Problem, name: str):
-    """What the amounts of the signatures promise is what the setting at the start then takes away."""
-    signature = signatures_of(hoist, [find(name, "hoist")], {})[0]
-    amounts = np.full(signature.columns.shape[1], 0.5)
-    free, start = start_of(hoist, signature, amounts)
-    _, (change,) = hoist.differences({}, [setting_of(free, np.array(start))])
-    promised = signature.columns @ amounts
-    assert rms(-change - promised) < 0.06 * rms(promised)
-
-
 def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: Problem):
     free = list(base_parameters(hoist.machine, hoist.runs).values())
     base = fit_hypothesis(hoist, (), free, np.zeros(len(free)))
@@ -509,12 +376,3 @@ def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: 
     # At the best point of the base nothing is gained by it either: what is projected out was nothing.
     stacked = hoist.errors.whiten(base.residual)
     assert projection.residual @ projection.residual == pytest.approx(stacked @ stacked + base.prior, rel=1e-3)
-
-
-def test_the_loudest_waves_along_the_way_hold_a_fine_pitch_under_noise():
-    """54 waves on a way of 1 m, among waves of which only every third lies near one that is tried evenly."""
-    rng = np.random.default_rng(1)
-    place = 0.5 + 0.5 * np.sin(np.linspace(0.0, 20.0, 4000))
-    waves = np.linspace(1.2, 400.0, 2000)
-    chosen = waves[loudest(0.1 * np.sin(2.0 * np.pi * 54.0 * place) + rng.normal(0.0, 0.3, 4000), place, waves)]
-    assert np.min(np.abs(chosen - 54.0)) < 0.2

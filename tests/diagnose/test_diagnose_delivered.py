@@ -29,6 +29,7 @@ CAMPAIGNS = [
     pytest.param("campaigns/44", None, marks=pytest.mark.proof),
     pytest.param("real/geared_pendulum", None, marks=pytest.mark.proof),
 ]
+EVERYWHERE = ("campaigns/05", "campaigns/31", "axes/03", "axes/15")  # alike at each sample that both look at
 
 
 @pytest.mark.parametrize(("name", "candidates"), CAMPAIGNS)
@@ -51,25 +52,8 @@ def test_a_replay_of_the_delivered_machine_gives_the_reports_numbers_and_the_fit
     assert d.delivered.residual_rms == pytest.approx(again.residual_rms_moving, rel=1e-3)
     for name_of_run, apart, rms in apart_of(d, again):
         assert float(np.sqrt(np.mean(apart**2))) < 0.005 * rms, name_of_run
-
-
-@pytest.mark.parametrize(
-    ("name", "candidates"),
-    [
-        ("campaigns/05", ("friction_position_dependent",)),
-        ("campaigns/31", ("speed_delay",)),
-        ("axes/03", None),
-        ("axes/15", ("speed_delay",)),
-    ],
-)
-def test_fit_and_replay_leave_the_same_at_each_sample_that_both_look_at(
-    shared_data: Path, name: str, candidates: tuple[str, ...] | None
-):
-    campaign = read_campaign(shared_data / name, check_effects=check)
-    d = diagnose(campaign, candidates=candidates, quick=True)
-    again = replay_runs(d.corrected, campaign.runs, d.gap.band_hz)
-    for name_of_run, apart, rms in apart_of(d, again):
-        assert float(np.max(np.abs(apart))) < 0.01 * rms, name_of_run
+        if name in EVERYWHERE:
+            assert float(np.max(np.abs(apart))) < 0.01 * rms, name_of_run
 
 
 def apart_of(d: Diagnosis, again: ReplayResult) -> Iterator[tuple[str, Array, float]]:

@@ -10,25 +10,29 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
-from tests.diagnose.test_diagnose_where import EMPS_RUNS
+from tests.support.emps_campaign import emps_in
 from tests.support.searched_campaign import simulated_search
 from tests.support.simulated_campaign import simulated_campaign, true_machine
-from workbench.blind.recording import cut
+from workbench.blind.recorded import bent, write_case
+from workbench.blind.recording import cut, recording
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.gap import delivered_of
 from workbench.diagnose.hypotheses.fit import estimates, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, base_parameters
+from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search, SearchResult, searched
+from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.readiness.noise import motion_noise
 from workbench.diagnose.verdict.answer import Hypothesis, shared
 from workbench.diagnose.verdict.constancy import constancies
-from workbench.diagnose.verdict.judge import judged_to_help, smooths
+from workbench.diagnose.verdict.free_law import LENGTHS, SIZES, score
+from workbench.diagnose.verdict.judge import judged_to_help
 from workbench.effects import find
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
@@ -135,28 +139,13 @@ def test_an_answer_that_the_runs_cannot_tell_from_another_is_no_surer_than_a_hal
     assert shared([Hypothesis("named", ("a",), 0.4), *rows[1:]], ("b",))[0].probability == 0.4
 
 
-EMPS = """\
-kind: axis
-motion: linear
-mass_kg: 80.0
-gravity: {constant_n: 0.0}
-friction: {coulomb_forward_n: 20.3935, coulomb_backward_n: 20.3935, viscous_n_s_per_m: 203.5034}
-sensors: {force_offset_n: -3.1648}
-tolerances: {inertia: 0.01, coulomb: 0.05, viscous: 0.05, force_gain: 0.005, force_offset_n: 0.3}
-"""
-
-
-def emps_in(folder: Path, shared_data: Path, machine: str) -> None:
-    """The records of EMPS as a campaign with this machine.yaml."""
-    (folder / "machine.yaml").write_text(machine)
-    (folder / "runs.yaml").write_text(EMPS_RUNS)
-    (folder / "runs").symlink_to(shared_data / "emps")
+HELD = "tolerances: {inertia: 0.01, coulomb: 0.05, viscous: 0.05, force_gain: 0.005, force_offset_n: 0.3}\n"
 
 
 def test_a_mass_withheld_from_a_real_axis_is_named_beside_what_the_axis_leaves_itself(
     shared_data: Path, tmp_path: Path
 ):
-    emps_in(tmp_path, shared_data, EMPS)
+    emps_in(tmp_path, shared_data, HELD, mass=80.0)
     d = diagnose(read_campaign(tmp_path), study=False)
     assert (d.verdict.word, d.verdict.effects) == ("named", ("inertia_error",))
     corrected = cast(Any, d.corrected)
@@ -170,7 +159,7 @@ def test_a_mass_withheld_from_a_real_axis_is_named_beside_what_the_axis_leaves_i
 
 def test_the_interval_of_a_mass_knows_that_a_real_axis_keeps_to_no_error_model(shared_data: Path, tmp_path: Path):
     """On parts of the records the likelihood's mass is 97.4 kg, ± 1.8 if its error model held."""
-    emps_in(tmp_path, shared_data, EMPS)
+    emps_in(tmp_path, shared_data, HELD, mass=80.0)
     campaign = read_campaign(tmp_path)
     parts = [part for run in campaign.runs for part in cut(campaign.machine, run, 4)]
     problem = Problem(campaign.machine, parts)
@@ -190,7 +179,7 @@ def late(campaign: Campaign, delay_s: float) -> Campaign:
 
 def test_a_motion_logged_three_samples_late_is_a_delay_and_no_play(shared_data: Path, tmp_path: Path):
     """Each change of the force is then a jump of the momentum, as a play's impacts are."""
-    emps_in(tmp_path, shared_data, EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089"))
+    emps_in(tmp_path, shared_data, HELD)
     whole = read_campaign(tmp_path)
     train, pulses = whole.runs
     campaign = late(replace(whole, runs=(train, *cut(whole.machine, pulses, 3))), 0.003)
@@ -202,7 +191,7 @@ def test_a_gain_that_base_values_could_be_is_sought_beside_what_the_axis_leaves_
     shared_data: Path, tmp_path: Path
 ):
     """A ripple takes thousands of chi^2 of that and is no cause; the gain relieves mass, friction and gain by 30."""
-    emps_in(tmp_path, shared_data, EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089"))
+    emps_in(tmp_path, shared_data, HELD)
     campaign = read_campaign(tmp_path)
     gain = of(campaign.machine, {"torque_scale": {"gain": 1.08}})
     runs = tuple(logged(run, gain) for run in campaign.runs)
@@ -212,19 +201,8 @@ def test_a_gain_that_base_values_could_be_is_sought_beside_what_the_axis_leaves_
 def test_one_direction_of_a_real_axis_half_without_friction_is_one_cause(shared_data: Path, tmp_path: Path):
     """And not a level that is the same both ways with an offset of the sensor, which predict the same. The freer law is
     told of by the tolerances, not by the residual: base values could take it up."""
-    half = EMPS.replace("mass_kg: 80.0", "mass_kg: 95.1089").replace("forward_n: 20.3935", "forward_n: 10.2")
-    emps_in(tmp_path, shared_data, half)
+    emps_in(tmp_path, shared_data, HELD, forward=10.2)
     assert diagnose(read_campaign(tmp_path), study=False).verdict.effects == ("friction_coulomb_asymmetric",)
-
-
-@pytest.mark.parametrize(("late_s", "smoother"), [(0.007, True), (0.001, False), (0.02, False)])
-def test_a_filter_whose_lag_a_late_motion_undoes_is_no_filter(shared_data: Path, late_s: float, smoother: bool):
-    campaign = read_campaign(shared_data / "axes" / "17")
-    problem = Problem(campaign.machine, campaign.runs)
-    setting = {"torque_filter__time_constant_s": 0.0066, LOG_TIMING: 0.0005, problem.late: late_s - 0.0005}
-    fit = SimpleNamespace(effects=("speed_delay", "torque_filter"), setting=setting)
-    assert smooths(problem, cast(Any, fit)) == smoother
-    assert not smooths(problem, cast(Any, SimpleNamespace(effects=("speed_delay",), setting=setting)))
 
 
 def test_a_play_is_heard_in_a_late_log(shared_data: Path):
@@ -267,3 +245,60 @@ def test_a_cause_that_base_values_can_stand_in_for_is_named_by_their_tolerances(
     problem = Problem(campaign.machine, [logged(run, off) for run in campaign.runs])
     effects = [find(name, "hoist") for name in ("torque_offset", "carriage_mass_error")]
     assert judged_to_help(Search(problem, effects).singles()).names == named
+
+
+# A cause that a law of one variable does without is none: the law's likelihood, and the verdict.
+
+
+def test_a_law_gains_what_the_density_of_all_samples_gains_by_a_gaussian_process():
+    """Against the matrix of them all, the parameters as likely as their tolerances."""
+    rng, n = np.random.default_rng(4), 60
+    at, knots = np.sort(rng.uniform(0.0, 1.0, n)), np.linspace(0.0, 1.0, 7)
+    hats = np.maximum(1.0 - np.abs(at[:, None] - knots) * 6.0, 0.0)
+    slope, std, residual = rng.normal(size=(n, 1)), 0.3, np.sin(4.0 * at) + rng.normal(size=n)
+    parameter = SimpleNamespace(lowest=(-9.0,), highest=(9.0,), prior_std=(std,), size=1, logarithmic=False)
+    fit = SimpleNamespace(free=(parameter,), z=np.array([0.1]), jacobian=slope, residual=residual)
+    correlations = [np.exp(-0.5 * ((knots[:, None] - knots) / length) ** 2) for length in LENGTHS]
+    roots = [np.asarray(np.linalg.cholesky(k + 1e-12 * np.eye(7)), dtype=float) for k in correlations]
+
+    def surprise(law: Array) -> float:
+        spread = np.eye(n) + law + std**2 * slope @ slope.T
+        return float(-2.0 * multivariate_normal(cov=spread).logpdf(residual - 0.1 * slope[:, 0]))
+
+    best = min(surprise(size**2 * hats @ k @ hats.T) for k in correlations for size in SIZES)
+    white = SimpleNamespace(errors=SimpleNamespace(whiten=lambda rows: rows))
+    fitted = Projection.of(cast(Any, white), cast(Any, fit))
+    gained = float(fitted.residual @ fitted.residual) - score(fitted.clean(hats), fitted.residual, roots, 1.0)
+    assert gained == pytest.approx(surprise(np.zeros((n, n))) - best, abs=1e-6) and gained > 5.0
+
+
+FRICTIONS = ("friction_coulomb_asymmetric", "friction_coulomb", "friction_thermal_drift")
+
+
+@pytest.mark.parametrize(
+    ("bend", "word", "names"), [("gain_by_direction", "unknown", ()), ("drift", "named", ("friction_thermal_drift",))]
+)
+def test_friction_is_named_where_it_is_and_not_for_a_gain_of_one_direction(
+    bend: str, word: str, names: tuple[str, ...], shared_data: Path
+):
+    """An unequal friction takes torque on one way, too. The gain's goes with the load, whose law does without it."""
+    known = recording(shared_data / "campaigns" / "28")
+    made = bent(bend, (9901, 6), known)
+    assert made is not None
+    machine, runs = made[0].machine, made[0].runs
+    effects = [find(name, "hoist") for name in FRICTIONS]
+    search = Search(Problem(machine, runs), effects, base=base_parameters(machine, runs))
+    found = judged_to_help(search.exact(search.singles()))
+    assert (found.word, found.names) == (word, names)
+
+
+def test_a_drift_does_not_answer_for_what_an_axis_leaves_over_its_speed(shared_data: Path, tmp_path: Path):
+    """EMPS leaves 2.5 N of that by itself, a third of what the drift takes."""
+    emps_in(tmp_path, shared_data, HELD)
+    known = recording(tmp_path)
+    made = bent("drift", (9901, 6), known)
+    assert made is not None
+    write_case(tmp_path / "drift", known, made[0], (9901, 6))
+    campaign = read_campaign(tmp_path / "drift")
+    found = diagnose(campaign, candidates=["friction_thermal_drift", "friction_coulomb"], most_effects=2, study=False)
+    assert found.verdict.effects == ("friction_thermal_drift",)

@@ -8,9 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from tests.support.effect_machines import linear_axis, rotary_axis
@@ -22,7 +20,7 @@ from workbench.diagnose.hypotheses import search
 from workbench.diagnose.hypotheses.free_parameters import Estimate, FreeParameter
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Signature, start_of
-from workbench.diagnose.readiness.checks import Rigid, as_well_shown, check_runs
+from workbench.diagnose.readiness.checks import check_runs
 from workbench.effects import Effect, effects_for, find, forget_users, load_effects, ranges_of
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, default_hoist, with_values
@@ -248,13 +246,6 @@ def test_an_axis_under_gravity_passes_for_no_other_machine_unless_its_torque_is_
         check_runs(Campaign("made", Path("made"), nominal("axis-rotary"), flipped))
 
 
-def test_an_inertia_that_friction_bends_in_a_slow_run_counts_only_where_it_takes_most_of_the_input():
-    quick, slow = Rigid("quick", 1.0, 0.01, None, 1.0, shown=0.8), Rigid("slow", -1.7, 0.1, None, 1.0, shown=0.1)
-    slip = Rigid("slip", 900.0, 1.0, None, 1.0, shown=0.001)
-    assert [r.inertia for r in as_well_shown([quick, slow, slip])] == [1.0, None, 900.0]
-    assert as_well_shown([slow]) == [slow]
-
-
 def test_the_same_seed_gives_the_same_answer_to_the_last_digit():
     runs = runs_of(with_effects(nominal("axis-rotary"), {"torque_ripple": ROTARY["torque_ripple"]}))
     first, again = (json.dumps(to_json(diagnosed("axis-rotary", runs, seed=3))) for _ in range(2))
@@ -323,20 +314,3 @@ def test_candidates_that_raise_are_rows_and_not_the_end(monkeypatch: pytest.Monk
         row = rows[(name,)]
         assert row.failure == f"{type(error).__name__}: {error}"
         assert not row.fitted and row.residual_rms is None
-
-
-def test_a_signature_that_raises_takes_no_other_with_it(monkeypatch: pytest.MonkeyPatch):
-    runs = runs_of(with_effects(nominal("axis-linear"), {"inertia_error": LINEAR["inertia_error"]}))
-    problem = Problem(nominal("axis-linear"), runs)
-    wanted = [find(name, "axis-linear") for name in ("torque_filter", "inertia_error", "friction_viscous")]
-
-    def late(s: SimpleNamespace, e: SimpleNamespace, p: SimpleNamespace) -> Array:
-        if e.tau > 0.0:
-            raise ValueError("not of this axis")
-        return np.asarray(s.value)
-
-    monkeypatch.setitem(vars(wanted[0]), "function", late)
-    result = search.Search(problem, wanted).singles()
-    assert result.failures == {("torque_filter",): "ValueError: not of this axis"}
-    assert set(result.linear) == {("inertia_error",), ("friction_viscous",)}
-    assert ("inertia_error",) in result.fits

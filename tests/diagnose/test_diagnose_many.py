@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import pickle
 import shutil
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 
 import workbench as wb
+import workbench.cli.diagnose as diagnose_module
 from tests.support.commands import Commands
 from tests.support.made_diagnosis import made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
@@ -64,6 +64,40 @@ def test_a_bad_campaign_among_good_ones_is_a_row_and_no_traceback(
         said = json.loads((tmp_path / "out" / name / "diagnosis.json").read_text())
         assert (said["campaign"], said["effects"]) == (name, ["friction_viscous"])
     assert "about" in done.err and "s left" in done.err
+
+
+def test_several_campaigns_go_on_where_they_were_interrupted(
+    workbench: Commands, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """What is there of the same question is kept as it is; of another question, or damaged, it is refused untouched."""
+    twin, out = tmp_path / "twin", tmp_path / "out"
+    shutil.copytree(folder, twin)
+    asked = ("diagnose", folder, twin, *QUICK, "--out", out)
+    first = diagnose_module.answered
+
+    def stopped(name: str, *more: object) -> object:
+        if name == "twin":
+            raise KeyboardInterrupt
+        return first(name, *more)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as m:
+        m.setattr(diagnose_module, "answered", stopped)
+        done = workbench(*asked)
+    assert done.status == 130
+    assert "1 of 2 are done and kept; the same command goes on" in done.err
+    kept = {path: path.read_bytes() for path in (out / "lifts").iterdir()}
+    other = workbench(*asked, "--seed", "1")
+    assert other.status == 2 and "answer for other logs, options or another version" in other.err
+    done = workbench(*asked)
+    assert done.status == 0 and "lifts: friction_viscous; kept from before" in done.err
+    assert {path: path.read_bytes() for path in (out / "lifts").iterdir()} == kept
+    lines = [line.split() for line in done.out.splitlines()]
+    rows = [line for line in lines if line[:1] in (["lifts"], ["twin"])]
+    assert len(rows) == 2 and rows[0][1:] == rows[1][1:]
+    answer = out / "lifts" / "answer.json"
+    answer.write_text(answer.read_text()[:20])
+    refused = workbench(*asked)
+    assert refused.status == 2 and f"{answer}: is damaged" in refused.err
 
 
 def test_two_campaigns_of_one_name_are_refused(workbench: Commands, folder: Path, tmp_path: Path):
@@ -127,32 +161,6 @@ def test_a_file_that_is_no_diagnosis_is_refused_and_never_run(tmp_path: Path, wh
     (tmp_path / "diagnosis.pickle").write_bytes(pickle.dumps(made_diagnosis("axis"))[:5000])
     with pytest.raises(InputError, match="no saved diagnosis"):
         wb.open_diagnosis(tmp_path)
-
-
-def test_a_diagnosis_shows_itself_in_a_notebook_and_as_data_frames():
-    made = made_diagnosis("pair")
-    assert made.verdict.sentence in made._repr_html_() and "<table" in made._repr_html_()
-    pandas = pytest.importorskip("pandas")
-    shrink = made.to_pandas("shrink")
-    assert isinstance(shrink, pandas.DataFrame) and list(shrink.run) == ["empty", "half", "full"]
-    assert sum(made.to_pandas().probability) == pytest.approx(1.0, abs=1e-12)
-    assert all(round(p, 5) == p for p in made.to_pandas().probability)
-    with pytest.raises(InputError, match="no DataFrame 'shrnk'; did you mean 'shrink'"):
-        made.to_pandas("shrnk")
-
-
-def test_the_functions_signature_has_its_options_and_its_docstring_each_of_them():
-    parameters = inspect.signature(wb.diagnose).parameters
-    assert {"validate", "quick", "candidates", "most_effects", "seed"} <= set(parameters)
-    assert all(p.kind is not p.VAR_KEYWORD for p in parameters.values())
-    inner = inspect.signature(diagnose).parameters
-    assert all(
-        p.default == inner[name].default for name, p in parameters.items() if name in inner and name != "campaign"
-    )
-    said = inspect.getdoc(inspect.unwrap(wb.diagnose)) or ""
-    assert [name for name in parameters if name != "campaign" and f"{name}:" not in said.replace("\n", " ")] == [
-        "scenario", "seed",
-    ]  # fmt: skip
 
 
 def test_a_doubtful_log_is_said_in_python_as_by_the_command(workbench: Commands, folder: Path, tmp_path: Path):

@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.emps_campaign import RUNS
+from tests.support.emps_campaign import emps_in
 from workbench.diagnose.diagnose import Diagnosis, diagnose
-from workbench.diagnose.verdict.answer import Reason, ReasonKind
 from workbench.logs import read_campaign
 
 # What is marked as proof has a quicker counterpart: effects that are found again and unknown causes of simulated runs
@@ -50,16 +49,6 @@ def test_a_tight_stretch_is_named_with_its_place_and_size(shared_data: Path):
     assert diagnosis.shrink.after < 1.5 * diagnosis.shrink.noise < 0.2 * diagnosis.shrink.before
     assert diagnosis.where is not None
     assert (diagnosis.where.subsystem, diagnosis.where.regime) == ("guide", "position")
-
-
-@pytest.mark.proof
-def test_a_rail_that_changes_its_friction_at_one_height_is_unknown_and_in_the_machine_as_a_table(shared_data: Path):
-    diagnosis, _ = answer(shared_data, "33")
-    assert (diagnosis.verdict.word, diagnosis.verdict.effects) == ("unknown", ())
-    assert "no listed effect explains" in diagnosis.verdict.sentence
-    assert diagnosis.verdict.reasons[0] == Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, ("friction_step",))
-    assert diagnosis.corrected.measured_correction is not None
-    assert diagnosis.shrink.after < 1.3 * diagnosis.shrink.noise
 
 
 def test_runs_that_decide_ask_for_no_further_one():
@@ -113,24 +102,6 @@ def test_two_effects_are_named_together_each_with_its_size(shared_data: Path):
     assert diagnosis.shrink.after < 1.3 * diagnosis.shrink.noise < 0.1 * diagnosis.shrink.before
 
 
-@pytest.mark.proof
-def test_a_late_speed_of_a_small_machine_is_named(shared_data: Path):
-    diagnosis, told = answer(shared_data, "31")
-    assert diagnosis.verdict.effects == ("speed_delay",)
-    assert values(diagnosis)["delay_s"][0] == pytest.approx(told["w_delay"], rel=0.1)
-    # As much of the delay as a log's timing may be off is no part of the gap.
-    assert diagnosis.shrink.after < 1.3 * diagnosis.shrink.noise < 0.25 * diagnosis.shrink.before
-
-
-# A real ball-screw axis whose values are published; see test_emps.py.
-MACHINE = """\
-kind: axis
-motion: linear
-mass_kg: 95.1089
-gravity: {constant_n: 0.0}
-friction: {coulomb_forward_n: COULOMB, coulomb_backward_n: COULOMB, viscous_n_s_per_m: 203.5034}
-sensors: {force_offset_n: OFFSET}
-"""
 Emps = Callable[..., Diagnosis]
 
 
@@ -138,11 +109,7 @@ Emps = Callable[..., Diagnosis]
 def emps(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Emps:
     @cache
     def diagnosed(coulomb: float = 20.3935, offset: float = -3.1648, more: str = "") -> Diagnosis:
-        folder = tmp_path_factory.mktemp("emps")
-        text = MACHINE.replace("COULOMB", str(coulomb)).replace("OFFSET", str(offset))
-        (folder / "machine.yaml").write_text(text + more)
-        (folder / "runs.yaml").write_text(RUNS)
-        (folder / "runs").symlink_to(shared_data / "emps")
+        folder = emps_in(tmp_path_factory.mktemp("emps"), shared_data, more, coulomb=coulomb, offset=offset)
         return diagnose(read_campaign(folder), most_effects=1, study=False)
 
     return diagnosed

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,31 +9,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.driven_campaign import driven, planned
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import base_parameters, effect_parameters, within
+from workbench.diagnose.hypotheses.free_parameters import FreeParameter, base_parameters, effect_parameters, within
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.search import TOLERANCES, TURNED
+from workbench.diagnose.hypotheses.search import TOLERANCES, TURNED, Search
+from workbench.diagnose.law import Law, find_law
 from workbench.diagnose.location.profiles import spacing, times
 from workbench.diagnose.location.where import where_of
 from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.tables import (
-    TURN,
-    columns_of,
-    hats_of,
     in_no_file,
-    points_of,
-    rides_of,
-    telling_points,
-    variables_of,
-    with_table,
 )
-from workbench.diagnose.unknown import Explained, explain, explained_machine, span, with_unknown
+from workbench.diagnose.unknown import Explained, explain, explained_machine, with_unknown
 from workbench.effects import ranges_of
+from workbench.effects.loading import load_effects
+from workbench.effects.registry import forget_users
 from workbench.logs import read_campaign
-from workbench.machines import Hoist, LinearAxis, kind_of, load_machine, save_machine
-from workbench.simulate.driven import InverseSimulation
+from workbench.machines import Hoist, LinearAxis, load_machine, save_machine
 from workbench.simulate.replay import replay_runs
 
 FAN_NM_S2, STEP_N, STEP_AT_M = 0.00156, 2640.3, 7.043  # of the labels of campaigns 32 and 33
@@ -43,7 +37,7 @@ Case = tuple[Problem, Fitted, Explained]
 
 
 def base_fit(problem: Problem, bounded: bool = False) -> Fitted:
-    free = list(base_parameters(problem.machine, problem.runs).values())
+    free: list[FreeParameter] = list(base_parameters(problem.machine, problem.runs).values())
     if bounded:
         free = [within(parameter, TURNED if parameter.logarithmic else TOLERANCES) for parameter in free]
     return fit_hypothesis(problem, (), free, np.zeros(len(free)), 40)
@@ -111,6 +105,7 @@ def test_the_stated_share_of_a_place_is_what_the_true_effect_takes_in_its_window
 def test_what_a_law_takes_is_held_against_the_same_gap_as_all_else(bounded_fan: Case):
     problem, base, explanation = bounded_fan
     alone = held_out(problem, base, folds_by_run(problem)).rms(problem.inputs)
+    assert explanation.law is not None
     said = next(sentence for sentence in explanation.sentences if sentence.startswith("As a law"))
     assert f"from {alone:.3g} to {explanation.law.after:.3g} N m" in said
     assert explanation.law.acts_on == explanation.curves[0].acts_on == "motor"
@@ -137,21 +132,6 @@ def test_a_step_in_the_rails_is_a_curve_over_the_height(rail: Case):
     assert all(curve.explains < 0.5 for curve in explanation.curves[1:])
 
 
-def test_the_table_lies_within_what_was_visited(rail: Case):
-    problem, _, explanation = rail
-    at = explanation.curves[0].at
-    low = min(run.start_position_m for run in problem.runs) - 8.0
-    assert 9 <= len(at) <= 17
-    assert low < at[0] < at[-1] < 11.0
-
-
-def test_the_base_parameters_go_back_to_where_they_belong(rail: Case):
-    """Alone they bend to cover the step, as far as ten tolerances; beside the table they need not."""
-    _, base, explanation = rail
-    assert np.max(np.abs(base.z)) > 6.0
-    assert np.max(np.abs(explanation.fitted.z)) < 3.0
-
-
 def test_the_corrected_machine_is_a_file_that_replay_takes(rail: Case, tmp_path: Path):
     problem, base, explanation = rail
     save_machine(explained_machine(problem, explanation), tmp_path / "machine.yaml")
@@ -165,31 +145,6 @@ def test_the_corrected_machine_is_a_file_that_replay_takes(rail: Case, tmp_path:
     (left,) = Problem(machine, problem.runs, problem.band_hz).exact().residuals([beside])
     assert float(np.sqrt(np.mean(left**2))) == pytest.approx(explanation.after, rel=1e-6)
     assert replayed.speed_rmse_percent < 0.5 * plain.speed_rmse_percent
-
-
-def test_a_diagnosis_of_the_corrected_machine_starts_at_the_noise(rail: Case):
-    problem, _, explanation = rail
-    again = Problem(explained_machine(problem, explanation), problem.runs)
-    (residual,) = again.residuals([{}])
-    assert float(np.sqrt(np.mean(residual**2))) == pytest.approx(explanation.after, rel=0.02)
-
-
-def test_each_fold_has_a_machine_that_has_not_seen_it(rail: Case):
-    problem, _, explanation = rail
-    assert len(explanation.machines) == len(problem.runs)
-    beside = in_no_file(problem, explanation.held_out.settings[2])
-    (left,) = Problem(explanation.machines[2], problem.runs, problem.band_hz).exact().residuals([beside])
-    rows = np.flatnonzero(problem.run_of_row[: problem.inputs] == 2)
-    assert explanation.held_out.residual[rows] == pytest.approx(left[rows], abs=1e-9)
-    assert np.any(explanation.held_out.residual[rows] != explanation.fitted.residual[rows])
-
-
-def test_the_same_campaign_is_explained_the_same_again(rail: Case):
-    problem, base, explanation = rail
-    again = explain(problem, base)
-    assert [c.over for c in again.curves] == [c.over for c in explanation.curves]
-    assert np.array_equal(again.curves[0].forward, explanation.curves[0].forward)
-    assert again.sentences == explanation.sentences
 
 
 def test_where_nothing_is_missing_no_table_is_made(campaigns: Path):
@@ -206,59 +161,6 @@ def test_a_table_that_the_driven_machine_does_not_keep_is_dropped(campaigns: Pat
     assert with_unknown(problem.machine, explanation) is problem.machine
     assert explanation.fitted is base
     assert explanation.after == explanation.before
-
-
-def test_a_fit_with_effects_is_refused(rail: Case):
-    problem, base, _ = rail
-    with pytest.raises(ValueError, match="drum_eccentricity"):
-        explain(problem, replace(base, effects=("drum_eccentricity",)))
-
-
-@pytest.mark.parametrize(
-    ("over", "acts_on", "level", "slope"),
-    [("position_carriage_m", "guide", 1200.0, 100.0), ("torque_load_nm", "motor", 3.0, 0.02)],
-)
-def test_the_stiff_machines_columns_are_what_the_driven_one_gains(
-    rail: Case, over: str, acts_on: str, level: float, slope: float
-):
-    """Below the band the wire changes little of a force, and nothing of a torque at the motor."""
-    problem, _, _ = rail
-    variable = next(table for table in kind_of(problem.machine).tables if table.over == over)
-    rides = rides_of(problem, {})
-    at = points_of(problem, rides, variable)
-    forward, backward = 0.4 * level + slope * at, 1.7 * level - 1.5 * slope * at
-    linear = columns_of(problem, rides, variable, at, 1.0) @ np.concatenate([forward, backward])
-    curve = replace(rail[2].curves[0], over=over, acts_on=acts_on, at=at, forward=forward, backward=backward)
-    benches = [
-        InverseSimulation(machine, problem.runs, problem.band_hz).balances()
-        for machine in (problem.machine, with_table(problem.machine, curve))
-    ]
-    gained = np.concatenate(
-        [(b.predicted - a.predicted)[rows] for a, b, rows in zip(*benches, problem.rows, strict=True)]
-    )
-    assert float(np.sqrt(np.mean((gained - linear) ** 2))) < 0.05 * float(np.sqrt(np.mean(linear**2)))
-
-
-def test_hats_are_linear_between_points_and_flat_beyond():
-    at = np.array([1.0, 2.0, 4.0])
-    levels = np.array([10.0, 30.0, -10.0])
-    x = np.array([0.0, 1.0, 1.5, 3.0, 4.0, 9.0])
-    assert hats_of(x, at, turn=False) @ levels == pytest.approx(np.interp(x, at, levels))
-
-
-def test_hats_of_a_turn_close():
-    at = np.linspace(0.0, TURN, 4, endpoint=False, dtype=np.float64)
-    levels = np.array([0.0, 1.0, 2.0, 4.0])
-    x = np.array([0.0, 3.5 / 4.0 * TURN, TURN + 0.125 * TURN, -0.125 * TURN])
-    assert hats_of(x, at, turn=True) @ levels == pytest.approx([0.0, 2.0, 0.5, 2.0])
-
-
-def test_telling_points_stand_around_a_step():
-    at = np.linspace(0.0, 10.0, 41)
-    step = np.where(at < 6.1, 0.0, 5.0)
-    points = telling_points(at, np.concatenate([step, -step]), 6)
-    assert {6.0, 6.25} <= set(points)
-    assert (points[0], points[-1]) == (0.0, 10.0)
 
 
 AXIS = {
@@ -301,32 +203,98 @@ def test_an_axis_is_explained_over_its_position_by_one_run_too(names: tuple[str,
     assert corrected.measured_correction is not None
 
 
-def test_tables_skip_what_the_runs_do_not_vary(rail: Case):
-    problem = rail[0]
-    alone = Problem(problem.machine, [problem.runs[0]])
-    assert {"payload_kg", "campaign_time_s"} <= {variable.over for variable in variables_of(problem)}
-    assert not {"payload_kg", "campaign_time_s"} & {variable.over for variable in variables_of(alone)}
+# A law in a formula: the form that made the data is found, its file gives what it promises, and noise has no law.
 
 
-def test_the_curve_is_said_in_words_with_units(rail: Case):
-    _, _, explanation = rail
-    said = " ".join(explanation.sentences)
-    assert "A force at the guide that depends on the height of the carriage explains it best: 100 % of" in said
-    assert re.search(r"It lies between −0\.\d and 2\.\d kN against the motion", said)
-    assert re.search(r"where the runs have been, 2\.\d to 9\.\d m, and", said)
-    assert "_" not in said and "e+0" not in said
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "unit", "said"),
-    [
-        (-788.0, 2410.0, "N", "−0.8 to 2.4 kN"),
-        (3.14, 9.81, "N m", "3.1 to 9.8 N m"),
-        (-12345.0, -20.0, "N", "−12 to 0 kN"),
-        (0.012, 0.134, "m/s", "0.01 to 0.13 m/s"),
-        (0.0, 9000.0, "kg", "0 to 9000 kg"),
-        (0.0, 0.0, "N", "0 to 0 N"),
-    ],
+AXIS_LAW = LinearAxis.model_validate(
+    {
+        "kind": "axis",
+        "motion": "linear",
+        "mass_kg": 95.0,
+        "friction": {"coulomb_forward_n": 20.0, "coulomb_backward_n": 20.0, "viscous_n_s_per_m": 200.0},
+        "tolerances": {"inertia": 0.01, "coulomb": 0.05, "viscous": 0.05, "force_gain": 0.005, "force_offset_n": 0.3},
+    }
 )
-def test_levels_are_said_to_the_second_digit_of_the_larger_one(low: float, high: float, unit: str, said: str):
-    assert span(low, high, unit) == said
+NOISE = {"force_n": 0.3, "velocity_m_s": 1e-5}
+SPEEDS = (0.08, 0.15, 0.3)
+
+
+def still() -> list[Run]:
+    return [planned(AXIS_LAW, f"at_{speed:g}", 0.2, speed, 250.0) for speed in SPEEDS]
+
+
+def fitted(runs: list[Run]) -> tuple[Problem, Fitted]:
+    problem = Problem(AXIS_LAW, runs)
+    search = Search(problem, [], base=base_parameters(AXIS_LAW, runs))
+    return problem, search._within_tolerances(search.base_fit())
+
+
+def law_of(force: dict[str, dict[str, float]]) -> tuple[Law | None, list[Run]]:
+    runs = driven(AXIS_LAW.model_copy(update={"effects": force}), still(), NOISE)
+    return find_law(*fitted(runs), "axis"), runs
+
+
+@pytest.fixture(scope="module")
+def drag() -> tuple[Law | None, list[Run]]:
+    return law_of({"friction_quadratic": {"drag_n_s2_per_m2": 150.0}})
+
+
+def test_a_drag_is_found_as_the_square_of_the_speed(drag: tuple[Law | None, list[Run]]):
+    law, _ = drag
+    assert law is not None
+    assert law.formulas == ["v |v|"]
+    (name, value, error, unit), *_ = law.values
+    assert (name, unit) == ("c1", "N s²/m²")
+    assert value == pytest.approx(150.0, abs=max(4.0 * error, 8.0))
+    assert law.explains > 0.9
+
+
+def test_the_file_of_a_law_replays_to_the_residual_that_was_stated(drag: tuple[Law | None, list[Run]], tmp_path: Path):
+    law, runs = drag
+    assert law is not None
+    (tmp_path / "law.py").write_text(law.source)
+    (tmp_path / "machine.yaml").write_text(law.machine)
+    try:
+        load_effects(tmp_path / "law.py")
+        replayed = replay_runs(load_machine(tmp_path / "machine.yaml"), runs)
+        without = replay_runs(AXIS_LAW, runs)
+    finally:
+        forget_users()
+    assert replayed.residual_rms_moving < without.residual_rms_moving
+    assert replayed.residual_rms_moving == pytest.approx(law.rms, rel=0.03)  # all samples, thinned samples
+    assert law.after < 1.5 * law.rms
+
+
+def test_noise_has_no_law():
+    law, _ = law_of({})
+    assert law is None or law.before - law.after < 0.1 * law.before
+
+
+def test_a_step_over_place_is_found_where_it_lies():
+    runs = driven(AXIS_LAW, still(), NOISE)
+    where = 0.03
+    forced = []
+    for run in runs:
+        position, velocity = run["position_m"], run["velocity_m_s"]
+        extra = 12.0 * np.clip((position - where) / 0.004 + 0.5, 0.0, 1.0) * np.tanh(velocity / 0.002)
+        forced.append(replace(run, signals={**run.signals, "force_n": run["force_n"] + extra}))
+    law = find_law(*fitted(forced), "axis")
+    assert law is not None
+    steps = [term for term in law.terms if "step" in term.formula[0] and "sign v" in term.formula[0]]
+    assert steps
+    assert steps[0].shape["x_0"] == pytest.approx(where, abs=0.01)
+
+
+def test_a_mean_that_no_tolerance_holds_is_a_level_of_the_law():
+    """Friction of 8 N on average, that comes and goes along the way, where the stated level holds to 1 N."""
+    forced = []
+    for run in driven(AXIS_LAW, still(), NOISE):
+        extra = 8.0 * (1.0 + np.cos(2.0 * np.pi * run["position_m"] / 0.05)) * np.tanh(run["velocity_m_s"] / 0.002)
+        forced.append(replace(run, signals={**run.signals, "force_n": run["force_n"] + extra}))
+    law = find_law(*fitted(forced), "axis")
+    assert law is not None
+    assert "sign v" in law.formulas
+    (wave,) = [term for term in law.terms if "d" in term.shape]
+    assert wave.shape["d"] == pytest.approx(0.05, rel=0.01)
+    assert max(law.amplitudes) == pytest.approx(8.0, rel=0.02) == law.amplitudes[law.formulas.index("sign v")]
+    assert law.explains > 0.99

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import types
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from typing import Any, cast
 
@@ -15,13 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support.fitted_runs import fitted_to, made_by, rms
+from tests.support.fitted_runs import fitted_to, made_by
 from tests.support.noisy_runs import hoist_runs
-from workbench.core.run import Array
-from workbench.diagnose.diagnose import either, sentence_of
+from workbench.diagnose.diagnose import sentence_of
 from workbench.diagnose.gap import folds_of, shrink_of, stretch_of, worst_tolerance
-from workbench.diagnose.hypotheses.evidence import MOST, Score, Weighed, cost, score_of
-from workbench.diagnose.hypotheses.fit import Fitted, covariance, estimates, fit_hypothesis
+from workbench.diagnose.hypotheses.evidence import Score, Weighed
+from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     FreeParameter,
     Names,
@@ -29,12 +26,12 @@ from workbench.diagnose.hypotheses.free_parameters import (
     effect_parameters,
     setting_of,
 )
-from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.diagnose.verdict.answer import Hypothesis, rank
-from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runners_up, vetoes_of
+from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runners_up
 from workbench.effects import find, ranges_of
 from workbench.machines import default_hoist
 
@@ -48,39 +45,7 @@ NUMBERS = {
 # Score
 
 
-def test_a_score_without_discrepancy_to_speak_of_is_chi_squared_and_priors(tight: tuple[Problem, Fitted]):
-    problem, fit = tight
-    quiet = copy(problem)
-    quiet.errors = replace(problem.errors, moving=np.full(problem.samples, 1e-9), standstill=np.zeros(problem.samples))
-    score = score_of(quiet, fit)
-    assert score.sizes == (1.0, 1.0)
-    white = fit.residual / problem.errors.white
-    assert score.value == pytest.approx(float(white @ white) + fit.prior + quiet.errors.log_det(), rel=1e-6)
-
-
-def test_what_is_left_beyond_the_noise_asks_for_a_larger_discrepancy(tight: tuple[Problem, Fitted]):
-    problem, fit = tight
-    slow = 10.0 * problem.errors.model_error * np.sin(np.arange(problem.samples) / 40.0)
-    assert score_of(problem, replace(fit, residual=fit.residual + slow)).sizes[0] >= 4.0
-    assert score_of(problem, fit).sizes[0] <= 2.0
-
-
-def test_each_parameter_costs_the_logarithm_of_the_samples_as_far_as_they_are_hundreds(tight: tuple[Problem, Fitted]):
-    problem = tight[0]
-    n = problem.share * problem.inputs
-    assert cost(problem, 3) == pytest.approx(3.0 * math.log(min(n, MOST)))
-
-
 # Held-out runs
-
-
-def alone(problem: Problem, effects: Names, free: Sequence[FreeParameter], z: Array, fold: int) -> Array:
-    """The residual of run `fold` by a real refit to all the others."""
-    others = [run for j, run in enumerate(problem.runs) if j != fold]
-    rest = Problem(problem.machine, others, problem.band_hz)
-    alone_fit = fit_hypothesis(rest, effects, free, z, 60)
-    (residual,) = problem.residuals([alone_fit.setting])
-    return residual[problem.run_of_row == fold]
 
 
 @pytest.fixture(scope="module")
@@ -90,29 +55,10 @@ def tight() -> tuple[Problem, Fitted]:
     return fitted_to(truth, {"peak_n": 3000.0, "centre_m": 8.5, "width_m": 0.6})
 
 
-def test_a_fold_taken_out_by_one_step_is_what_a_refit_without_it_predicts(tight: tuple[Problem, Fitted]):
-    problem, fit = tight
-    quick = held_out(problem, fit, folds_by_run(problem))
-    for j in range(len(problem.runs)):
-        mine = problem.run_of_row == j
-        exact = alone(problem, fit.effects, fit.free, fit.z, j)
-        assert rms(quick.residual[mine] - exact) < 0.25 * problem.noise
-        assert quick.rms(problem.inputs, j) == pytest.approx(rms(exact), rel=0.1)
-    assert len(quick.settings) == len(problem.runs)
-
-
 def test_what_was_not_seen_is_met_no_better_than_what_was(tight: tuple[Problem, Fitted]):
     problem, fit = tight
     unseen = held_out(problem, fit, folds_by_run(problem))
     assert fit.rms(problem.inputs) <= unseen.rms(problem.inputs) < 1.3 * problem.noise
-
-
-def test_one_run_is_cut_into_blocks(tight: tuple[Problem, Fitted]):
-    problem = Problem(tight[0].machine, tight[0].runs[:1])
-    folds = folds_by_run(problem)
-    assert np.array_equal(np.unique(folds), np.arange(4))
-    assert np.all(np.diff(folds) >= 0)
-    assert min(np.bincount(folds)) >= len(folds) // 4
 
 
 def test_a_phase_that_is_a_runs_own_is_taken_from_that_run():
@@ -163,25 +109,6 @@ def test_standard_errors_are_the_scatter_of_many_campaigns():
     assert np.mean(said) == pytest.approx(np.std(values), rel=0.3)
 
 
-def test_half_the_noise_halves_the_error_of_what_no_tolerance_holds(tight: tuple[Problem, Fitted]):
-    problem, fit = tight
-    quiet = copy(problem)
-    quiet.errors = replace(
-        problem.errors, **{k: 0.5 * getattr(problem.errors, k) for k in ("white", "moving", "standstill")}
-    )
-    at = len(fit.z) - 2  # the centre of the stretch: nothing else is like it
-    before, after = (math.sqrt(covariance(p, replace(fit, chi2=0.0))[at, at]) for p in (problem, quiet))
-    assert after == pytest.approx(0.5 * before, rel=0.02)
-
-
-def test_a_model_that_leaves_more_than_the_noise_is_believed_less(tight: tuple[Problem, Fitted]):
-    problem, fit = tight
-    fit = replace(fit, z=np.zeros(len(fit.z)), residual=np.zeros(len(fit.residual)))  # plain least squares agree
-    worse = replace(fit, chi2=4.0 * problem.share * problem.samples)
-    good = replace(fit, chi2=0.5 * problem.share * problem.samples)
-    assert np.diag(covariance(problem, worse)) == pytest.approx(4.0 * np.diag(covariance(problem, good)))
-
-
 # The verdict
 
 NO_EVIDENCE = {"left": 0.0, "prior": 0.0}
@@ -209,14 +136,6 @@ def test_a_larger_merit_is_never_less_likely(values: list[float], more: float):
         return next(r.probability for r in rank(named(rows), NO_EVIDENCE, NUMBERS) if r.effects == ("e0",))
 
     assert of_first([values[0] + more, *values[1:]]) >= of_first(values) - 1e-12
-
-
-@given(st.lists(st.floats(-20.0, 500.0), min_size=2, max_size=8))
-def test_named_ones_are_ranked_by_their_merits(values: list[float]):
-    by_name = {r.effects: r.probability for r in rank(named(values), NO_EVIDENCE, NUMBERS) if r.effects}
-    order = sorted(range(len(values)), key=lambda k: values[k])
-    likely = [by_name[f"e{k}",] for k in order]
-    assert all(a <= b + 1e-12 for a, b in itertools.pairwise(likely))
 
 
 @pytest.mark.parametrize("numbers", [NUMBERS, dict(calibration())])
@@ -258,36 +177,6 @@ def test_what_is_stated_sums_to_one_and_changes_no_answer(values: list[float], o
     assert [row.probability for row in stated[1:]] == sorted((row.probability for row in stated[1:]), reverse=True)
 
 
-def test_what_is_stated_counts_the_listed_causes_that_fits_miss():
-    missed = {**NUMBERS, "missed_no_gap": 0.1, "missed_unknown": 0.2}
-    none = rank(named([-5.0, -8.0]), NO_EVIDENCE, missed)
-    assert none[0].probability == pytest.approx(0.9 * rank(named([-5.0, -8.0]), NO_EVIDENCE, NUMBERS)[0].probability)
-    left = {**NO_EVIDENCE, "left": 4.0}
-    known = rank(named([400.0, 300.0]), left, missed)
-    assert known[0].probability == pytest.approx(0.8, abs=1e-3)
-    assert known[1].effects == ("e0",)
-    assert known[1].probability == pytest.approx(0.2, abs=1e-3)
-
-
-def test_without_evidence_against_it_an_answer_is_surer_than_it_was_decided():
-    plain, surer = (rank(named([400.0]), NO_EVIDENCE, {**NUMBERS, "surer": s})[0].probability for s in (1.0, 1.5))
-    assert 1.0 - surer < 1.0 - plain < 0.01
-    open_left = {**NO_EVIDENCE, "left": 3.0}
-    assert rank(named([400.0]), open_left, {**NUMBERS, "surer": 1.5}) == rank(named([400.0]), open_left, NUMBERS)
-
-
-def test_twins_have_one_probability_for_both_names():
-    told = [(("a",), 40.0), (("b",), 40.0), (("c",), 38.0), (("a", "d"), 30.0)]
-    apart = rank(told, NO_EVIDENCE, NUMBERS)
-    first, *rest = rank(told, NO_EVIDENCE, NUMBERS, [[("a",), ("b",)]])
-    assert (first.effects, first.twins) == (("a",), (("b",),))
-    assert first.probability == pytest.approx(2.0 * apart[0].probability)
-    assert ("b",) not in [row.effects for row in rest]
-    assert {row.effects: row.probability for row in apart if row.effects not in [("a",), ("b",)]} == pytest.approx(
-        {row.effects: row.probability for row in rest}
-    )
-
-
 def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):
     problem, fit = tight
 
@@ -300,24 +189,6 @@ def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):
     pairs = [weighed(("a", "e"), 50.0), weighed(("b", "e"), 50.0), weighed(("b", "c"), 50.0), *told]
     assert groups_of(problem, pairs)[0] == (("a", "e"), ("b", "e"))
     assert groups_of(problem, [weighed(("a",), -1.0), weighed(("b",), -1.0)]) == ()
-
-
-def test_a_law_may_be_off_what_another_one_has_and_several_effects_that_stand_in_for_one_may_not(
-    tight: tuple[Problem, Fitted],
-):
-    problem, fit = tight
-    gap = 100.0 * problem.noise * np.sin(np.arange(problem.samples) / 40.0)
-    near, score = replace(fit, residual=fit.residual + gap), Score(0.0, (1.0, 1.0), 1.0)
-
-    def weighed(evidence: float, *names: str, rival: bool = False) -> Weighed:
-        return Weighed(names, fit, 0.0, evidence, score, rival)
-
-    rival = weighed(5100.0, "unlisted", rival=True)
-    one, three = weighed(5000.0, "a"), weighed(5000.0, "a", "b", "c")
-    assert vetoes_of(problem, near, [rival, one], one) == []
-    assert vetoes_of(problem, near, [rival, three], three) == vetoes_of(problem, near, [rival, three], None) == [rival]
-    about_as_good = replace(rival, evidence=5011.0)
-    assert vetoes_of(problem, near, [about_as_good, three], three) == []
 
 
 def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Problem, Fitted]):
@@ -342,24 +213,6 @@ def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Probl
     # A further run is asked for against a rival that the runs leave open only.
     assert runners_up(judged((viscous,), {(viscous,): 109.0, (freer,): 98.0, (mass,): 83.0}), "hoist") == ((mass,),)
     assert runners_up(judged((viscous,), {(viscous,): 539.0, (mass,): 117.0}), "hoist") == ()
-
-
-def test_a_sentence_has_both_names_of_a_cause():
-    assert either(("a",), ()) == "a"
-    assert either(("a",), [("b",)]) == "a or b, one cause by two names in these runs"
-    assert either(("a", "c"), [("b", "c")]) == "a or b, one cause by two names in these runs, and c"
-
-
-def test_a_listed_cause_that_the_fits_miss_is_not_said_to_be_on_no_list():
-    shrink = types.SimpleNamespace(unit="N m", before=3.0, after=3.0, noise=0.5)
-
-    def said(probability: float) -> str:
-        answer = types.SimpleNamespace(word="unknown", ranking=[Hypothesis("unknown", (), probability)], weighed=())
-        return sentence_of(cast(Any, answer), cast(Any, shrink), cast(Any, None), ())
-
-    assert "has a cause that no effect of the library explains (probability 0.85)" in said(0.85)
-    assert said(0.15).startswith("No effect of the library as it was fitted explains the gap")
-    assert "probability 0.15 that its cause is none of them" in said(0.15)
 
 
 def test_no_gap_beside_a_residual_that_noise_does_not_explain_states_it():
@@ -433,17 +286,3 @@ def test_the_interval_of_the_shrink_holds_its_factor_and_is_the_same_for_one_see
     squares = [b**2 * n for (_, b), n in zip(first.by_run.values(), problem.run_lengths, strict=True)]
     assert math.sqrt(sum(squares) / problem.inputs) == pytest.approx(first.after)
     assert first.speed_rmse_percent_after < first.speed_rmse_percent_before
-
-
-def test_without_a_cause_nothing_shrinks(tight_search: SearchResult):
-    keys = base_parameters(tight_search.problem.machine, tight_search.problem.runs)
-    shrink = shrink_of(tight_search, keys, (), folds_of(tight_search, ()), 0)
-    assert shrink.factor == 1.0 and shrink.ci95 == (1.0, 1.0)
-    assert shrink.before == shrink.after
-    assert shrink.speed_rmse_percent_before == shrink.speed_rmse_percent_after
-
-
-def test_a_fold_without_rows_has_no_rms():
-    held = HeldOut(np.array([3.0, 4.0]), np.array([0, 0]), ({},))
-    assert math.isnan(held.rms(2, 1))
-    assert held.rms(2) == held.rms(2, 0) == pytest.approx(math.sqrt(12.5))

@@ -10,23 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.emps_campaign import emps_in
 from tests.support.searched_campaign import searched_in, simulated_search
+from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.core.run import Array
 from workbench.diagnose.gap import Gap, gap_of
-from workbench.diagnose.hypotheses.fit import parts_of
+from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.location.places import Placed, weighed
+from workbench.diagnose.location.places import Placed, Weigher, pulses_of, weighed
 from workbench.diagnose.location.profiles import (
     Free,
     Variable,
-    _taken,
     best_of,
     explain,
     forward,
-    held_out,
-    share_of,
     spacing,
     times,
     variables,
@@ -34,12 +33,12 @@ from workbench.diagnose.location.profiles import (
     wave_in_time,
     way,
 )
-from workbench.diagnose.location.survey import survey_of
-from workbench.diagnose.location.where import HELD, where_of, windows_of
-from workbench.diagnose.machines import corrected_machine, refitted_machine
+from workbench.diagnose.location.survey import Course, Survey, at_rows, loop_of, survey_of
+from workbench.diagnose.location.where import where_of
+from workbench.diagnose.machines import refitted_machine
 from workbench.effects import find
-from workbench.logs import Campaign
-from workbench.machines import Hoist, load_machine, save_machine
+from workbench.logs import Campaign, read_campaign
+from workbench.machines import Hoist
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.25}}
@@ -64,12 +63,6 @@ def nothing_free(problem: Problem) -> Free:
 
 def noise_of(problem: Problem) -> Array:
     return np.random.default_rng(5).normal(scale=problem.noise, size=problem.inputs)
-
-
-def placed_in(campaign: tuple[Campaign, SearchResult], gap: Array) -> Placed:
-    """Where a gap would lie in a campaign that has none."""
-    survey = survey_of(campaign[1].problem, campaign[1].within_tolerances)
-    return weighed(replace(survey, residual=gap))
 
 
 MADE: dict[str, Callable[[Variable, Array], Array]] = {
@@ -98,20 +91,6 @@ def test_a_gap_made_of_one_variable_is_explained_by_it_on_runs_that_were_held_ou
     assert best.interval[0] <= best.share <= best.interval[1]
 
 
-def test_a_sensor_that_saturates_is_found_by_the_torque_that_the_motion_takes(even: tuple[Campaign, SearchResult]):
-    problem = even[1].problem
-    plain = next(v for v in variables(problem, np.zeros(problem.inputs)) if v.name == "input").at
-    square = plain**2 / np.max(np.abs(plain)) - 0.6 * plain
-    gap = 10.0 * problem.noise * square / np.sqrt(np.mean(square**2)) + noise_of(problem)
-    shares = [
-        explain(problem, gap, v, nothing_free(problem), 0)
-        for v in variables(problem, even[1].within_tolerances.residual)
-    ]
-    best = best_of(shares)
-    assert best.variable.name == "input"
-    assert placed_in(even, gap).places[0].subsystem == "torque_sensor"
-
-
 def test_noise_alone_is_explained_by_nothing_however_many_bins_there_are(even: tuple[Campaign, SearchResult]):
     problem = even[1].problem
     gap = 3.0 * noise_of(problem)
@@ -131,17 +110,6 @@ def test_a_wave_in_time_with_a_phase_of_each_run_is_found_at_its_frequency(even:
     assert np.max(profile.share[profile.edges[:-1] > 0.6]) < 0.1
 
 
-def test_a_wave_takes_what_a_fit_of_sine_and_cosine_takes():
-    rng = np.random.default_rng(2)
-    at, tried = np.sort(rng.uniform(0.0, 20.0, 300)), np.linspace(0.1, 1.0, 37)
-    gap = np.sin(2.0 * np.pi * 0.4 * at) + 0.3 * rng.normal(size=300)
-    taken = _taken(gap, at, tried)
-    for k in (0, 12, 30):
-        a = np.stack([np.cos(2.0 * np.pi * tried[k] * at), np.sin(2.0 * np.pi * tried[k] * at)], axis=1)
-        left = gap - a @ np.linalg.lstsq(a, gap, rcond=None)[0]
-        assert taken[k] == pytest.approx(float(gap @ gap - left @ left), abs=0.02 * float(gap @ gap))
-
-
 def test_a_wave_along_the_way_is_found_at_its_length(even: tuple[Campaign, SearchResult]):
     problem = even[1].problem
     assert isinstance(problem.machine, Hoist)
@@ -155,51 +123,6 @@ def test_a_wave_along_the_way_is_found_at_its_length(even: tuple[Campaign, Searc
     assert wave.share > 0.8
     assert profile.regime == "periodic"
     assert profile.edges[np.argmax(profile.share)] <= wave.variable.at[0] <= profile.edges[np.argmax(profile.share) + 1]
-
-
-def test_a_held_out_part_never_saw_its_own_fold():
-    rng = np.random.default_rng(0)
-    columns, gap = rng.normal(size=(40, 3)), rng.normal(size=40)
-    folds = np.arange(40) % 4
-    free = Free(np.zeros((40, 0)), np.zeros(0), np.zeros(0), np.zeros(0))
-    part = held_out(gap, columns, np.zeros((3, 3)), free, folds)
-    mine = folds == 1
-    other = np.linalg.lstsq(columns[~mine], gap[~mine], rcond=None)[0]
-    assert part[mine] == pytest.approx(columns[mine] @ other, rel=1e-3, abs=1e-4)
-
-
-def test_the_base_parameters_help_a_profile_within_their_bounds_only():
-    gap, column = np.full(40, 5.0), np.ones((40, 1))
-    nothing = np.zeros((40, 0))
-    held = Free(column, np.array([-2.0]), np.array([2.0]), np.array([1e-6]))
-    assert held_out(gap, nothing, np.zeros((0, 0)), held, np.arange(40) % 2) == pytest.approx(2.0)
-
-
-def test_a_share_is_what_is_gone_of_the_energy_beyond_noise(even: tuple[Campaign, SearchResult]):
-    problem = even[1].problem
-    gap = np.full(problem.inputs, 5.0 * problem.noise)
-    share, (low, high) = share_of(problem, gap, 0.6 * gap, 0)
-    assert share == pytest.approx(0.64 * 25.0 / 24.0)
-    assert low == pytest.approx(share) == high
-
-
-def test_windows_lie_where_the_energy_is_and_hold_most_of_it_in_little_time(even: tuple[Campaign, SearchResult]):
-    problem = even[1].problem
-    t, run = times(problem), problem.run_of_row[: problem.inputs]
-    burst = (run == 1) & (t > 4.0) & (t < 6.0)
-    loudest = windows_of(problem, np.where(burst, 1.0, 0.0))
-    assert [w.run for w in loudest.windows] == [problem.runs[1].name]
-    assert 3.0 < loudest.windows[0].from_s < loudest.windows[0].to_s < 7.0
-    assert loudest.windows[0].to_s - loudest.windows[0].from_s >= 2.0 / problem.band_hz - 0.1
-    assert loudest.held >= HELD
-    assert loudest.time < 0.15
-
-
-def test_windows_of_an_even_gap_take_their_share_of_the_time(even: tuple[Campaign, SearchResult]):
-    problem = even[1].problem
-    loudest = windows_of(problem, np.ones(problem.inputs))
-    assert loudest.held == pytest.approx(loudest.time)
-    assert loudest.held >= HELD
 
 
 def test_a_bump_in_the_rail_is_found_in_the_guide_by_its_height_without_any_candidate(
@@ -232,21 +155,6 @@ def test_windows_of_a_named_bump_are_its_passages(bump: tuple[Campaign, SearchRe
     assert np.sum(spacing(problem)[inside]) < 0.6 * np.sum(spacing(problem))
 
 
-def test_the_parts_of_effects_are_what_they_add_to_the_prediction(bump: tuple[Campaign, SearchResult]):
-    problem, search = bump[1].problem, bump[1]
-    fit = search.fits[("friction_position_dependent",)]
-    (part,) = parts_of(problem, fit, [("friction_position_dependent",)])
-    without = problem.residuals([{**fit.setting, "friction_position_dependent__peak_n": 0.0}])[0]
-    assert without == pytest.approx(fit.residual + part, abs=0.02 * problem.noise)
-
-
-def test_the_same_seed_gives_the_same_place(bump: tuple[Campaign, SearchResult]):
-    first, second = (where_of(bump[1].problem, bump[1].within_tolerances, seed=4) for _ in range(2))
-    assert (first.windows, first.share, first.interval, first.sentences) == (
-        second.windows, second.share, second.interval, second.sentences,
-    )  # fmt: skip
-
-
 def gap_in(campaign: Campaign, search: SearchResult) -> Gap:
     problem = search.problem
     keys = base_parameters(problem.machine, problem.runs)
@@ -262,52 +170,6 @@ def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Camp
     assert abs(gap.worst_tolerance[1]) < 3.0
     assert gap.nominal_residual_rms > 2.0 * gap.residual_rms
     assert gap.speed_rmse_percent < 0.2 * gap.nominal_speed_rmse_percent
-
-
-def test_a_gap_is_given_as_torque_as_force_on_the_carriage_and_as_speed(bump: tuple[Campaign, SearchResult]):
-    search = bump[1]
-    gap = gap_in(*bump)
-    machine = search.problem.machine
-    assert isinstance(machine, Hoist)
-    assert gap.significant
-    assert gap.force_rms_n == pytest.approx(gap.residual_rms / machine.lift_m_per_rad)
-    assert any(f"{gap.residual_rms:.3g} N m" in sentence for sentence in gap.sentences)
-
-
-def test_the_refitted_machine_leaves_the_residual_of_its_fit(bump: tuple[Campaign, SearchResult]):
-    campaign, search = bump
-    problem = search.problem
-    machine = refitted_machine(problem, base_parameters(problem.machine, problem.runs), search.within_tolerances)
-    again = Problem(machine, campaign.runs, problem.band_hz).exact()
-    again.rows, again.inputs = problem.rows, problem.inputs  # it says otherwise by a sample when the carriage moves
-    left = again.residuals([{}])[0]
-    assert left == pytest.approx(search.within_tolerances.residual, abs=0.02 * problem.noise)
-    assert not machine.effects
-
-
-def test_the_corrected_machine_is_saved_loaded_and_replayed(bump: tuple[Campaign, SearchResult], tmp_path: Path):
-    campaign, search = bump
-    problem = search.problem
-    fit = search.fits[("friction_position_dependent",)]
-    machine = corrected_machine(problem, base_parameters(problem.machine, problem.runs), fit)
-    assert machine.effects["friction_position_dependent"]["peak_n"] == pytest.approx(4000.0, rel=0.1)
-    save_machine(machine, tmp_path / "machine.yaml")
-    again = load_machine(tmp_path / "machine.yaml")
-    assert again == machine
-    replayed = replay_runs(again, campaign.runs, problem.band_hz)
-    assert replayed.residual_rms_moving < 1.3 * problem.noise
-
-
-def test_a_machine_file_holds_what_is_each_runs_own(bump: tuple[Campaign, SearchResult]):
-    campaign, search = bump
-    fit = search.fits[("heave",)]
-    machine = corrected_machine(search.problem, base_parameters(search.problem.machine, search.problem.runs), fit)
-    phases = fit.setting["heave__phase_rad"]
-    assert isinstance(phases, tuple)
-    own = [machine.log.of_runs[run.name]["heave"]["phase_rad"] for run in campaign.runs]
-    assert own == pytest.approx(phases)
-    replayed = replay_runs(machine, campaign.runs, search.problem.band_hz)
-    assert replayed.residual_rms_moving == pytest.approx(fit.rms(search.problem.inputs), rel=0.03)
 
 
 PRACTICE = {
@@ -327,27 +189,8 @@ def test_recorded_campaigns_show_where_their_effect_is_without_its_name(campaign
     assert where.side == ("carriage" if label["signals"] == "full" else "unsaid")
 
 
-EMPS_MACHINE = """\
-kind: axis
-motion: linear
-mass_kg: 95.1089
-gravity: {constant_n: 0.0}
-friction: {coulomb_forward_n: 20.3935, coulomb_backward_n: 20.3935, viscous_n_s_per_m: 80.0}
-sensors: {force_offset_n: -3.1648}
-tolerances: {viscous: 0.0}
-"""
-EMPS_RUNS = """\
-columns: {time_s: t, position_m: qm, position_reference_m: qg, force_n: {column: vir, scale: 35.1507}}
-runs:
-- {name: train, file: runs/DATA_EMPS.mat, start_time_s: 0.0}
-- {name: pulses, file: runs/DATA_EMPS_PULSES.mat, start_time_s: 60.0}
-"""
-
-
 def test_an_axis_whose_viscous_friction_was_taken_out_shows_its_gap_over_the_speed(shared_data: Path, tmp_path: Path):
-    (tmp_path / "machine.yaml").write_text(EMPS_MACHINE)
-    (tmp_path / "runs.yaml").write_text(EMPS_RUNS)
-    (tmp_path / "runs").symlink_to(shared_data / "emps")
+    emps_in(tmp_path, shared_data, "tolerances: {viscous: 0.0}\n", viscous=80.0)
     campaign, search = searched_in(tmp_path, [])
     where = where_of(search.problem, search.within_tolerances)
     assert (where.subsystem, where.regime, where.side) == ("axis", "speed", "unsaid")
@@ -356,3 +199,143 @@ def test_an_axis_whose_viscous_friction_was_taken_out_shows_its_gap_over_the_spe
     assert gap.significant
     assert gap.force_rms_n is None
     assert " N rms" in gap.sentences[0]
+
+
+# Where an unknown cause lies: forces put into a campaign without a gap are given to the part they act on.
+
+
+def looked_at(problem: Problem) -> Survey:
+    """From its nominal values."""
+    free = tuple(base_parameters(problem.machine, problem.runs).values())
+    z = np.zeros(len(free))
+    return survey_of(problem, Fitted((), free, z, *problem.evaluate(free, z), 0.0, 0.0, 1, True))
+
+
+@pytest.fixture(scope="module")
+def even_places(tmp_path_factory: pytest.TempPathFactory) -> Survey:
+    """A hoist within its tolerances."""
+    campaign = read_campaign(simulated_campaign(tmp_path_factory.mktemp("places") / "even_places", true_machine({})))
+    return looked_at(Problem(campaign.machine, campaign.runs))
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    """The same with the speed reference logged."""
+    folder = tmp_path_factory.mktemp("places") / "followed"
+    campaign = read_campaign(simulated_campaign(folder, true_machine({}), reference=True))
+    return Problem(campaign.machine, campaign.runs)
+
+
+def with_force(survey: Survey, force: Callable[[Course], Array], times_noise: float = 30.0) -> Survey:
+    """The survey of noise and one torque, as large as so many times the noise, rms."""
+    noise = np.random.default_rng(3).normal(scale=survey.noise, size=len(survey.residual))
+    rows = at_rows(survey, [force(c)[:, None] for c in survey.runs])[:, 0]
+    more = times_noise * survey.noise * rows / np.sqrt(np.mean(rows**2))
+    return replace(survey, residual=noise + more)
+
+
+def pulse_at(c: Course, begin_s: float, length_s: float) -> Array:
+    u = (c.time - begin_s) / length_s
+    return np.where((u > 0.0) & (u < 1.0), np.sin(np.pi * u) ** 2, 0.0)
+
+
+FORCES: dict[str, tuple[str, str, Callable[[Course], Array]]] = {
+    "rollers": ("guide", "speed", lambda c: c.speed),
+    "a tight stretch": ("guide", "position", lambda c: c.way * np.exp(-(((c.position - 9.5) / 0.2) ** 2))),
+    "rollers that carry the load": ("guide", "load", lambda c: c.way * c.payload),
+    "a fan": ("motor", "speed", lambda c: c.speed * np.abs(c.speed)),
+    "teeth that rub": ("gearbox", "load", lambda c: c.way * np.abs(c.carried)),
+    "rotors": ("gearbox", "acceleration", lambda c: c.turn_acceleration),
+    "a brake": ("brake", "start", lambda c: c.way * np.exp(-c.since_start / 0.8)),
+    "a layer of wire": ("drum", "position", lambda c: c.carried * (c.position > 9.5)),
+    "hose": ("wire", "position", lambda c: c.position),
+    "a heavier load": ("payload", "load", lambda c: c.payload * (1.0 + c.acceleration / 9.81)),
+    "a swell": ("platform", "time", lambda c: c.mass * np.sin(0.9 * c.time + c.payload)),
+    "a saturating sensor": ("torque_sensor", "load", lambda c: c.torque**2),
+    "a sensor that differs by direction": ("torque_sensor", "load", lambda c: c.torque * (c.speed > 0.0)),
+    "a late speed": ("speed_sensor", "acceleration", lambda c: np.gradient(c.torque, c.time)),
+}
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_a_force_is_given_to_the_part_it_acts_on(even_places: Survey, name: str):
+    subsystem, regime, force = FORCES[name]
+    most_likely = weighed(with_force(even_places, force))
+    assert (most_likely.places[0].subsystem, most_likely.port.regime) == (subsystem, regime)
+    assert sum(place.probability for place in most_likely.places) == pytest.approx(1.0)
+    assert [place.probability for place in most_likely.places] == sorted(
+        (p.probability for p in most_likely.places), reverse=True
+    )
+
+
+@pytest.fixture(scope="module")
+def struck(even_places: Survey) -> Placed:
+    """An impact of 1.5 s in the third run."""
+    return weighed(
+        with_force(even_places, lambda c: pulse_at(c, begin_of(even_places), 1.5) * (c is even_places.runs[2]), 1.5)
+    )
+
+
+def begin_of(survey: Survey) -> float:
+    """Of the impact: in the middle of what the third run shows in motion."""
+    return float(np.median(survey.runs[2].at))
+
+
+def test_an_impact_in_one_run_is_an_event_at_its_time(even_places: Survey, struck: Placed):
+    assert struck.port.regime == "event"
+    begins = begin_of(even_places)
+    (pulse,) = struck.pulses
+    assert pulse.run == 2
+    assert begins - 1.0 < pulse.from_s < begins + 0.6 < begins + 0.9 < pulse.to_s < begins + 2.5
+
+
+def test_motor_signals_alone_do_not_say_what_an_impact_struck(struck: Placed):
+    assert struck.places[0].probability < 0.6
+    assert len(struck.places) > 3
+
+
+def test_noise_has_no_events(even_places: Survey):
+    noise = np.random.default_rng(3).normal(scale=even_places.noise, size=len(even_places.residual))
+    quiet = replace(even_places, residual=noise)
+    pulses = pulses_of(quiet, weigher := Weigher(quiet))
+    assert pulses is None or pulses.evidence.log - pulses.choices < weigher.nothing()
+
+
+def test_an_impact_at_every_start_is_no_event(even_places: Survey):
+    assert weighed(with_force(even_places, FORCES["a brake"][2])).pulses == ()
+
+
+def test_a_linear_loops_law_accounts_for_the_input_it_asked_for(followed: Problem):
+    loop = loop_of(followed)
+    assert loop is not None
+    assert np.sqrt(np.mean(loop.residual**2)) < 3.0 * followed.noise
+
+
+def test_without_a_reference_the_loop_says_nothing(even_places: Survey):
+    assert not even_places.loop
+
+
+def bumped(problem: Problem, begin_s: float, size_nm: float) -> Problem:
+    """The last run's log of the torque shows a bump of 1.5 s that no motion follows."""
+    *others, run = problem.runs
+    u = (run.time_s - begin_s) / 1.5
+    bump = np.where((u > 0.0) & (u < 1.0), size_nm * np.sin(np.pi * u) ** 2, 0.0)
+    signals = {**run.signals, "torque_motor_nm": run["torque_motor_nm"] + bump}
+    return Problem(problem.machine, [*others, replace(run, signals=signals)])
+
+
+def test_a_bump_of_the_torque_that_the_loop_did_not_ask_for_is_the_sensors(followed: Problem):
+    at = float(np.median(followed.runs[-1].time_s[followed.rows[-1]]))
+    most_likely = weighed(looked_at(bumped(followed, at, 60.0)))
+    assert (most_likely.places[0].subsystem, most_likely.port.regime) == ("torque_sensor", "event")
+    assert most_likely.places[0].probability > 0.9
+    (pulse,) = most_likely.pulses
+    assert pulse.from_s < at + 0.75 < pulse.to_s
+
+
+def test_a_force_that_the_loop_answered_is_not_the_sensors(followed: Problem):
+    survey = looked_at(followed)
+    rows = at_rows(survey, [pulse_at(c, begin_of(survey), 1.5)[:, None] * (c is survey.runs[2]) for c in survey.runs])
+    struck = weighed(replace(survey, residual=survey.residual + 60.0 * survey.shown(rows, 0.0, False)[:, 0]))
+    assert struck.port.regime == "event"
+    assert "torque_sensor" not in [place.subsystem for place in struck.places]

@@ -6,12 +6,10 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from tests.support.effect_machines import MACHINES, linear_axis
+from tests.support.effect_machines import MACHINES
 from workbench.core.errors import InputError
-from workbench.core.run import Run
 from workbench.effects import (
     Effect,
     Parameter,
@@ -24,7 +22,6 @@ from workbench.effects import (
     names,
     of,
     ranges_of,
-    sizes_of,
 )
 from workbench.effects.declare import KINDS, problems
 from workbench.machines import default_hoist
@@ -77,23 +74,6 @@ def test_bounds_scale_and_start_grow_with_the_machine(kind, name):
     for amount in ranges_of(find(name, kind), machine):
         assert amount.lowest <= amount.start <= amount.highest and amount.scale > 0.0
         assert amount.symbol == f"{name}__{amount.name}"
-
-
-def test_an_axis_asks_its_runs_how_large_a_force_is_and_knows_without_friction_too():
-    bare = linear_axis(forward=0.0, backward=0.0, viscous=0.0, constant=0.0)
-    time = np.linspace(0.0, 0.99, 100)
-    run = Run("one", time, {"force_n": 40.0 * np.sin(time), "position_m": 0.2 * time}, 0.0)
-    assert sizes_of(bare, [run]).force == pytest.approx(np.max(40.0 * np.sin(time)))
-    assert sizes_of(bare, [run]).speed == pytest.approx(0.2)
-    assert sizes_of(bare).force > 0.0
-
-
-def test_what_is_not_said_starts_as_declared_and_what_is_not_chosen_vanishes():
-    active = of(default_hoist(), {"drum_eccentricity": {"amplitude_m": 0.004}})
-    assert active.values["drum_eccentricity__amplitude_m"] == 0.004
-    assert active.values["drum_eccentricity__phase_rad"] == 0.0
-    assert active.values["payload_mass_error__payload_scale"] == 1.0
-    assert active.values["friction_stribeck__stribeck_speed_m_s"] > 0.0
 
 
 @pytest.mark.parametrize(
@@ -153,19 +133,12 @@ def test_a_user_s_effect_is_one_file_and_no_other_edit(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("x = 1\n", "declares no effect"),
         ("import nowhere_at_all\n", "fails: ModuleNotFoundError"),
         (OWN.replace("downward_pull", "heave"), "the effect name 'heave' is taken"),
         (OWN.replace("guide_force_n", "guide_force"), "no place 'guide_force'"),
         (OWN.replace("0.01, 0.02", "0.01, 2.0"), "starts at 2, outside 0 to 1"),
         (OWN.replace(", vanishes_at=0.0", ""), "no parameter has a value at which it vanishes"),
         (OWN.replace('"force", 0.0', '"weight", 0.0'), "no size 'weight'"),
-        (
-            OWN.replace('"force", 0.0', '"force/speed/speed/speed", 0.0'),
-            "effect downward_pull: force_n: size 'force/speed/speed/speed' divides 3 times; expected one quotient, "
-            "force/speed*speed*speed",
-        ),
-        (OWN.replace('"force", 0.0', '"force/", 0.0'), "no size ''"),
         (OWN.replace('place={"hoist"', 'place={"hoits"'), "no kind 'hoits'; did you mean 'hoist'?"),
     ],
 )

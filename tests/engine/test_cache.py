@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -230,31 +229,6 @@ def test_a_spoilt_kernel_file_is_made_anew(forgetful, monkeypatch, spoil):
     forget(monkeypatch)
     assert doubled() == [2.0, 4.0]
     assert path.read_bytes() == whole
-
-
-def test_a_kernel_is_compiled_though_a_full_disk_cannot_keep_it(forgetful, monkeypatch):
-    def full(*_: Any) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.replace", full)
-    assert doubled() == [2.0, 4.0]
-    assert list(forgetful.iterdir()) == []
-
-
-def test_another_processor_has_kernels_of_its_own(forgetful, monkeypatch):
-    doubled()
-    forget(monkeypatch)
-    here = dict(native.host())
-    monkeypatch.setattr(native, "host", lambda: {**here, "features": "-avx2"})
-    doubled()
-    assert len(list(forgetful.glob("*.kernel"))) == 2
-
-
-def test_code_that_needs_python_runs_through_numba_with_a_warning_and_is_not_kept(forgetful, caplog):
-    calling = DOUBLE.replace("    for j", "    if factor < 0.0:\n        print(factor)\n    for j")
-    assert doubled(calling) == [2.0, 4.0]
-    assert "not free of Python" in caplog.text
-    assert not list(forgetful.glob("*.kernel"))
 
 
 # What a newer numba or llvmlite may do to what `native` relies on.

@@ -37,17 +37,6 @@ def test_a_replay_is_within_1e_6_of_the_reference_in_every_speed(payload):
     assert np.max(np.abs(ours[:, 2] - exact[:, 2])) < 1e-6  # m of height
 
 
-def test_a_log_with_irregular_times_is_replayed_as_exactly():
-    p = values()
-    s, hold = start(p)
-    rng = np.random.default_rng(5)
-    times = np.cumsum(np.concatenate([[0.0], rng.uniform(0.001, 0.03, 200)]))
-    torques = lift_and_reverse(times, hold)
-    exact = by_hand.reference(p, s, times, torques)
-    ours = replay([p], times, torques, [s])[:, :, 0]
-    assert np.max(np.abs(ours[:, 3] - exact[:, 3])) < 1e-6 * NOMINAL_SPEED
-
-
 def test_a_load_that_creeps_through_standstill_again_and_again_is_replayed_within_1e_6():
     """The hardest case: friction turns over within a step all the time."""
     p = values(2700.0)
@@ -160,14 +149,6 @@ def test_on_the_same_steps_every_lane_is_bit_for_bit_the_run_alone(n):
         assert np.array_equal(together[:, :, j], alone[:, :, 0])
 
 
-def test_lanes_that_share_their_steps_stay_within_the_tolerance_of_the_run_alone():
-    p, times, torques, starts = scenarios(16)
-    together = replay(p, times, torques, starts)
-    for j in range(16):
-        alone = replay([p[j]], times, torques[:, j], [starts[j]])
-        assert np.max(np.abs(together[:, 3, j] - alone[:, 3, 0])) < 1e-6 * NOMINAL_SPEED
-
-
 def test_a_lane_that_fails_does_not_spoil_its_neighbours():
     p, times, torques, starts = scenarios(16)
     whole = replay(p, times, torques, starts, tolerance=FIXED)
@@ -177,12 +158,6 @@ def test_a_lane_that_fails_does_not_spoil_its_neighbours():
     assert np.isnan(spoilt[-1, 3, 3])
     others = [j for j in range(16) if j != 3]
     assert np.array_equal(spoilt[:, :, others], whole[:, :, others])
-
-
-def test_two_threads_give_bit_for_bit_what_one_gives():
-    p, times, torques, starts = scenarios(40)
-    one, two = (replay(p, times, torques, starts, threads=threads) for threads in (1, 2))
-    assert np.array_equal(one, two)
 
 
 def test_parameters_of_another_number_of_rows_are_refused():

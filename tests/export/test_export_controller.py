@@ -17,14 +17,11 @@ from tests.support.commands import Commands
 from tests.support.structured_text import Block, parsed
 from workbench.control import FeedForward, Notch, PiSettings
 from workbench.core.errors import InputError
-from workbench.core.yaml_strict import loads
 from workbench.export.controller_program import CHECKS, checked, program_of, record_of
 from workbench.export.controller_text import controller_files
-from workbench.export.drives import DRIVES, drive_settings, settings_text
 from workbench.export.fmu import host_compiler
 from workbench.export.model import model_of
-from workbench.machines import default_hoist, with_values
-from workbench.references import Limits
+from workbench.machines import default_hoist
 from workbench.simulate.loop import torque_limits
 
 HOIST = default_hoist()
@@ -287,52 +284,6 @@ def test_the_plcopen_xml_holds_the_block_of_the_text():
         )
 
 
-def test_the_record_on_disk_is_the_record():
-    text = controller_files("st", PLAIN, HOIST)["test_record.csv"]
-    rows = np.array([line.split(",") for line in text.splitlines()[2:]], dtype=float)
-    record = record_of(PLAIN, HOIST)
-    assert np.array_equal(rows[:, 0], record.reference_rad_s)
-    assert np.array_equal(rows[:, 3], record.torque_nm)
-
-
-def test_siemens_takes_newton_metres_and_milliseconds_of_one_motor():
-    made = drive_settings("siemens-s120", PLAIN, HOIST)["parameters"]
-    assert made["p1460"]["value"] == pytest.approx(KP / 2.0) and made["p1460"]["unit"] == "Nms/rad"
-    assert made["p1462"]["value"] == pytest.approx(1000.0 * KP / KI) and made["p1462"]["unit"] == "ms"
-    assert made["p1520"]["value"] == pytest.approx(480.0 * 1.6)
-
-
-def test_abb_takes_parts_of_nominal_torque_per_part_of_nominal_speed():
-    """10 % speed error on the drive's own scale gives the torque that kp gives in SI."""
-    made = drive_settings("abb-acs880", PLAIN, HOIST)["parameters"]
-    motor = HOIST.motor
-    of_drive = made["25.02"]["value"] * 0.1 * motor.nominal_torque_nm
-    assert of_drive == pytest.approx(KP / motor.count * 0.1 * motor.nominal_speed_rad_s)
-    assert made["25.03"]["value"] == pytest.approx(KP / KI)
-
-
-def test_a_ramp_with_rounding_takes_as_long_as_the_jerk_limited_reference():
-    """MM440's t = (P1130 + P1131)/2 + step/P1082 P1120 against v/a + a/j, for a step that reaches full acceleration."""
-    ramp = Limits(0.7, 0.6, 0.8)
-    made = {n: row["value"] for n, row in drive_settings("siemens-s120", PLAIN, HOIST, ramp=ramp)["parameters"].items()}
-    step_rpm = ramp.speed_m_s / HOIST.lift_m_per_rad * 60.0 / (2.0 * math.pi)
-    takes = 0.5 * (made["p1130"] + made["p1131"]) + step_rpm / made["p1082"] * made["p1120"]
-    assert takes == pytest.approx(0.7 / 0.6 + 0.6 / 0.8)
-
-
-def test_inertia_fed_forward_is_the_torque_of_the_machine():
-    settings = PiSettings(kp_nm_s_per_rad=KP, ki_nm_per_rad=KI, feed_forward=FeedForward(inertia=1.0))
-    made = {n: row["value"] for n, row in drive_settings("siemens-s120", settings, HOIST, 4500.0)["parameters"].items()}
-    turning = 2 * 0.8 + 55.0 / 31.0**2 + 12500.0 * HOIST.lift_m_per_rad**2
-    assert made["p0341"] * made["p0342"] * 2 == pytest.approx(turning)
-
-
-def test_a_weight_of_zero_is_a_set_point_filter_of_the_integral_time():
-    settings = PiSettings(kp_nm_s_per_rad=KP, ki_nm_per_rad=KI, set_point_weight=0.0)
-    made = {n: row["value"] for n, row in drive_settings("siemens-s120", settings, HOIST)["parameters"].items()}
-    assert made["p1416"] == pytest.approx(made["p1462"])
-
-
 class Later(PiSettings):
     """With a term that an export has not learned yet."""
 
@@ -357,19 +308,6 @@ def test_a_term_that_is_not_exported_is_refused_in_one_line_and_not_left_out(nam
         model_of(HOIST, controller=later)
     off = Later.model_validate(PLAIN.model_dump())
     assert controller_files("c", off, HOIST) == controller_files("c", PLAIN, HOIST)
-
-
-@pytest.mark.parametrize("drive", DRIVES)
-def test_what_a_drive_does_otherwise_is_said(drive: str):
-    text = settings_text(drive_settings(drive, SETTINGS["everything"], HOIST, ramp=Limits(0.7, 0.6, 0.8)))
-    said = loads(text, "drive_parameters.yaml").data
-    assert isinstance(said, dict)
-    words = " ".join(said["differs"])
-    for missing in ("set-point weight 0.7", "low-pass", "rate limit", "weight and friction"):
-        assert missing in words, missing
-    assert ("notch" in words.lower()) == (drive != "siemens-s120")
-    plain = " ".join(drive_settings(drive, PLAIN, with_values(HOIST, {"motor.count": 1}))["differs"])
-    assert "low-pass" not in plain and "one of" not in plain
 
 
 @pytest.mark.parametrize("form", ["st", "c", "yaml"])

@@ -277,46 +277,6 @@ def test_samples_of_the_controller_do_not_depend_on_the_communication_step(loop3
     assert failed.get("torque_motor_nm")[0] == pytest.approx(768.0)  # one motor's 480 N m times 1.6
 
 
-def test_another_importer_holds_the_load_and_moves_it_as_fmpy_does(plant2: Exported):
-    """libcosim, on the FMI Library that PyFMI stands on too."""
-    pytest.importorskip("libcosimpy", reason="allowed: libcosimpy is not installed")
-    from libcosimpy.CosimExecution import CosimExecution
-    from libcosimpy.CosimManipulator import CosimManipulator
-    from libcosimpy.CosimObserver import CosimObserver
-    from libcosimpy.CosimSlave import CosimLocalSlave
-
-    execution = CosimExecution.from_step_size(1_000_000)  # ns
-    slave = execution.add_local_slave(CosimLocalSlave(str(plant2.file), "hoist"))
-    manipulator, observer = CosimManipulator.create_override(), CosimObserver.create_last_value()
-    execution.add_manipulator(manipulator)
-    execution.add_observer(observer)
-    names = ("speed_motor_rad_s", "position_carriage_m")
-    seen = [plant2.reference[name] for name in names]
-    one = plant2.instance().start()
-    for begin, end, torque in ((0, 1000, None), (1000, 1500, 700.0)):
-        if torque is not None:
-            manipulator.slave_real_values(slave, [plant2.reference["torque_motor_nm"]], [torque])
-            one.set({"torque_motor_nm": torque})
-        execution.simulate_until(end * 1_000_000)
-        for k in range(begin, end):
-            one.step(0.001 * k, 0.001)
-        assert list(observer.last_real_values(slave, seen)) == pytest.approx(one.get(*names), rel=1e-9, abs=1e-9)
-    assert one.get("speed_motor_rad_s")[0] > 5.0
-
-
-def test_two_instances_at_once_know_nothing_of_each_other(plant3: Exported):
-    alone = plant3.instance().start({"torque_motor_nm": 650.0})
-    for k in range(20):
-        alone.step(0.01 * k, 0.01)
-    first = plant3.instance("first").start({"torque_motor_nm": 650.0})
-    second = plant3.instance("second").start({"torque_motor_nm": 500.0, "payload_kg": 0.0})
-    for k in range(20):
-        first.step(0.01 * k, 0.01)
-        second.step(0.01 * k, 0.01)
-    assert first.get("speed_motor_rad_s") == alone.get("speed_motor_rad_s")
-    assert second.get("speed_motor_rad_s") != first.get("speed_motor_rad_s")
-
-
 def test_a_stored_state_goes_back_exactly_also_through_bytes(one: Instance):
     one.start({"torque_motor_nm": 650.0})
     one.step(0.0, 0.1)
@@ -359,16 +319,6 @@ def test_a_closed_brake_holds_the_load_and_an_open_one_lets_it_fall(one: Instanc
     assert one.get("speed_motor_rad_s")[0] < -20.0
 
 
-def test_a_payload_that_is_picked_up_pulls_the_load_down(one: Instance):
-    one.start({"payload_kg": 0.0})
-    one.set({"torque_motor_nm": one.get("torque_motor_hold_nm")[0]})
-    one.step(0.0, 0.5)
-    assert abs(one.get("speed_motor_rad_s")[0]) < 1e-6
-    one.set({"payload_kg": 9000.0})
-    one.step(0.5, 0.5)
-    assert one.get("speed_motor_rad_s")[0] < -10.0
-
-
 @pytest.mark.parametrize(
     ("values", "said"),
     [
@@ -388,19 +338,6 @@ def test_an_impossible_value_is_refused_through_the_logger_and_changes_nothing(o
         one.set(values)
     assert any(said in line for line in one.said), one.said
     assert one.get(name) == before
-
-
-def test_parameters_that_do_not_fit_together_are_refused(one: Instance):
-    with pytest.raises(FMICallException):
-        one.start({"winch.pin_diameter_m": 0.7})
-    assert "'winch.pin_diameter_m' is 0.7, expected less than 'winch.drum_diameter_m', which is 0.6" in one.said
-
-
-def test_a_fixed_parameter_stays_once_the_model_runs(one: Instance):
-    one.start()
-    with pytest.raises(FMICallException):
-        one.set({"carriage.mass_kg": 9000.0})
-    assert any("is fixed" in line for line in one.said)
 
 
 @pytest.mark.parametrize(
@@ -440,32 +377,6 @@ def test_a_load_that_runs_away_ends_the_step_where_it_does_and_not_in_nan(one: I
     assert one.get("time", "speed_motor_rad_s") == [0.0, 0.0]
 
 
-@pytest.mark.parametrize("fixture", ["plant3", "plant2"])
-def test_a_plant_whose_torque_nobody_sets_holds_its_load(fixture: str, request: pytest.FixtureRequest):
-    """With the brake open; also at another payload than that of the description."""
-    exported: Exported = request.getfixturevalue(fixture)
-    torque = next(v for v in exported.description.modelVariables if v.name == "torque_motor_nm")
-    for payload in (4500.0, 9000.0):
-        one = exported.instance().start({"payload_kg": payload})
-        assert one.get("torque_motor_nm") == one.get("torque_motor_hold_nm")
-        if payload == 4500.0:
-            assert one.get("torque_motor_nm") == pytest.approx([float(torque.start)], rel=1e-9)
-        one.step(0.0, 2.0)
-        assert abs(one.get("speed_motor_rad_s")[0]) < 1e-6 and one.get("position_carriage_m") == pytest.approx([9.0])
-
-
-@pytest.mark.parametrize("name", ["hoist", "effects", "table", "linear", "two"])
-def test_dependencies_are_all_that_an_unknown_reads(name: str):
-    """No derivative by a state or input that is not listed; and not everything is listed."""
-    model = described()[name]
-    assert model.dependencies.keys() == set(model.unknowns)
-    assert any(len(reads) < len(model.knowns) for reads in model.dependencies.values())
-    if name == "hoist":
-        assert set(model.dependencies["der(position_carriage_m)"]) == {"speed_carriage_m_s"}
-        assert "torque_motor_nm" in model.dependencies["der(speed_motor_rad_s)"]
-        assert "torque_motor_nm" not in model.dependencies["tension_drum_n"]
-
-
 def test_dependencies_agree_with_the_derivatives_of_the_binary(one: Instance):
     """A known that is not listed has no slope, at a moving and at a resting point."""
     model, reference = one.exported.model, one.exported.reference
@@ -476,11 +387,6 @@ def test_dependencies_agree_with_the_derivatives_of_the_binary(one: Instance):
                 (slope,) = one.slave.getDirectionalDerivative([reference[unknown]], [reference[known]], [1.0])
                 assert slope == 0.0, (unknown, known)
         one.step(begin, 0.1)
-
-
-def test_the_built_in_hoist_is_exported_by_its_name(tmp_path: Path, commands: Commands):
-    done = commands("export-fmu", "default", "--out", tmp_path / "hoist.fmu", "--platforms", "none")
-    assert done.status == 0, done.err
 
 
 def test_the_sources_compile_without_a_warning_and_take_no_memory_in_a_step(tmp_path: Path):
@@ -497,47 +403,6 @@ def test_the_sources_compile_without_a_warning_and_take_no_memory_in_a_step(tmp_
             assert not re.search(r"\b(malloc|calloc|realloc|alloca|free)\s*\(", (folder / name).read_text())
 
 
-COUNTING = """
-#include <stddef.h>
-#include "fmi3Functions.h"
-#include "model.h"
-static long taken = 0;
-void *__real_malloc(size_t n);
-void *__real_calloc(size_t n, size_t size);
-void *__real_realloc(void *p, size_t n);
-void *__wrap_malloc(size_t n) { taken++; return __real_malloc(n); }
-void *__wrap_calloc(size_t n, size_t size) { taken++; return __real_calloc(n, size); }
-void *__wrap_realloc(void *p, size_t n) { taken++; return __real_realloc(p, n); }
-int main(void) {
-    fmi3Boolean event, end, early;
-    fmi3Float64 last, torque, seen;
-    fmi3ValueReference in = %d, out = %d;
-    fmi3Instance m = fmi3InstantiateCoSimulation("m", MODEL_TOKEN, NULL, 0, 0, 0, 0, NULL, 0, NULL, NULL, NULL);
-    if (!m || taken != 1 || fmi3EnterInitializationMode(m, 0, 0.0, 0.0, 0, 0.0) || fmi3ExitInitializationMode(m))
-        return 2;
-    taken = 0;
-    for (int k = 0; k < 2000; k++) {
-        torque = 800.0 + k %% 7;
-        if (fmi3SetFloat64(m, &in, 1, &torque, 1) || fmi3DoStep(m, 0.01 * k, 0.01, 0, &event, &end, &early, &last)
-            || fmi3GetFloat64(m, &out, 1, &seen, 1)) return 3;
-    }
-    return taken != 0;
-}
-"""
-
-
-def test_steps_take_no_memory_when_they_run(tmp_path: Path):
-    model = model_of(HOIST, Start(9000.0, 9.0))
-    write_sources(model, tmp_path / "sources", "3.0")
-    numbers = model.reference("torque_motor_nm"), model.reference("speed_motor_rad_s")
-    (tmp_path / "sources" / "driver.c").write_text(COUNTING % numbers, encoding="utf-8")
-    wrapped = [f"-Wl,--wrap={name}" for name in ("malloc", "calloc", "realloc")]
-    words = [compiling.host_compiler() or "cc", "-std=c99", "-O1", f"-I{compiling.HEADERS}", *wrapped,
-             "driver.c", *c_files("3.0"), "-o", "driver", "-lm"]  # fmt: skip
-    subprocess.run(words, cwd=tmp_path / "sources", check=True)
-    assert subprocess.run([tmp_path / "sources" / "driver"], check=False).returncode == 0
-
-
 def test_every_parameter_has_a_meaning_a_range_and_a_known_unit():
     for kind in KINDS.values():
         for key in kind.plant.parameters.values():
@@ -548,17 +413,6 @@ def test_every_parameter_has_a_meaning_a_range_and_a_known_unit():
         for v in model.variables:
             assert v.meaning, v.name
             assert v.unit == "" or exponents(v.unit), v.name
-
-
-def test_without_a_compiler_there_is_one_clear_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    monkeypatch.setattr(compiling, "has_zig", lambda: False)
-    other = "windows-x86_64" if compiling.host() != "windows-x86_64" else "linux-x86_64"
-    with pytest.raises(InputError, match=r"takes the extra: pip install '\.\[fmu\]'"):
-        write_fmu(model_of(HOIST), tmp_path / "a.fmu", platforms=[other])
-    monkeypatch.setattr(compiling, "host_compiler", lambda: None)
-    with pytest.raises(InputError, match="no C compiler is here"):
-        write_fmu(model_of(HOIST), tmp_path / "a.fmu")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_command_writes_sources_for_any_compiler(tmp_path: Path, commands: Commands):

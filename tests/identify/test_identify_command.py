@@ -21,8 +21,7 @@ from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import Hoist, default_hoist, get_value, load_machine, value_names, with_values
 from workbench.machines.kinds.hoist import guide_friction
-from workbench.view import identify as identify_page
-from workbench.view.identify import combined_weight, force_balance, law, sentences
+from workbench.view.identify import force_balance, law, sentences
 
 ROOT = Path(__file__).resolve().parents[2]
 LEVELS = ("guide.coulomb_hoisting_n", "guide.coulomb_lowering_n")
@@ -85,18 +84,6 @@ def test_written_machine_is_the_identified_one_with_its_record(written: Path, id
     assert all(entry["std_error"] > 0.0 for entry in record["parameters"].values())
 
 
-def test_replay_of_the_written_machine_gives_the_written_replay(
-    commands: Commands, folder: Path, written: Path, tmp_path: Path
-):
-    assert commands("replay", folder, "--machine", written / "machine.yaml", "--out", tmp_path / "out").status == 0
-    again, then = read_json(tmp_path / "out" / "replay.json"), read_json(written / "replay.json")
-    assert again["overall"] == pytest.approx(then["overall"], rel=2e-5)
-    for one, other in zip(again["runs"], then["runs"], strict=True):
-        assert one.pop("name") == other.pop("name")
-        assert one == pytest.approx(other, rel=2e-5)
-    assert read_json(written / "identify.json")["after"] == then["overall"]
-
-
 def test_an_identified_machine_is_a_place_to_start_from(
     commands: Commands, folder: Path, written: Path, tmp_path: Path
 ):
@@ -106,17 +93,6 @@ def test_an_identified_machine_is_a_place_to_start_from(
     assert list(second["parameters"]) == list(LEVELS)
     assert second["parameters"][LEVELS[0]]["nominal"] == pytest.approx(first["parameters"][LEVELS[0]]["value"])
     assert second["before"] == pytest.approx(first["after"], rel=2e-5)
-
-
-def test_an_identified_machine_can_be_studied(commands: Commands, written: Path, tmp_path: Path):
-    scenario = (
-        f"format: 1\nname: found\nmachine: {written / 'machine.yaml'}\npayloads_kg: [0]\nstart_position_m: 4.0\n"
-        "moves: [{by_m: 0.5}]\nlimits: {speed_m_s: 0.5, acceleration_m_s2: 0.5, jerk_m_s3: 1.0}\n"
-        "references: [ruckig]\ncontroller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}\n"
-    )
-    (tmp_path / "found.yaml").write_text(scenario)
-    done = commands("study", tmp_path / "found.yaml", "--out", tmp_path / "study")
-    assert done.status == 0, done.err
 
 
 def test_identify_json_is_complete(written: Path, identified: Identification):
@@ -129,26 +105,6 @@ def test_identify_json_is_complete(written: Path, identified: Identification):
     assert said["paper_iteration"]["hoisting"][0] == 6000.0
     assert said["statements"] == list(identified.fit.statements)
     assert said["after"]["torque_residual_rms_moving_nm"] < said["before"]["torque_residual_rms_moving_nm"]
-
-
-def test_the_page_shows_figures_6_to_8_and_how_sure_the_fit_is(written: Path):
-    page = (written / "identify.html").read_text(encoding="utf-8")
-    assert page.count('class="plotly-graph-div"') == 6
-    titles = ("Measured motor torque", "Friction law", "Measured and simulated speed", "Torque residual")
-    assert all(title in page for title in (*titles, "Friction levels over the iterations", "Correlation of"))
-    assert {p.name for p in written.iterdir()} == {"machine.yaml", "replay.json", "identify.json", "identify.html"}
-
-
-def test_the_friction_figure_shows_levels_over_the_combined_weight(identified: Identification):
-    figure = identify_page.friction(identified)
-    weight = combined_weight(identified.machine, identified.after)
-    assert weight is not None
-    assert weight == pytest.approx((8000.0 + 4500.0) * 9.81, rel=0.02)
-    (line,) = [trace for trace in figure.data if trace.name == "identified"]
-    level = identified.fit.values()[LEVELS[0]]
-    assert line.y.max() == pytest.approx(level / weight, rel=0.02)
-    (cloud,) = [trace for trace in figure.data if trace.name == "force balance of the log"]
-    assert np.median(cloud.y[cloud.x > 0.1]) == pytest.approx(level / weight, rel=0.05)
 
 
 def test_the_balance_of_the_log_shows_the_true_friction_whatever_machine_looks(campaign: Campaign):
@@ -182,22 +138,6 @@ def test_a_value_far_off_or_a_residual_above_the_noise_leads_to_diagnose(
     )
     above = replace(identified, after=replace(identified.after, residual_rms_moving=2.0 * identified.after.noise_rms))
     assert sentences(above)[-1].startswith("The residual while moving is 2.0 times the noise: the model may lack")
-
-
-def test_list_names_every_key_that_free_takes(commands: Commands, folder: Path, tmp_path: Path):
-    done = commands("identify", folder, "--list")
-    keys = [line.split()[0] for line in done.out.splitlines()[1:]]
-    assert {*LEVELS, "wire.damping_time_s", "sensors.torque_gain"} <= set(keys)
-    for key in ("wire.damping_time_s", "sheave.inertia_kg_m2"):
-        assert commands("identify", folder, "--free", f"{key}, {LEVELS[0]}").status == 0
-
-
-@pytest.mark.parametrize("free", ["", f"{LEVELS[0]},{LEVELS[0]}", f"{LEVELS[0]},"])
-def test_an_empty_or_doubled_key_is_refused(commands: Commands, folder: Path, tmp_path: Path, free: str):
-    done = commands("identify", folder, "--free", free, "--out", tmp_path / "out")
-    assert done.status == 2
-    assert "--free" in done.err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_fit_that_ends_elsewhere_than_the_truth_would_be_seen(campaign: Campaign):

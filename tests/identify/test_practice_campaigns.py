@@ -14,7 +14,6 @@ from tests.support.commands import Commands
 from workbench.machines import Hoist, load_machine
 
 WITHOUT_A_GAP = ("01", "20", "25", "26", "27", "28")
-WITH_A_GAP = [f"{number:02d}" for number in range(1, 34) if f"{number:02d}" not in WITHOUT_A_GAP]
 # Of the two hoists: friction, a large load error, two effects at once, one that no effect explains.
 DAILY = ("01", "20", "25", "05", "15", "24", "29", "33")
 LEVELS = ("guide.coulomb_hoisting_n", "guide.coulomb_lowering_n")
@@ -57,35 +56,3 @@ def test_a_machine_without_a_gap_is_explained_down_to_the_noise(
         entry = said["parameters"][key]
         assert abs(entry["value"] - entry["nominal"]) < 4.0 * machine.tolerances.coulomb * entry["nominal"], key
         assert 0.0 < entry["std_error"] < entry["nominal"]
-
-
-@pytest.mark.parametrize("number", daily(WITH_A_GAP))
-def test_a_machine_with_a_gap_gives_finite_and_sensible_figures(
-    commands: Commands, campaigns: Path, tmp_path: Path, number: str
-):
-    """Replay of all six runs; identification from two of them, which is quicker."""
-    done = commands("replay", campaigns / number, "--out", tmp_path / "replay")
-    assert done.status == 0, done.err
-    said = read_json(tmp_path / "replay" / "replay.json")
-    assert_finite(said)
-    assert len(said["runs"]) == 6
-    overall = said["overall"]
-    # A torque scale 8 % off, the largest of these gaps, is 60 N m at full load, which drifts without end.
-    assert 0.1 < overall["speed_rmse_percent"] < 400.0
-    assert overall["speed_rmse_percent_restarted_2s"] < min(overall["speed_rmse_percent"], 20.0)
-    # The two channels' noise is 2 to 3 N m a sample, 0.5 N m in the band.
-    assert 0.3 < overall["noise_rms_nm"] < 1.5
-    assert overall["noise_rms_nm"] < overall["torque_residual_rms_nm"] < 80.0
-    assert 0.1 < overall["torque_residual_percent"] < 15.0
-
-    words = ("--runs", "half_slow,full_fast", "--out", tmp_path / "found")
-    done = commands("identify", campaigns / number, *words)
-    assert done.status == 0, done.err
-    identified = read_json(tmp_path / "found" / "identify.json")
-    assert_finite(identified)
-    before, after = identified["before"], identified["after"]
-    assert after["torque_residual_rms_moving_nm"] <= before["torque_residual_rms_moving_nm"]
-    assert after["torque_residual_rms_moving_nm"] > 0.5 * after["noise_rms_nm"]
-    for key in LEVELS:
-        assert 0.0 <= identified["parameters"][key]["value"] < 4.0 * identified["parameters"][key]["nominal"], key
-    assert identified["paper_iteration"]["settled"]

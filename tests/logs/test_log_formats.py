@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +23,6 @@ from workbench.logs import read_campaign
 from workbench.logs.formats import known
 from workbench.logs.formats import opening as worker
 from workbench.logs.formats.declared import Limits, LogFormat, Opened
-from workbench.logs.formats.known import suffixes
 from workbench.logs.formats.opening import landlock_version, open_log
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -85,11 +83,6 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
     assert ".tdms or .made" in " ".join(command.get_help(click.Context(command)).split())
 
 
-def test_no_two_formats_share_a_suffix():
-    assert len(set(suffixes())) == len(suffixes())
-    assert all(suffix.startswith(".") and suffix == suffix.lower() for suffix in suffixes())
-
-
 # Parsed apart
 
 
@@ -100,11 +93,6 @@ def test_a_crash_of_the_parser_is_one_error(tmp_path, add, opener):
 
 def test_a_parser_that_takes_too_much_processor_time_is_ended(tmp_path, add):
     assert refusal(tmp_path, add, log_openers.spin) == "takes more than 1 s to read; is it damaged?"
-
-
-def test_a_parser_that_hangs_is_ended(tmp_path, add):
-    said = refusal(tmp_path, add, log_openers.sleep, own=replace(SMALL, seconds=0.05))
-    assert said == "takes more than 0.05 s to read; is it damaged?"
 
 
 @pytest.mark.skipif(not landlock_version(), reason="allowed: this kernel has no Landlock")
@@ -146,23 +134,6 @@ def test_a_worker_reads_on_after_an_error_and_is_made_anew_after_a_crash(tmp_pat
         refusal(tmp_path, add, opener)
         with open_log(good) as log:
             assert len(log.read(["time_s"])["time_s"]) == 500
-
-
-def test_several_threads_read_at_once(tmp_path):
-    good = tmp_path / "good.mat"
-    scipy.io.savemat(good, hoist_columns())
-    lengths = []
-
-    def read() -> None:
-        with open_log(good) as log:
-            lengths.append(len(log.read(["time_s"])["time_s"]))
-
-    threads = [threading.Thread(target=read) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert lengths == [500] * 4
 
 
 def alive(pid: int) -> bool:

@@ -14,8 +14,7 @@ from tests.support.noisy_runs import hoist_runs
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.logs import read_campaign
-from workbench.logs.formats.declared import Channel, at_times
-from workbench.logs.formats.drive_csv import split_unit
+from workbench.logs.formats.declared import Channel
 from workbench.logs.importing import NOMINAL, UNITS, UNSAID, propose, quantity_of, read_channels, unit_of
 from workbench.machines import KINDS, Axis, Hoist, LinearAxis, default_hoist, save_machine
 
@@ -185,32 +184,10 @@ def test_each_motor_has_its_torque_and_a_set_point_is_no_actual_value():
     assert made.unused == ("Temp motor 1", "Status")
 
 
-def test_what_is_missing_is_said_with_the_columns_there_are():
-    with pytest.raises(InputError, match=r"looks like speed_motor_rad_s; the file has: Torque \[Nm\], Level \[mm\]"):
-        propose(HOIST, channels(("Torque", "Nm"), ("Level", "mm")))
-
-
 def test_every_signal_of_every_kind_has_a_quantity_with_a_unit():
     known = {quantity for quantity, _ in (unit_of(text) for text in ("s", "Nm", "rpm", "mm", "kN", "deg", "m/s"))}  # type: ignore[misc]
     for kind in KINDS.values():
         assert {quantity_of(signal) for signal in kind.signals.names} <= known
-
-
-@pytest.mark.parametrize(
-    ("title", "parts"),
-    [
-        ("Torque [Nm]", ("Torque", "Nm")), ("n_ist (1/min)", ("n_ist", "1/min")), ("v / m/s", ("v", "m/s")),
-        ("a/b", ("a/b", "")), ("plain", ("plain", "")),
-    ],
-)  # fmt: skip
-def test_a_unit_is_parted_from_its_name(title: str, parts: tuple[str, str]):
-    assert split_unit(title) == parts
-
-
-def test_a_slow_channel_is_a_line_between_its_samples_and_missing_beyond_its_ends():
-    slow = Channel("slow", "", np.array([0.0, 1.0, 2.0]), np.array([0.0, 10.0, 0.0]))
-    out = at_times(slow, np.array([0.0, 0.5, 1.5, 2.4, 3.0]))
-    assert np.array_equal(out[:4], [0.0, 5.0, 5.0, 0.0]) and np.isnan(out[4])
 
 
 def test_units_and_scales_are_named_by_the_user_and_runs_by_a_table(tmp_path: Path, commands: Commands):
@@ -307,33 +284,3 @@ def test_a_trend_of_studio_5000_is_read_over_midnight(tmp_path: Path):
         with pytest.raises(InputError, match=said) as refused:
             read_channels(tmp_path / "trend.csv")
         assert refused.value.line == len(TREND) + 4
-
-
-def test_a_sinumerik_trace_holds_what_does_not_change_and_skips_what_is_no_value(tmp_path: Path):
-    (tmp_path / "trace.xml").write_text(
-        '<trace><traceDisplaySetup><signals><signal key="7" description="Drehmoment [Nm]" name="r80"/></signals>'
-        '</traceDisplaySetup><traceData><dataFrame><dataSignal key="7"/><dataSignal key="8" name="speed" '
-        'description="speed (64 bit)"/><rec time="0" f1="1.5" f2="9218868437227405312"/><rec time="0.002" f2="3"/>'
-        '<rec time="0.004" f1="2.5"/></dataFrame></traceData></trace>'
-    )
-    torque, speed = read_channels(tmp_path / "trace.xml")
-    assert (torque.name, torque.unit) == ("Drehmoment", "Nm") and torque.time_s.tolist() == [0.0, 0.002, 0.004]
-    assert torque.values.tolist() == [1.5, 1.5, 2.5] and np.array_equal(
-        speed.values, [np.nan, 3.0, 3.0], equal_nan=True
-    )
-    (tmp_path / "trace.xml").write_text("<trace/>")
-    assert "holds no trace" in str(refusal(tmp_path / "trace.xml"))
-
-
-def test_a_scope_with_full_time_stamps_counts_in_windows_time(tmp_path: Path):
-    as_scope(tmp_path / "scope.csv")
-    text = (tmp_path / "scope.csv").read_text().split("\n")
-    for i, line in enumerate(text[9:-2], 9):
-        cells = line.split("\t")
-        for j in (0, 2):
-            ticks = round(1e4 * float(cells[j].replace(",", "."))) if cells[j] else 0
-            cells[j] = str(132960000000000000 + ticks) if cells[j] else ""
-        text[i] = "\t".join(cells)
-    (tmp_path / "full.csv").write_text("\n".join(text))
-    for plain, full in zip(*(read_channels(tmp_path / name) for name in ("scope.csv", "full.csv")), strict=True):
-        assert np.diff(full.time_s) == pytest.approx(np.diff(plain.time_s), abs=5e-6)

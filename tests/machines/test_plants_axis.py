@@ -8,11 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.special
+from hypothesis import given
 from hypothesis import strategies as st
 
 from workbench.core.run import Array
 from workbench.engine import kernels
-from workbench.machines import PLANTS, Plant
+from workbench.engine.statics import hang_still
+from workbench.machines import PLANTS, Effects, Plant
+from workbench.machines.kinds.two_inertia import coupling
 
 LINEAR, ROTARY = PLANTS["axis-linear"], PLANTS["axis-rotary"]
 BOTH = pytest.mark.parametrize("plant", [LINEAR, ROTARY], ids=["linear", "rotary"])
@@ -86,3 +89,143 @@ parameters = st.builds(
     *(st.floats(0.1, 100.0), *(st.floats(0.0, 50.0) for _ in range(3)), st.floats(1e-4, 0.1)),
     *(st.floats(-30.0, 30.0) for _ in range(2)),
 )
+
+
+# The axis of two inertias against closed forms: frequencies, energy, play, and the stiff axis it ends in.
+
+
+PLANT, STIFF = PLANTS["two_inertia"], PLANTS["axis-rotary"]
+FREE_PLANTS = {
+    "M": 0.02, "B": 0.0, "F_f": 0.0, "F_b": 0.0, "v_s": 1e-3, "k": 900.0, "c": 0.0, "b": 0.0,
+    "M_l": 0.05, "B_l": 0.0, "F_lf": 0.0, "F_lb": 0.0, "v_ls": 1e-3, "G": 0.0, "C": 0.0,
+}  # fmt: skip
+RESONANCE_HZ = math.sqrt(900.0 * (1.0 / 0.02 + 1.0 / 0.05)) / (2.0 * math.pi)
+LOAD_HZ = math.sqrt(900.0 / 0.05) / (2.0 * math.pi)  # with the motor held: the anti-resonance
+
+positive = st.floats(0.01, 10.0)
+levels = st.floats(0.0, 5.0)
+parameters_plants = st.builds(
+    lambda *v: SimpleNamespace(**dict(zip(FREE_PLANTS, v, strict=True))),
+    positive, levels, levels, levels, st.floats(1e-3, 0.1), st.floats(10.0, 1e4), st.floats(0.0, 5.0),
+    st.one_of(st.just(0.0), st.floats(1e-3, 0.1)),
+    positive, levels, levels, levels, st.floats(1e-3, 0.1), levels, st.floats(-5.0, 5.0),
+)  # fmt: skip
+angles, speeds = st.floats(-0.2, 0.2), st.floats(-2.0, 2.0)
+
+
+def move_plants(
+    changes: dict[str, float], end_s: float, start: tuple[float, ...], u: float = 0.0
+) -> tuple[Array, Array]:
+    """Times, and states (n, 4): both angles, both speeds, under a constant torque."""
+    p = {**FREE_PLANTS, **changes}
+    times = np.linspace(0.0, end_s, 2001)
+    out = kernels.replay(
+        PLANT,
+        np.array([[p[name]] for name in PLANT.parameters]),
+        times[:, None],
+        np.full((2001, 1), u),
+        np.array(start)[:, None],
+        np.array([[1.0], [1.0]]),
+    )
+    return times, out[:, :4, 0]
+
+
+def driven(changes: dict[str, float], time: Array, angle: Array, speed: Array, acceleration: Array) -> Array:
+    """Torque (n,) that a motion of the motor takes, the load at its even swing."""
+    p = SimpleNamespace(**{**FREE_PLANTS, **changes})
+    gain = p.k / (p.k - p.M_l * (2.0 * math.pi * changes["hz"]) ** 2) if "hz" in changes else 1.0
+    out = kernels.driven(
+        PLANT,
+        np.array([[getattr(p, name)] for name in PLANT.parameters]),
+        time[:, None],
+        angle[:, None],
+        speed[:, None],
+        acceleration[:, None],
+        np.array([[gain * angle[0]], [gain * speed[0]]]),
+        np.array([[1.0], [1.0]]),
+        tolerance=1e-8,
+        threads=1,
+    )
+    return np.asarray(out[:, 0, 0])
+
+
+def test_a_twisted_axis_swings_at_the_resonance_of_both_inertias_against_each_other():
+    t, s = move_plants({}, 0.5, (0.01, 0.0, 0.0, 0.0))
+    twist = s[:, 0] - s[:, 1]
+    assert twist == pytest.approx(0.01 * np.cos(2.0 * math.pi * RESONANCE_HZ * t), abs=2e-5)
+    assert 0.02 * s[:, 2] + 0.05 * s[:, 3] == pytest.approx(np.zeros(len(t)), abs=1e-6)  # nothing from outside
+
+
+@pytest.mark.parametrize("share", [0.3, 0.8, 1.25])
+def test_the_torque_of_a_sine_is_that_of_the_closed_form(share):
+    """T = -w^2 (M + M_l/(1 - (f/f_a)^2)) theta."""
+    hz = share * LOAD_HZ
+    t = np.linspace(0.0, 5.0 / hz, 4001)
+    w = 2.0 * math.pi * hz
+    angle = 0.01 * np.sin(w * t)
+    torque = driven({"hz": hz}, t, angle, 0.01 * w * np.cos(w * t), -(w**2) * angle)
+    felt = 0.02 + 0.05 / (1.0 - share**2)
+    assert torque == pytest.approx(-(w**2) * felt * angle, abs=2e-3 * w**2 * abs(felt) * 0.01)
+
+
+@given(p=parameters_plants, x=angles)
+def test_the_holding_input_holds_with_play_and_without(p, x):
+    q, hold = PLANT.equilibrium(x, p)
+    a, a_l = PLANT.accelerations(0.0, q, [0.0, 0.0], hold, p)
+    assert q[0] == x
+    assert a * p.M == pytest.approx(0.0, abs=1e-6 * max(1.0, p.k * abs(q[1] - x)))
+    assert a_l * p.M_l == pytest.approx(0.0, abs=1e-3 if 0.3 * p.k < p.G else 1e-6)
+
+
+def test_within_the_play_the_motor_turns_alone():
+    """From one flank to the other: b = u t^2 / (2 M); the load does not feel it."""
+    b, u = 0.02, 0.5
+    crossing = math.sqrt(2.0 * b * 0.02 / u)
+    t, s = move_plants({"b": b}, 2.0 * crossing, (-b / 2.0, 0.0, 0.0, 0.0), u=u)
+    free = t < 0.98 * crossing
+    assert s[free, 0] + b / 2.0 == pytest.approx(u * t[free] ** 2 / (2.0 * 0.02), rel=1e-3, abs=1e-6)
+    assert np.max(np.abs(s[free, 3])) < 1e-3
+    assert np.max(s[~free, 3]) > 0.1  # the impact
+
+
+def test_a_flank_pushes_and_never_pulls():
+    p = SimpleNamespace(**{**FREE_PLANTS, "b": 0.01, "c": 50.0})
+    parting = PLANT.outputs(0.0, [0.006, 0.0], [-1.0, 1.0], 0.0, p)["torque_coupling_nm"]
+    assert 0.0 <= parting < 1e-4  # but for the grease
+
+
+def test_a_stiff_coupling_is_an_axis_of_both_inertias():
+    changes = {"k": 1e6, "c": 30.0, "B": 0.1, "F_f": 0.4, "F_b": 0.3, "C": 0.2}
+    _, s = move_plants(changes, 1.0, (0.0, 0.0, 0.0, 0.0), u=2.0)
+    p = {"M": 0.07, "B": 0.1, "F_f": 0.4, "F_b": 0.3, "v_s": 1e-3, "G": 0.0, "C": 0.2}
+    times = np.linspace(0.0, 1.0, 2001)
+    one = kernels.replay(
+        STIFF, np.array([[p[name]] for name in STIFF.parameters]), times[:, None], np.full((2001, 1), 2.0),
+        np.zeros((2, 1)), np.array([[1.0]]),
+    )  # fmt: skip
+    assert s[:, 2] == pytest.approx(one[:, 1, 0], abs=2e-3 * float(np.max(one[:, 1, 0])))
+
+
+@pytest.mark.parametrize(
+    ("place", "added", "expected"),
+    [
+        ("axis_force", 3.0, (7.0 + 3.0 - 900.0 * 0.01) / 0.02),
+        ("axis_inertia", 0.02, (7.0 - 900.0 * 0.01) / 0.04),
+        ("coupling_compliance", 1.0, (7.0 - 450.0 * 0.01) / 0.02),
+        ("coupling_torque_nm", 4.0, (7.0 - 900.0 * 0.01 - 4.0) / 0.02),
+        ("load_inertia_kg_m2", 0.05, 900.0 * 0.01 / 0.1),
+    ],
+)
+def test_what_is_added_at_a_place_does_what_the_place_says(place, added, expected):
+    effects = Effects({place: [lambda s, p: added]})
+    rates = PLANT.accelerations(0.0, [0.01, 0.0], [0.0, 0.0], 7.0, SimpleNamespace(**FREE_PLANTS), effects)
+    assert rates[place == "load_inertia_kg_m2"] == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("load", [-2.0, 0.0, 2.0])
+def test_a_load_finds_its_place_behind_play_that_an_effect_adds(load):
+    """The plain place lies within the play: it is left for the flank that the load lies on."""
+    effects = Effects({"coupling_torque_nm": [lambda s, p: coupling(s.twist, s.rate, s.k, s.c, 0.02)[0] - s.torque]})
+    q, u = hang_still(PLANT, effects, [SimpleNamespace(**{**FREE_PLANTS, "C": load})], [0.3], [0.0])
+    assert u[0] == pytest.approx(load, abs=1e-6)
+    assert q[0, 0] - q[1, 0] == pytest.approx(load / 900.0 + math.copysign(0.01, load) * bool(load), abs=1e-6)

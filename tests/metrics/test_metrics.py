@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.ideal import ideal_hoist
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
 from workbench.machines import KINDS, PLANTS, Drive, default_hoist, with_values
@@ -217,33 +216,3 @@ def test_the_compiled_loop_gives_the_metrics_of_its_own_recorded_signals(monkeyp
         assert measured[name] == pytest.approx(value, rel=1e-9), name
     assert result.metrics["slack_events"] >= 1.0  # the case says something
     assert min(result.metrics["energy_motoring_j"], result.metrics["energy_regenerated_j"]) > 0.0
-
-
-def test_work_from_the_metrics_is_the_integral_of_torque_over_angle(monkeypatch):
-    record_the_angle(monkeypatch)
-    reference = np.interp(np.arange(1500) * 0.001, [0.1, 0.5, 0.7, 1.2], [0.0, 40.0, 40.0, -40.0])
-    settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
-    result = simulate_loop([LoopCase("run", ideal_hoist(), 4500.0, 10.0, settings, reference)], record_every=1)[0]
-    net = result.metrics["energy_motoring_j"] - result.metrics["energy_regenerated_j"]
-    torque, angle = result.run["torque_motor_nm"], result.run["angle_motor_rad"]
-    assert net == pytest.approx(float(np.sum(torque[:-1] * np.diff(angle))), rel=1e-9)
-
-
-def lifted(**values: float) -> dict[str, float]:
-    machine = with_values(default_hoist(), {"drive.overload": 3.0, **values})
-    reference = np.interp(np.arange(4000) * 0.001, [0.1, 0.6, 1.6, 2.1], [0.0, 60.0, 60.0, 0.0])
-    case = LoopCase("lift", machine, 4500.0, 8.0, PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0), reference)
-    (done,) = simulate_loop([case], record_every=1)
-    r, w = done.run["speed_reference_rad_s"], done.run["speed_motor_rad_s"]
-    behind = np.cumsum(r - w) * 0.001 * machine.lift_m_per_rad
-    assert done.metrics["position_error_max_m"] == pytest.approx(np.abs(behind).max(), rel=1e-9)
-    assert done.metrics["torque_rate_max_nm_per_s"] == pytest.approx(
-        np.abs(np.diff(done.run["torque_motor1_nm"])).max() / 0.001, rel=1e-9
-    )
-    return done.metrics
-
-
-def test_in_the_compiled_loop_the_breaking_load_gives_its_factor():
-    factor = lifted(**{"wire.breaking_load_n": 5e5})
-    assert factor["wire_safety_factor"] == pytest.approx(5e5 / factor["max_wire_tension_n"])
-    assert lifted()["wire_safety_factor"] == pytest.approx(547e3 / factor["max_wire_tension_n"])

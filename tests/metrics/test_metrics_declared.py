@@ -6,26 +6,17 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tests.metrics.test_metrics import P, trace
 from tests.support.commands import Commands
 from tests.support.dashboard_app import page
-from tests.support.made_pages import made_pages
 from tests.support.scenario_text import write
 from workbench.cli import cli
-from workbench.core.errors import InputError
-from workbench.dashboard.desk import START
 from workbench.machines import default_hoist
-from workbench.metrics import LoopMetric, RunMetric, View, add, columns, find, forget_added, measure, shown_in
-from workbench.study.conclude import sentences
-from workbench.study.load import plan_study
-from workbench.study.rows import Row
+from workbench.metrics import LoopMetric, RunMetric, add, columns, find, forget_added
 from workbench.study.store import read_finished
 from workbench.view import study as tables
-from workbench.view.study import figures_of
 
 SCENARIO = """\
 format: 1
@@ -97,31 +88,6 @@ def test_it_is_a_column_of_the_printed_table_with_its_own_head_unit_and_digits(f
     assert "longest move" in shown.note
 
 
-def test_many_runs_have_its_quantiles_and_its_worst_run(folders: dict[str, Path]) -> None:
-    rows = read_finished(folders["sample"]).rows
-    assert "drum torque peak kN m" in tables.quantile_table(rows).heads
-    ends = tables.extremes_table(rows, []).rows
-    assert "worst drum torque peak" in [line[0] for line in ends]
-
-
-def test_sentences_say_what_a_sweep_does_to_it(folders: dict[str, Path]) -> None:
-    said = " ".join(sentences(read_finished(folders["sweep"]).rows, 768.0))
-    assert "the drum torque peak goes from" in said and "kN m" in said
-
-
-def test_figures_draw_it_over_a_sweep_and_in_the_scatter(folders: dict[str, Path]) -> None:
-    for name in ("sweep", "sample"):
-        drawn = " ".join(figure.to_json() for figure, _ in figures_of(read_finished(folders[name])))
-        assert "drum torque peak" in drawn, name
-
-
-def test_the_report_has_it(folders: dict[str, Path], tmp_path: Path) -> None:
-    page_file = tmp_path / "report.html"
-    done = CliRunner().invoke(cli, ["report", str(folders["plain"]), "--out", str(page_file)], catch_exceptions=False)
-    assert done.exit_code == 0
-    assert "drum torque" in page_file.read_text(encoding="utf-8")
-
-
 def test_compare_shows_it_knows_which_way_is_worse_and_takes_limits(
     folders: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -133,11 +99,6 @@ def test_compare_shows_it_knows_which_way_is_worse_and_takes_limits(
     assert "peak_drum_torque_nm" in done.out
     assert said["regressions"] and all(run["b"] > run["a"] + 1.0 for run in said["regressions"])
     assert done.status == 1
-
-
-def test_the_docs_define_it(declared: None) -> None:
-    assert "| `peak_drum_torque_nm` | N m | lower | 10 | largest torque of the drum" in made_pages().metrics_page()
-    assert "| `longest_move_s` | s | lower | 0.001 | time of the longest move" in made_pages().metrics_page()
 
 
 def test_the_dashboard_shows_it_on_study_and_compare(declared: None) -> None:
@@ -158,32 +119,3 @@ def test_the_dashboard_shows_it_on_study_and_compare(declared: None) -> None:
     assert not both.exception
     words = {str(cell).replace("\\", "") for cell in both.table[0].value.iloc[:, 0]}
     assert {"Drum torque peak (kN m)", "Longest move (s)"} <= words
-
-
-def test_a_log_is_measured_by_it(declared: None) -> None:
-    assert measure(trace(), P)["peak_drum_torque_nm"] == pytest.approx(300.0 * P.ratio)
-
-
-def test_a_study_with_it_is_another_study(declared: None) -> None:
-    with_it = plan_study(START, default_hoist()).fingerprint
-    forget_added()
-    without = plan_study(START, default_hoist()).fingerprint
-    add(DRUM, LONGEST)
-    assert with_it != without
-
-
-def test_a_name_is_taken_once(declared: None) -> None:
-    with pytest.raises(InputError, match=r"the metric name 'peak_drum_torque_nm' is taken"):
-        add(DRUM)
-
-
-def test_a_metric_that_is_shown_nowhere_stands_in_the_index_only() -> None:
-    everywhere = {metric.name for view in View for metric in shown_in(view)}
-    assert "rail_margin_m" not in everywhere and "rail_margin_m" in columns()
-
-
-def test_a_misspelt_metric_of_a_row_is_answered_with_the_nearest_one() -> None:
-    row = Row("r1", "s", "ok", "", 0.0, "ruckig", {"peak_torque_percent": 1.0, "move_time_s": None})
-    with pytest.raises(InputError, match=r"r1: no metric 'peak_torque'; did you mean 'peak_torque_percent'\?"):
-        row["peak_torque"]
-    assert np.isnan(row["move_time_s"]) and np.isnan(row.get("no_such_metric"))

@@ -12,9 +12,9 @@ import pytest
 from workbench.core.errors import InputError
 from workbench.effects.registry import find
 from workbench.machines import default_hoist
-from workbench.machines.multibody import NO_SWITCHES, Switches, switches_of
+from workbench.machines.multibody import switches_of
 from workbench.machines.multibody.exudyn_import import engine
-from workbench.machines.multibody.switches import _EFFECTS, _SENSORS
+from workbench.machines.multibody.switches import _EFFECTS
 
 OWN = ("workbench.core.", "workbench.machines.multibody.")
 PACKAGE = Path(__file__).resolve().parents[2] / "workbench" / "machines" / "multibody"
@@ -53,10 +53,6 @@ def test_without_the_extra_one_line_says_how_to_get_it(monkeypatch: pytest.Monke
     engine.cache_clear()
 
 
-def test_a_plain_machine_has_every_switch_off():
-    assert switches_of(MACHINE) == NO_SWITCHES == Switches()
-
-
 @pytest.mark.parametrize("name", sorted(_EFFECTS))
 def test_an_effect_is_taken_under_the_librarys_names(name: str):
     parameters = {parameter.named("hoist") for parameter in find(name, "hoist").parameters}
@@ -65,11 +61,6 @@ def test_an_effect_is_taken_under_the_librarys_names(name: str):
     changed = switches_of(MACHINE.model_copy(update={"effects": {name: values}}))
     fields = {field for parameter in parameters for field in _EFFECTS[name][parameter]}
     assert all(getattr(changed, field) == 0.125 for field in fields)
-
-
-def test_effects_of_the_log_move_no_machine():
-    effects: dict[str, dict[str, float]] = {name: {} for name in _SENSORS}
-    assert switches_of(MACHINE.model_copy(update={"effects": effects})) == NO_SWITCHES
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from workbench.core.run import Array, Run
+from workbench.core.run import Array
 from workbench.machines import Hoist, default_hoist, with_values
 from workbench.machines.multibody import Driven, MotionResult, Outcome, Shaft, Switches, move, sampled
 
 MACHINE = default_hoist()
 SMOOTH = with_values(
-    MACHINE,
-    {"guide.coulomb_hoisting_n": 0.0, "guide.coulomb_lowering_n": 0.0, "bearing.pin_friction_coefficient": 0.0},
+    MACHINE, {"guide.coulomb_hoisting_n": 0.0, "guide.coulomb_lowering_n": 0.0, "bearing.pin_friction_coefficient": 0.0}
 )
 # Nothing loses energy; the wire is as stiff as before and weighs next to nothing.
 LOSSLESS = with_values(
@@ -181,31 +180,6 @@ def test_roller_friction_grows_with_payload_and_reach():
     assert near[1] < far[1] < heavy[1]
 
 
-@pytest.mark.parametrize("bristle", [0.0, 3e-4])
-def test_in_motion_the_guides_friction_is_its_coulomb_level(bristle: float):
-    run = move(MACHINE, 4500.0, 6.0, regulated(60.0), 4.0, step_s=0.004, switches=Switches(bristle_m=bristle)).run
-    assert run["force_guide_n"][-1] == pytest.approx(MACHINE.guide.coulomb_hoisting_n, rel=0.02)
-
-
-@pytest.mark.parametrize("bristle", [0.0, 3e-4])
-def test_friction_of_a_height_and_a_speed_acts_there_with_bristles_too(bristle: float):
-    """A bell whose middle is where the run ends, and a Stribeck peak at the speed that it ends with."""
-
-    def pulled(**more: Any) -> Run:
-        switches = Switches(bristle_m=bristle, **more)
-        return move(MACHINE, 4500.0, 6.0, regulated(20.0), 4.0, step_s=0.004, switches=switches).run
-
-    plain = pulled()
-    x, v = (float(plain[name][-1]) for name in ("position_carriage_m", "speed_carriage_m_s"))
-    turned = 1.0 if bristle else 2.0 / math.pi * math.atan(MACHINE.guide.atan_slope_s_per_m * v)
-    bell = pulled(bell_n=900.0, bell_m=x, bell_width_m=0.1)["force_guide_n"] - plain["force_guide_n"]
-    assert bell[-1] == pytest.approx(900.0 * turned, rel=0.02)
-    early = np.interp(x - 0.2, plain["position_carriage_m"], bell)  # two widths before its middle
-    assert early == pytest.approx(900.0 * math.exp(-2.0) * turned, rel=0.1)
-    peak = pulled(peak_up_n=700.0, stribeck_m_s=v)["force_guide_n"] - plain["force_guide_n"]
-    assert peak[-1] == pytest.approx(700.0 * math.exp(-1.0) * turned, rel=0.02)
-
-
 @pytest.mark.parametrize(
     ("effect", "more_n"),
     [
@@ -223,58 +197,12 @@ def test_an_effect_of_the_guide_acts_as_the_library_says(effect: dict[str, Any],
     assert run["force_guide_n"][-1] == pytest.approx(expected + more_n(v), rel=2e-3)
 
 
-def test_a_fan_on_the_motor_takes_its_torque():
-    plain, fan = (
-        move(machine, 4500.0, 6.0, regulated(60.0), 4.0, step_s=0.004).run
-        for machine in (MACHINE, MACHINE.model_copy(update={"effects": {"motor_fan": {"drag_nm_s2": 0.01}}}))
-    )
-    assert fan["torque_motor_nm"][-1] - plain["torque_motor_nm"][-1] == pytest.approx(36.0, rel=0.02)
-
-
-def test_bristles_hold_the_load_where_it_rests():
-    """A little torque more bends them and moves nothing; without bristles the carriage creeps off."""
-
-    def crept(switches: Switches) -> float:
-        run = move(MACHINE, 4500.0, 6.0, torque(lambda t: 8.0 * min(t, 1.0)), 4.0, step_s=0.004, switches=switches).run
-        half, end = np.interp([2.0, 4.0], run.time_s, run["position_carriage_m"])
-        return float(abs(end - half))
-
-    assert crept(Switches(bristle_m=3e-4)) < 0.05 * crept(Switches())
-
-
-def test_gear_loss_and_brake_take_their_torque():
-    def held(switches: Switches, brake: float = 0.0) -> float:
-        def start(hold: float) -> Driven:
-            inner = regulated(40.0)(hold)
-            return lambda shaft, until: (inner(shaft, until)[0], brake)
-
-        return float(move(SMOOTH, 4500.0, 6.0, start, 4.0, step_s=0.004, switches=switches).run["torque_motor_nm"][-1])
-
-    plain = held(Switches())
-    assert held(Switches(gear_loss=0.05)) == pytest.approx(1.05 * plain, rel=2e-3)
-    assert held(Switches(), 30.0) == pytest.approx(plain + 30.0, rel=2e-3)
-
-
 def test_a_wire_pulls_and_never_pushes():
     run = move(MACHINE, 0.0, 9.0, torque(lambda t: -20000.0), 0.5, step_s=0.002).run
     assert np.min(run["tension_min_n"]) < 100.0  # the drum outruns the carriage
     assert np.min(run["tension_min_n"]) > -1.0
     fallen = 9.0 - run["position_carriage_m"]
     assert np.all(fallen <= 0.5 * MACHINE.gravity_m_s2 * run.time_s**2 * 1.001 + 1e-9)  # falls, and is not thrown
-
-
-def test_rollers_that_rattle_in_their_play_are_followed_at_the_usual_step():
-    """A heavy carriage with little to lean on, thrown up and down: contact is lost and found again."""
-    arm = {"reach_m": 0.9, "pipe_offset_m": 0.0, "roller_stiffness_n_per_m": 2.7e8}
-    guide = {"coulomb_hoisting_n": 15000.0, "coulomb_lowering_n": 12000.0}
-    values = {f"arm.{name}": value for name, value in arm.items()} | {f"guide.{n}": v for n, v in guide.items()}
-    machine = with_values(MACHINE, {"carriage.mass_kg": 18000.0, **values})
-    drive = torque(lambda t: 400.0 * math.copysign(1.0, math.sin(4.0 * t)))
-    switches = Switches(clearance_m=8e-4, roller_friction=4e-4)
-    result = move(machine, 0.0, 9.0, drive, 4.0, step_s=0.005, record_every=1, switches=switches)
-    normal = np.array([result.run[name] for name in result.run.signals if name.startswith("force_roller")])
-    assert np.min(np.abs(normal)) < 1e-3 * np.max(np.abs(normal))  # some have lost touch
-    assert result.outcome is Outcome.COMPLETED and result.steps == 800
 
 
 def test_a_motion_that_does_not_converge_ends_with_time_and_state():
@@ -290,19 +218,3 @@ def test_an_arm_too_soft_for_its_load_ends_at_once_with_height_and_payload():
     assert result.outcome is Outcome.NO_EQUILIBRIUM and len(result.run.time_s) == 0
     assert "at height 8.000 m with 4500 kg" in result.at
     assert time.process_time() - began < 5.0  # it took minutes
-
-
-def test_a_run_that_starts_in_motion_goes_on_evenly():
-    """With the torque that holds, less what friction takes, the speed hardly changes at first."""
-    result = move(SMOOTH, 4500.0, 9.0, torque(lambda t: 0.0), 1.0, step_s=0.004, start_speed_rad_s=50.0)
-    assert result.run["speed_motor_rad_s"] == pytest.approx(50.0, abs=0.5)
-    assert result.run["speed_carriage_m_s"][-1] == pytest.approx(50.0 * MACHINE.lift_m_per_rad, rel=0.02)
-
-
-def test_heave_weighs_on_the_wire():
-    """At rest under a stiff loop the tension swings with the platform's acceleration A w²."""
-    heave = Switches(heave_m=0.3, heave_rad_s=1.0)
-    run = move(MACHINE, 9000.0, 9.0, regulated(0.0), 13.0, step_s=0.005, switches=heave).run
-    swing = np.ptp(run["tension_dead_line_n"][run.time_s > 6.5]) / 2.0
-    mass = (MACHINE.carriage.mass_kg + 9000.0) / 2.0
-    assert swing == pytest.approx(mass * 0.3, rel=0.15)

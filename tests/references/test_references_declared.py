@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -10,14 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from tests.support.dashboard_app import page
-from tests.support.made_pages import made_pages
 from tests.support.scenario_text import study_of
 from workbench.cli import cli
-from workbench.core.errors import InputError
 from workbench.references import (
     Limits,
     Move,
@@ -31,12 +25,9 @@ from workbench.references import (
     plan_motion,
     planned,
     planned_kind,
-    planned_kinds,
-    usual_kinds,
 )
 from workbench.references.limits import Step
 from workbench.references.shape import shortest_move, shortest_ramp
-from workbench.study.scenario import json_schema
 from workbench.study.store import read_finished
 from workbench.view.study import conclusions
 
@@ -80,13 +71,6 @@ def test_its_own_duration_counts_and_not_the_trapezoids() -> None:
 
 
 @pytest.mark.usefixtures("declared")
-def test_its_own_ramp_makes_its_jogs() -> None:
-    plan = plan_motion("half_acceleration", [Step(speed_m_s=0.5, for_s=4.0), Step(speed_m_s=0.0, for_s=3.0)], 4.0,
-                       LIMITS, RAIL)  # fmt: skip
-    assert np.abs(plan.sample(0.01).acceleration_m_s2).max() == pytest.approx(0.25)
-
-
-@pytest.mark.usefixtures("declared")
 def test_a_scenario_runs_it_and_all_that_shows_a_study_shows_it(tmp_path: Path) -> None:
     study = study_of(tmp_path, "", "references: [trapezoid, ruckig]", "references: [trapezoid, half_acceleration]")
     assert study.plans["half_acceleration"].duration_s > study.plans["trapezoid"].duration_s
@@ -108,37 +92,6 @@ def test_a_scenario_runs_it_and_all_that_shows_a_study_shows_it(tmp_path: Path) 
         assert "half acceleration" in text and "#CC79A7" in text, file.name
 
 
-@pytest.mark.usefixtures("declared")
-def test_the_schema_and_the_docs_name_it() -> None:
-    assert '"half_acceleration"' in str(json_schema("scenario")).replace("'", '"')
-    assert "| `half_acceleration` | half acceleration | a trapezoid under half" in made_pages().references_page()
-
-
-@pytest.mark.usefixtures("declared")
-def test_the_dashboard_offers_it() -> None:
-    app = page("Study").run()
-    assert not app.exception
-    choice = next(group for group in app.button_group if group.label == "Against the trapezoid")
-    assert "half acceleration" in [str(option) for option in choice.options]
-
-
-@pytest.mark.usefixtures("declared")
-def test_a_scenario_with_it_is_another_study_where_it_is_declared_otherwise(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    texts = "", "[trapezoid, ruckig]", "[trapezoid, half_acceleration]"
-    first = study_of(tmp_path, *texts).fingerprint
-    monkeypatch.setattr("workbench.references.kind._digest", lambda kind: "other")
-    assert study_of(tmp_path, *texts).fingerprint != first
-
-
-def test_a_scenario_that_names_no_references_runs_the_usual_ones_only(declared: PlannedKind, tmp_path: Path) -> None:
-    assert usual_kinds() == ("trapezoid", "ruckig", "ruckig_equal_time")
-    study = study_of(tmp_path, "", "references: [trapezoid, ruckig]\n", "")
-    assert study.scenario.kinds == usual_kinds()
-    assert json_schema("scenario")["properties"]["references"]["default"] == list(usual_kinds())
-
-
 def test_a_kind_may_take_the_time_of_any_other(declared: PlannedKind) -> None:
     quick = Limits(LIMITS.speed_m_s, 1.5 * LIMITS.acceleration_m_s2)
     add(replace(declared, name="quick", move=lambda move: shortest_move(move.distance_m, quick)))
@@ -146,27 +99,3 @@ def test_a_kind_may_take_the_time_of_any_other(declared: PlannedKind) -> None:
     wanted = 12.0 / 0.7 + 0.7 / 0.75
     assert move_shape(as_long, 12.0, LIMITS).duration_s == pytest.approx(wanted, abs=1e-9)
     assert move_time_s(as_long, 12.0, LIMITS) == pytest.approx(wanted, abs=1e-9)
-
-
-def test_a_name_is_taken_once() -> None:
-    with pytest.raises(InputError, match="the reference name 'ruckig' is taken"):
-        add(planned_kind("ruckig"))
-
-
-@pytest.mark.parametrize("name", sorted(name for name, kind in planned_kinds().items() if not kind.needs_load))
-@settings(max_examples=25, deadline=None)
-@given(st.floats(0.05, 20.0), st.floats(0.1, 2.0), st.floats(0.1, 2.0), st.floats(0.2, 5.0))
-def test_a_kinds_duration_is_that_of_its_shape(
-    name: str, distance_m: float, speed: float, acceleration: float, jerk: float
-) -> None:
-    kind, limits = planned_kinds()[name], Limits(speed, acceleration, jerk)
-    took = move_shape(kind, distance_m, limits).duration_s
-    assert math.isclose(move_time_s(kind, distance_m, limits), took, rel_tol=1e-9, abs_tol=1e-8)
-
-
-@pytest.mark.parametrize(
-    "name", sorted(name for name, kind in planned_kinds().items() if kind.needs_jerk and not kind.needs_load)
-)
-def test_a_kind_that_needs_a_jerk_limit_says_so(name: str) -> None:
-    with pytest.raises(InputError, match=f"jerk_m_s3: '{name}' needs a finite jerk limit"):
-        move_time_s(planned_kind(name), 1.0, Limits(0.7, 0.5))

@@ -10,18 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from workbench.core.errors import InputError
 from workbench.machines import Hoist, Load, default_hoist, load_of, with_values
-from workbench.references import (
-    Limits,
-    Shape,
-    Step,
-    move_shape,
-    move_time_s,
-    plan_motion,
-    planned_kind,
-    planned_kinds,
-)
+from workbench.references import Limits, Shape, move_shape, move_time_s, planned_kind, planned_kinds
 from workbench.references.least_peak import least_peak_limits, peak_force_n
 from workbench.references.library.wire import EI, ZV, ZVD, impulses
 from workbench.references.limits import raised
@@ -83,15 +73,6 @@ def test_a_shaped_move_is_continuous_and_arrives(name: str):
     np.testing.assert_allclose(np.gradient(position, t)[5:-5], speed[5:-5], atol=2e-4)
 
 
-def test_a_load_that_hardly_swings_is_not_shaped():
-    assert impulses(ZVD, replace(STEADY, damping_time_s=0.2)) == ((0.0, 1.0),)
-
-
-def test_a_reference_that_knows_its_machine_is_refused_without_one():
-    with pytest.raises(InputError, match="planned for a machine's load"):
-        move_shape(planned_kind("zv"), 5.0, LIMITS)
-
-
 WITH_A_MACHINE = sorted(name for name, kind in planned_kinds().items() if kind.needs_load)
 
 
@@ -104,14 +85,6 @@ def test_a_kinds_duration_is_that_of_its_shape_and_it_goes_the_distance(name: st
     position, speed, _ = shape.at(np.array([0.0, shape.duration_s * (1.0 - 1e-9)]))
     assert position[0] == 0.0 and position[1] == pytest.approx(distance, abs=1e-6)
     assert speed == pytest.approx(0.0, abs=1e-5)
-
-
-@pytest.mark.parametrize("name", WITH_A_MACHINE)
-def test_a_jog_reaches_its_speed_and_comes_to_rest(name: str):
-    steps = [Step(speed_m_s=0.5, for_s=4.0), Step(speed_m_s=0.0, for_s=4.0)]
-    plan = plan_motion(name, steps, 5.0, LIMITS, (0.0, 25.0), load=RINGING)
-    _, speed, _ = plan.at(np.array([3.5, 7.9]))
-    assert speed == pytest.approx([0.5, 0.0], abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from tests.support.commands import Commands
 from workbench.core.errors import InputError
 from workbench.export.fmu import host_compiler
 from workbench.machines import default_hoist, save_machine
-from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
+from workbench.machines.kinds.axis import LinearAxis
 from workbench.serve.plant import LiveAxis, LivePlant
 from workbench.serve.serve import Wish, pace_lines
 from workbench.serve.session import FLAGS, Pace, Session
@@ -63,15 +63,6 @@ def steps(session: Session, clock: Hand, count: int, torque_nm: float | None = N
 # The plant.
 
 
-def test_the_plant_hangs_still_under_its_holding_torque():
-    plant = LivePlant(HOIST, 0.001, 4500.0, 9.0)
-    before = plant.signals
-    for _ in range(500):
-        plant.step(plant.hold)
-    assert plant.signals["position_carriage_m"] == pytest.approx(9.0, abs=1e-9)
-    assert plant.signals["tension_drum_n"] == pytest.approx(before["tension_drum_n"], rel=1e-9)
-
-
 def test_a_client_in_lock_step_at_250_hz_closes_the_loop_with_the_metrics_of_the_study():
     case = case_at(250.0, HOIST)
     (study,) = simulate_loop([case], record_every=0)
@@ -83,23 +74,6 @@ def test_a_client_in_lock_step_at_250_hz_closes_the_loop_with_the_metrics_of_the
     assert metrics == pytest.approx(study.metrics, rel=0.01, abs=1e-6)
     # It is the same step: rounding is all that differs.
     assert max(off_percent(metrics, study.metrics).values()) < 0.01
-
-
-def test_slack_wire_carries_nothing_until_the_carriage_has_fallen(session: Session, clock: Hand):
-    steps(session, clock, 10, session.plant.hold)
-    session.set({"slack_m": 0.2})
-    steps(session, clock, 20, session.plant.hold)
-    assert session.flags & BITS["slack"]
-    assert session.plant.signals["tension_min_n"] == 0.0
-    assert session.plant.signals["acceleration_carriage_m_s2"] < -5.0
-
-
-def test_a_payload_picked_up_pulls_the_load_down(session: Session, clock: Hand):
-    steps(session, clock, 10, session.plant.hold)
-    session.set({"payload_kg": 9000.0})
-    steps(session, clock, 300, session.plant.hold)
-    assert session.plant.signals["speed_motor_rad_s"] < -1.0
-    assert session.status()["values"]["payload_now_kg"] == 9000.0
 
 
 def test_a_lost_motor_halves_what_the_drive_gives(session: Session, clock: Hand):
@@ -149,12 +123,6 @@ AXIS = LinearAxis.model_validate(
         "gravity": {"constant_n": 5.0},
     }
 )
-TURNING = RotaryAxis.model_validate(
-    {
-        "inertia_kg_m2": 0.8,
-        "friction": {"coulomb_forward_nm": 2.0, "coulomb_backward_nm": 2.0, "viscous_nm_s_per_rad": 0.1},
-    }
-)
 
 
 def test_a_served_axis_nears_the_speed_at_which_friction_and_load_take_its_force(clock: Hand, said: list[str]):
@@ -170,24 +138,6 @@ def test_a_served_axis_nears_the_speed_at_which_friction_and_load_take_its_force
     steps(session, clock, 2000)
     assert session.flags == BITS["watchdog"] and any("force is zero" in line for line in said)
     assert abs(session.plant.signals["velocity_m_s"]) < 1e-3  # friction has stopped it
-
-
-def test_an_axis_has_the_points_of_an_axis_only(clock: Hand):
-    session = Session(LiveAxis(TURNING, 0.001, ready=["friction_coulomb"]), 0.001, 0.1, clock=clock)
-    names = [point.name for point in session.inputs]
-    assert names == ["torque_nm", "reset", "effects.friction_coulomb.level_nm"]
-    assert [p.name for p in session.outputs if p.kind == "number"][:2] == ["time_s", "torque_at_work_nm"]
-    assert not {"payload_now_kg", "is_slack", "is_off_rail", "is_brake_closed"} & {p.name for p in session.outputs}
-    with pytest.raises(InputError, match="unknown point 'payload_kg'"):
-        session.set({"payload_kg": 1.0})
-    steps(session, clock, 200, 4.0)
-    free = session.plant.signals["speed_rad_s"]
-    session.set({"reset": 1})
-    session.set({"effects.friction_coulomb.level_nm": 1.0})
-    steps(session, clock, 200, 4.0)
-    assert session.plant.signals["speed_rad_s"] == pytest.approx(0.5 * free, rel=0.02)
-    with pytest.raises(InputError, match="carries no payload"):
-        LiveAxis(AXIS, 0.001, 100.0)
 
 
 def test_a_client_over_udp_pushes_an_axis():
@@ -386,9 +336,3 @@ def test_asyncua_own_client_reads_signals_and_sets_faults():
             assert node("Inputs.payload_kg").read_value() == 6000.0
         finally:
             client.disconnect()
-
-
-def test_an_address_that_is_no_address_is_one_line(tmp_path: Path, commands: Commands):
-    save_machine(HOIST, tmp_path / "machine.yaml")
-    done = commands("serve", tmp_path / "machine.yaml", "--address", "256.1.1.1", "--token", "12345678")
-    assert done.status == 2 and "--address: address 256.1.1.1" in done.err

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.support.ideal import ideal_hoist
-from workbench.control import PI, Events, PiSettings, full_pi, loop_values
-from workbench.control.settings import FeedForward
+from workbench.control import Events, PiSettings
 from workbench.core.errors import InputError
-from workbench.engine.stepped import Step
-from workbench.machines import HOIST, with_values
+from workbench.machines import with_values
 from workbench.machines.multibody import motion
 from workbench.machines.multibody.statics import hang
-from workbench.simulate.loop import LoopCase, LoopResult, Outcome, case_limits, simulate_loop
+from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
 from workbench.simulate.models import compare_models
 from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
 from workbench.study.load import Study, load_study
@@ -28,9 +24,6 @@ ROOT = Path(__file__).resolve().parents[2]
 
 MACHINE = ideal_hoist()
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, sample_time_s=0.004)
-FULL = SETTINGS.model_copy(
-    update={"anti_windup": "conditional", "feed_forward": FeedForward(inertia=0.8, friction=0.5)}
-)
 REFERENCE = np.interp(np.arange(1250) * 0.004, [0.2, 1.2, 2.0, 3.2, 4.4], [0.0, 60.0, 60.0, -60.0, 0.0])
 
 
@@ -55,12 +48,6 @@ def test_in_one_closed_loop_both_models_tell_the_same_story(pair):
     assert multibody.metrics.keys() == lumped.metrics.keys()
 
 
-def test_the_run_has_the_signals_of_the_lumped_one_and_more(pair):
-    lumped, multibody = pair
-    assert set(lumped.run.signals) <= set(multibody.run.signals)
-    assert sum(name.startswith("force_roller") for name in multibody.run.signals) == 4
-
-
 def test_under_one_torque_the_motor_speeds_agree_within_half_a_per_cent(pair):
     """Where the lumped assumptions hold: measured 0.02 % of nominal, rms."""
     run = pair[0].run
@@ -69,25 +56,6 @@ def test_under_one_torque_the_motor_speeds_agree_within_half_a_per_cent(pair):
     # Both replays take the held torque as linear between samples, and are off the record by that alike.
     assert abs(compared.runs[0].multibody_rmse_percent - compared.runs[0].lumped_rmse_percent) < 0.05
     assert compared.runs[0].multibody_cpu_s > 0.0 and compared.ratio > 1.0
-
-
-@pytest.mark.parametrize("settings", [SETTINGS, FULL], ids=["plain", "full"])
-def test_the_compiled_step_is_the_controllers_own(settings: PiSettings):
-    """Sample by sample the same as the function that both come from, called with plain numbers."""
-    controller = PI if settings.plain else full_pi()
-    values = {
-        **vars(HOIST.plant.values(MACHINE, 0.0)), **loop_values(settings, MACHINE.drive, 300.0),
-        **case_limits(case(settings)),
-    }  # fmt: skip
-    p = SimpleNamespace(**values)
-    step = Step(controller, p, controller.start(p, 300.0, 0.0), 0.004)
-    memory = controller.start(p, 300.0, 0.0)
-    for k in range(300):
-        r, t, w = 80.0 * math.sin(0.02 * k), 0.004 * k, 75.0 * math.sin(0.02 * k - 0.1)
-        reference = SimpleNamespace(speed_reference_rad_s=r)
-        measured = SimpleNamespace(t=t, speed_motor_rad_s=w, angle_motor_rad=0.3 * k)
-        wanted, memory = controller.step(p, memory, reference, measured, 0.004)
-        assert step(r, t, w, 0.3 * k) == pytest.approx(float(wanted), rel=1e-9, abs=1e-9)
 
 
 def test_an_arm_that_moves_during_a_run_ends_with_the_forces_of_one_that_hangs_there():

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from workbench.control import PiSettings
-from workbench.core.run import Run
+from workbench.core.run import Array, Run
 from workbench.effects import effects_for, parts, ranges_of, searchable
 from workbench.machines import LinearAxis, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation, changed
 from workbench.simulate.loop import LoopCase, simulate_loop
+from workbench.simulate.lowpass import LowpassAt, lowpass
+from workbench.simulate.motion import bridged, moving, repeated_impacts
 from workbench.simulate.replay import replay_runs
 
 MACHINE = default_hoist()
@@ -48,13 +52,6 @@ def test_the_driven_simulation_gives_back_the_torque_of_the_closed_loop(runs):
         assert np.max(np.abs(balance.residual[balance.moving])) < 1.0
 
 
-def test_the_carriage_of_the_driven_simulation_moves_as_in_the_closed_loop():
-    result = simulate_loop([LoopCase("fast", MACHINE, 9000.0, 6.0, SETTINGS, reference(100.0, 20.0))])[0]
-    (balance,) = InverseSimulation(MACHINE, [logged(result.run)]).balances()
-    assert balance.states[:, 1] == pytest.approx(result.run["position_carriage_m"], abs=2e-3)
-    assert balance.states[:, 3] == pytest.approx(result.run["speed_carriage_m_s"], abs=5e-3)
-
-
 def test_every_part_of_the_effects_predicts_what_the_whole_does(runs):
     """Every effect at work alone: in the smallest part that has it, and with none left out."""
     active = searchable(MACHINE, runs)
@@ -72,15 +69,6 @@ def test_every_part_of_the_effects_predicts_what_the_whole_does(runs):
         for (full, _), (part, _) in zip(whole.predict(sets)[0], by_parts.predict(sets)[0], strict=True):
             assert part == pytest.approx(full, abs=1e-9 * np.max(np.abs(full)))
     assert needed == {0, 1, 2}
-
-
-def test_a_bench_of_runs_of_unequal_length_balances_each_as_alone(runs):
-    for together, run in zip(InverseSimulation(MACHINE, runs).balances(), runs, strict=True):
-        band = together.band_hz
-        (alone,) = InverseSimulation(MACHINE, [run], band).balances()
-        assert len(together.residual) == len(run.time_s)
-        assert together.predicted == pytest.approx(alone.predicted, abs=0.02)
-        assert np.array_equal(together.moving, alone.moving)
 
 
 def test_a_force_that_the_model_lacks_shows_in_the_residual_with_its_size(runs):
@@ -143,3 +131,145 @@ def test_the_balance_of_an_axis_is_its_equation_with_the_speed_derived_from_posi
     away = balance.inside & (np.abs(balance.motion.speed) > 0.05)  # from the reversal, where friction jumps
     assert np.max(np.abs(balance.residual[away])) < 0.3  # N of 80
     assert balance.states.shape == (8000, 0)
+
+
+# The zero-phase low-pass, its ends, the moving samples, and the noise of a channel.
+
+
+TIME = np.arange(0.0, 40.0, 0.01)
+
+
+def gain_at(frequency_hz: float, band_hz: float, time: np.ndarray = TIME) -> complex:
+    """What the filter makes of a tone, as amplitude and phase."""
+    wave = np.sin(2.0 * math.pi * frequency_hz * time)
+    smooth = lowpass(time, wave, band_hz)
+    keep = (time > 5.0) & (time < 35.0)
+    basis = np.exp(2j * math.pi * frequency_hz * time[keep])
+    model = np.column_stack([basis.imag, basis.real])
+    (in_phase, quadrature), *_ = np.linalg.lstsq(model, smooth[keep], rcond=None)
+    return complex(in_phase, quadrature)
+
+
+@pytest.mark.parametrize("band", [0.5, 1.7, 8.0])
+def test_the_gain_at_the_band_is_minus_3_db(band):
+    assert abs(gain_at(band, band)) == pytest.approx(1.0 / math.sqrt(2.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("ratio", [0.2, 0.5, 1.5, 2.0, 4.0])
+def test_the_gain_is_that_of_a_fourth_order_butterworth_run_both_ways(ratio):
+    f0 = 1.7 / (math.sqrt(2.0) - 1.0) ** 0.125
+    assert abs(gain_at(1.7 * ratio, 1.7)) == pytest.approx(1.0 / (1.0 + (1.7 * ratio / f0) ** 8), abs=1e-4)
+
+
+@pytest.mark.parametrize("frequency", [0.3, 1.0, 1.7, 2.5])
+def test_no_phase_is_turned(frequency):
+    response = gain_at(frequency, 1.7)
+    assert abs(response.imag) < 1e-4 * abs(response) + 1e-6
+
+
+@pytest.mark.parametrize("band", [0.1, 1.7, 20.0])
+@pytest.mark.parametrize(("level", "slope"), [(50.0, 0.0), (-3.0, 20.0)])
+def test_a_constant_and_a_line_pass_unchanged_to_their_very_ends(level, slope, band):
+    line = level + slope * TIME
+    assert lowpass(TIME, line, band) == pytest.approx(line, abs=1e-9 * (1.0 + abs(level) + 40.0 * abs(slope)))
+
+
+@pytest.mark.parametrize(("band", "summed"), [(0.1, False), (1.7, True), (8.0, False), (60.0, False)])
+def test_the_low_pass_at_some_samples_is_the_low_pass_there(band, summed):
+    """Next to the ends, evenly apart and across a gap; by sums where they are quicker than a transform."""
+    rows = np.concatenate([[0, 1, 5], np.arange(40, 1500, 12), np.arange(1777, 3990, 12), [3998, 3999]])
+    series = np.array([5.0, -40.0, 0.0]) + np.cumsum(np.random.default_rng(3).normal(size=(len(TIME), 3)), axis=0)
+    at = LowpassAt(TIME, band, rows)
+    assert at.summed == summed
+    assert at(series) == pytest.approx(lowpass(TIME, series, band)[rows], abs=1e-9 * np.max(np.abs(series)))
+
+
+def test_irregular_samples_are_filtered_at_their_own_times():
+    rng = np.random.default_rng(2)
+    time = np.sort(rng.uniform(0.0, 40.0, 8000))
+    slow = np.sin(2.0 * math.pi * 0.3 * time)
+    fast = np.sin(2.0 * math.pi * 9.0 * time)
+    smooth = lowpass(time, slow + fast, 1.7)
+    keep = (time > 5.0) & (time < 35.0)
+    assert np.sqrt(np.mean((smooth - slow)[keep] ** 2)) < 0.02
+
+
+def speed_profile(*spans: tuple[float, float]) -> np.ndarray:
+    """10 of some speed, and rest in the given spans."""
+    speed = np.full(len(TIME), 10.0)
+    for begin, end in spans:
+        speed[(begin <= TIME) & (end > TIME)] = 0.0
+    return speed
+
+
+def test_a_rest_is_left_out_with_half_a_period_around():
+    keep = moving(TIME, speed_profile((10.0, 20.0)), 100.0, 2.0)
+    left_out = TIME[~keep]
+    assert 9.7 < left_out[0] < 10.15
+    assert 19.85 < left_out[-1] < 20.3
+    assert np.array_equal(left_out, TIME[(left_out[0] <= TIME) & (left_out[-1] >= TIME)])
+
+
+def test_a_quick_reversal_is_no_rest():
+    speed = 10.0 * np.sign(20.0 - TIME)
+    assert np.all(moving(TIME, speed, 100.0, 2.0))
+
+
+def test_noise_at_rest_is_no_motion():
+    noise = np.random.default_rng(5).normal(0.0, 0.5, len(TIME))
+    keep = moving(TIME, speed_profile((10.0, 20.0)) + noise, 100.0, 2.0)
+    assert not np.any(keep[(TIME > 10.5) & (TIME < 19.5)])
+    assert np.all(keep[(TIME < 9.0) | (TIME > 21.0)])
+
+
+# Impacts of a play in a log: found where momentum is lost without the input, and only where they come again.
+
+
+MASS, TIMES = 20.0, (0.73, 1.61, 2.48, 3.37)
+NAMES = ("position_m", "velocity_m_s", "force_n")
+
+
+def moved(impacts: tuple[float, ...] = (), loss: float = 0.3, seed: int = 1, ramp_s: float = 0.2) -> Run:
+    """A carriage goes to and fro in ramps; at each impact it loses that share of 1 m/s and gets it back in 30 ms."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 4.0, 0.001)
+    corners = np.arange(0.0, 4.5, 0.5)
+    ends = [0.0, *(1.0 if k % 2 else -1.0 for k in range(1, len(corners)))]
+    v = np.interp(t, np.sort([*corners[:-1], *(corners[1:] - 0.5 + ramp_s)]), [*np.repeat(ends[:-1], 2)[1:], ends[-1]])
+    force = MASS * np.gradient(v, t) + 5.0 * np.sign(v)
+    for at in impacts:
+        lost = np.where((t >= at) & (t < at + 0.03), loss * (1.0 - (t - at) / 0.03), 0.0)
+        force = force + np.where((t >= at) & (t < at + 0.03), MASS * loss / 0.03, 0.0)  # the drive brings it back
+        v = v - lost
+    signals = {"velocity_m_s": v + rng.normal(0.0, 1e-3, len(t)), "force_n": force + rng.normal(0.0, 0.5, len(t))}
+    return Run("there and back", t, signals)
+
+
+def found(*runs: Run) -> tuple[Array, ...]:
+    return repeated_impacts(runs, MASS, *NAMES)
+
+
+def test_impacts_that_come_again_are_found_at_their_times():
+    first, second = found(moved(TIMES), moved(TIMES[1:], seed=2))
+    assert first == pytest.approx(TIMES, abs=0.006)
+    assert second == pytest.approx(TIMES[1:], abs=0.006)
+
+
+@pytest.mark.parametrize("ramp_s", [0.02, 0.1, 0.4])
+def test_what_the_input_moves_is_no_impact_however_steep(ramp_s: float):
+    assert all(len(impacts) == 0 for impacts in found(moved(ramp_s=ramp_s), moved(ramp_s=ramp_s, seed=2)))
+
+
+def test_impacts_of_one_run_alone_are_an_event_and_none_of_a_play():
+    assert all(len(impacts) == 0 for impacts in found(moved(TIMES), moved(seed=2)))
+
+
+def test_a_loss_of_a_hundredth_of_the_speed_is_no_plain_impact():
+    assert all(len(impacts) == 0 for impacts in found(moved(TIMES, 0.01), moved(TIMES, 0.01, seed=2)))
+
+
+def test_the_acceleration_runs_straight_across_an_impact_and_is_kept_beside_it():
+    t = np.arange(0.0, 1.0, 0.001)
+    a = 2.0 * t + np.where(np.abs(t - 0.5) < 0.005, 100.0, 0.0)
+    assert bridged(t, a, np.array([0.5])) == pytest.approx(2.0 * t, abs=1e-12)
+    assert bridged(t, a, np.zeros(0)) is a

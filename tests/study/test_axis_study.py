@@ -86,13 +86,6 @@ def test_a_rotary_axis_moves_in_radians_and_sweeps_them(tmp_path: Path):
     assert inertia < fast["peak_torque_nm"] < 1.9 * inertia
 
 
-def test_a_rotary_axis_without_a_load_that_swings_takes_shapers_as_the_trapezoid(tmp_path: Path):
-    text = TURN.replace("[trapezoid, ruckig]", "[trapezoid, zv, optimal, ruckig_least_peak]").partition("sweep:")[0]
-    rows = {row.reference: row for row in run_study(load_study(written(tmp_path, text))).rows}
-    assert rows["zv"]["peak_torque_nm"] == rows["trapezoid"]["peak_torque_nm"]
-    assert all(row.ok for row in rows.values())
-
-
 WRONG = {
     "payloads_kg: [0]\n": "payloads_kg: a machine of kind 'axis' carries no payload",
     "start_position_rad: 1.0\n": "moves in m; expected start_position_m",

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -19,9 +18,7 @@ from click.testing import CliRunner
 from tests.support.batches import RUNS, SCENARIO, SHORT, chunks_of, environment, part_of, wait_for_chunks, workbench
 from workbench.cli.study import study as command
 from workbench.core.errors import InputError
-from workbench.simulate.loop import LoopCase, LoopResult
 from workbench.study.load import Study, load_study
-from workbench.study.rows import read_rows
 from workbench.study.store import LOCK, Chunk, Progress, locked, on_this_computer, place_for, run_batch
 
 SMALL = SHORT.replace(f"steps: {RUNS // 4}", "steps: 75").replace("name: batch", "name: three")
@@ -144,34 +141,6 @@ def test_a_batch_on_one_core_or_several_stopped_or_not_gives_the_same_bytes(
     assert [path.read_bytes() for path in tmp_path.glob("*/index.parquet")] == 3 * [whole]
 
 
-def test_runs_that_fail_are_rows_with_a_reason_and_the_rest_goes_on(small: Study, tmp_path: Path) -> None:
-    heavy = replace(small, scenario=small.scenario.model_copy(update={"payloads_kg": (0.0, 60000.0)}))
-    out = tmp_path / "out"
-    run_batch(heavy, place_for(heavy, out))
-    rows = read_rows(out)
-    assert len(rows) == 300
-    assert {row.payload_kg for row in rows if not row.ok} == {60000.0}
-    assert all("holding the load takes" in row.reason for row in rows if not row.ok)
-    assert json.loads((out / "manifest.json").read_text())["runs"] == {"all": 300, "ok": 150, "failed": 150}
-
-
-def test_a_run_that_cannot_begin_takes_no_other_with_it(small: Study, monkeypatch: pytest.MonkeyPatch) -> None:
-    from workbench.study import run as chunk
-
-    specs = small.specs[:3]
-    simulate = chunk.simulate_loop
-
-    def breaks_at_the_second(cases: Sequence[LoopCase], **how: Any) -> list[LoopResult]:
-        if any(case.name == specs[1].run_id for case in cases):
-            raise ZeroDivisionError("a wire without stiffness")
-        return simulate(cases, **how)
-
-    monkeypatch.setattr(chunk, "simulate_loop", breaks_at_the_second)
-    rows = [row for row, _ in chunk.run_specs(specs)]
-    assert [row.ok for row in rows] == [True, False, True]
-    assert rows[1].reason == "a wire without stiffness"
-
-
 def test_a_kept_chunk_that_is_damaged_is_run_again(small: Study, whole: bytes, tmp_path: Path) -> None:
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
@@ -183,23 +152,6 @@ def test_a_kept_chunk_that_is_damaged_is_run_again(small: Study, whole: bytes, t
     run_batch(small, place_for(small, out), tell=told.append)
     assert told[0].kept == 0
     assert (out / "index.parquet").read_bytes() == whole
-
-
-def test_a_whole_result_that_only_lacks_its_name_gets_it_and_nothing_is_run(
-    small: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    place = place_for(small, tmp_path / "out")
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched:
-        patched.setattr("workbench.study.store.Part.finish", stop)
-        with pytest.raises(KeyboardInterrupt):
-            run_batch(small, place)
-    assert not place_for(small, tmp_path / "out").finished
-    run_batch(small, place, spread=never)
-    assert place_for(small, tmp_path / "out").finished
 
 
 def test_a_result_that_another_process_finished_meanwhile_is_left_alone(small: Study, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,14 +13,7 @@ from click.testing import CliRunner, Result
 from workbench.cli.compare import compare as command
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.study.compare import (
-    compare,
-    matched,
-    metric_named,
-    parse_limits,
-    percent,
-    regressions,
-)
+from workbench.study.compare import compare, matched, parse_limits, regressions
 from workbench.study.rows import Row, index_table
 
 MEASURED = dict.fromkeys(fixed_columns(), 1.0)
@@ -93,21 +85,6 @@ def test_worse_is_what_the_metric_says_is_worse(metric: str, a: float, b: float,
     assert [hit.worse for hit in still] == ([percent] if percent == float("inf") else [])
 
 
-def test_a_metric_is_known_without_its_unit_and_a_typo_gets_the_nearest() -> None:
-    assert metric_named("peak_torque", fixed_columns()) == "peak_torque_percent"
-    assert metric_named("peak_torque_motor", fixed_columns()) == PEAK
-    assert metric_named("speed_error_rms", fixed_columns()) == "speed_error_rms_rad_s"
-    assert metric_named(PEAK, fixed_columns()) == PEAK
-    with pytest.raises(InputError, match=r"unknown metric 'peek_torque'; did you mean 'peak_torque'\?"):
-        metric_named("peek_torque", fixed_columns())
-
-
-@pytest.mark.parametrize("text", ["peak_torque", "peak_torque=", "peak_torque=5 percent", "peak_torque=-5%", "=5%"])
-def test_a_limit_that_is_none_says_what_one_looks_like(text: str) -> None:
-    with pytest.raises(InputError, match=r"^limits: .*(peak_torque=5%|unknown metric)"):
-        parse_limits([text], fixed_columns())
-
-
 @pytest.fixture
 def folders(tmp_path: Path) -> tuple[Path, Path]:
     for name, rows in (("a", A), ("b", B)):
@@ -148,34 +125,3 @@ def test_results_without_a_common_run_are_bad_input(folders: tuple[Path, Path], 
         InputError, match=r"no run is in both A \(.*a\) and B \(.*b\): payload is .* in A and 77 kg in B"
     ):
         called(folders, *words)
-
-
-def test_what_nobody_can_notice_has_no_per_cent() -> None:
-    """An end position that goes from 0.1 to 59 micrometres is no change of 59,000 per cent."""
-    end = "position_error_end_m"
-    comparison = compare([row("a", **{end: 1e-7})], [row("a", **{end: -5.9e-5})])
-    (change,) = [change for change in comparison.changes if change.metric == end]
-    assert change.mean_percent == 0.0
-    assert change.worst and not change.noticeable
-    assert regressions(comparison, parse_limits([f"{end}=5%"], fixed_columns())) == []
-    assert percent(end, 1e-7, 2e-3) == float("inf")  # from nothing to 2 mm is worse
-    assert percent(end, 1e-3, 2e-3) == pytest.approx(100.0)
-
-
-def test_json_holds_the_figures_and_no_infinity(folders: tuple[Path, Path], tmp_path: Path) -> None:
-    never_slack = row("a", 0.0, peak_torque_motor_nm=100.0, slack_time_s=0.0)
-    pq.write_table(index_table([never_slack]), folders[0] / "index.parquet")
-    file = tmp_path / "said.json"
-    called(folders, "--max-regression", "slack_time=1%", "--json", str(file))
-    said = json.loads(file.read_text())
-    assert said["metrics"][PEAK]["mean_delta"] == 4.0
-    assert said["metrics"]["slack_time_s"]["mean_percent"] is None
-    assert said["regressions"] == [
-        {"limit": "slack_time_s=1%", "worse": None, "run": "a", "a": 0.0, "b": 1.0},
-    ]
-    assert said["only_b"] == ["b", "c"]
-
-
-def test_a_folder_without_an_index_is_named(folders: tuple[Path, Path], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none/index\.parquet: no such file"):
-        called((folders[0], tmp_path / "none"))

@@ -2,37 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.support.effect_machines import linear_axis
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.family import family, operating_points, weakest
-from workbench.analysis.tune import Goal
-from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.effects import of
 from workbench.machines import Hoist, default_hoist, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import LoopCase, simulate_loop
-from workbench.study.consequences import (
-    Consequences,
-    as_json,
-    consequences_of,
-    consequences_table,
-    small_study,
-    without,
-)
+from workbench.study.consequences import Consequences, as_json, consequences_of, consequences_table, small_study
 from workbench.study.load import load_study
 from workbench.study.run import run_study
-from workbench.view.diagnosis_figures import consequences as before_and_after
 
 ROOT = Path(__file__).resolve().parents[2]
-INERTIA = 1.656  # kg m², drive and drum of the default machine at the motor shaft
 PAYLOADS = (0.0, 9000.0)
 
 
@@ -117,22 +103,6 @@ def test_the_loop_is_the_weakest_of_the_family_of_each_machine(heavier: Conseque
     assert "the least phase margin goes from" in said(heavier, "Over loads and heights")
 
 
-def test_the_gain_for_the_same_bandwidth_grows_with_the_inertia():
-    # Far above the wire's frequency the motor turns alone.
-    changes = consequences_for(HEAVIER, ideal_hoist(), goal=Goal(30.0))
-    ratio = changes.gains_after.kp / changes.gains_before.kp
-    assert ratio == pytest.approx(1.0 + 0.3 / INERTIA, rel=0.02)
-    assert changes.gains_goal == (30.0, 1.4)
-    assert changes.old_gains_bandwidth_hz < 28.0
-    assert "the old ones give" in said(changes, "For a bandwidth of 30 Hz")
-
-
-def test_a_goal_out_of_reach_is_a_sentence_and_no_error():
-    changes = consequences_for(with_effects(friction_viscous={"viscous_n_s_per_m": 4000.0}), goal=Goal(900.0))
-    assert not changes.gains_before.ok
-    assert "recommends none (900 Hz is out of reach" in said(changes, "For a bandwidth of 900 Hz")
-
-
 def test_an_effect_on_a_sensor_changes_no_run_and_no_loop_and_the_sentence_says_why():
     changes = consequences_for(with_effects(torque_scale={"gain": 1.1}))
     assert all(row.before == row.after for row in changes.rows)
@@ -173,69 +143,6 @@ def test_a_load_that_the_motors_no_longer_hold_is_a_row_with_its_reason_and_a_se
     assert "not known, a run failed at 9000 kg" in said(overloaded, "The better reference by torque peak")
 
 
-def test_a_wide_tight_stretch_makes_the_reference_indifferent_and_that_is_another_choice():
-    stretch = {"peak_n": 70_000.0, "centre_m": 8.0, "width_m": 0.5}
-    changes = consequences_for(with_effects(friction_position_dependent=stretch))
-    moved = [c for c in changes.choices if c.changed and c.metric == "peak_torque_motor_nm"]
-    assert any(choice.changed for choice in changes.choices)
-    assert {(c.payload_kg, c.before, c.after) for c in moved} >= {(0.0, "ruckig", "alike")}
-    assert "neither instead of ruckig at 0 kg" in said(changes, "The better reference by torque peak")
-
-
-def test_friction_that_warms_up_is_taken_cold():
-    changes = consequences_for(
-        with_effects(friction_thermal_drift={"friction_fraction": 0.8, "time_constant_s": 100.0})
-    )
-    assert "friction_thermal_drift is as on the cold machine" in said(changes, "Time counts")
-    assert all(row.after["min_wire_tension_n"] < row.before["min_wire_tension_n"] for row in changes.rows)
-
-
-def test_what_the_nominal_machine_knows_already_is_not_counted_as_new():
-    known = with_effects(wire_mass={"mass_kg_per_m": 4.0})
-    both = with_effects(wire_mass={"mass_kg_per_m": 4.0}, friction_viscous={"viscous_n_s_per_m": 4000.0})
-    changes = consequences_for(both, nominal=known)
-    assert changes.effects == ("friction_viscous",)
-
-
-def test_an_unchanged_axis_has_no_changes_and_its_own_units():
-    changes, why = consequences_of(linear_axis(), linear_axis())
-    assert changes is not None and why == ""
-    assert all(row.before == row.after and row.ok for row in changes.rows)
-    plain = as_json(changes)
-    assert {"position_m", "gain_margin_db"} <= set(plain["loop"]["before"]) and "payload_kg" not in plain["rows"][0]
-    assert set(plain["gains"]["before"]) == {"kp_n_s_per_m", "ki_n_per_m", "reason"}
-    assert not any(" kg" in sentence or "N m" in sentence for sentence in changes.sentences)
-
-
-def test_an_axis_that_is_found_stiffer_to_move_shows_it_in_force_and_tracking():
-    slow = with_values(linear_axis(), {"friction.coulomb_forward_n": 60.0, "friction.coulomb_backward_n": 60.0})
-    changes, _ = consequences_of(linear_axis(), slow)
-    assert changes is not None
-    more = 60.0 - 20.0
-    for row in changes.rows:  # nearly, and an overshoot of it
-        assert 0.9 * more < row.after["peak_force_n"] - row.before["peak_force_n"] < 1.5 * more
-        assert row.after["tracking_error_max_m"] > row.before["tracking_error_max_m"]
-    assert any(sentence.startswith("The force peak changes by +") for sentence in changes.sentences)
-    assert len(before_and_after(changes).data) == 8
-
-
-def test_a_payload_that_cannot_be_is_an_error():
-    with pytest.raises(InputError, match=r"payloads_kg: -5\.0"):
-        consequences_of(default_hoist(), default_hoist(), payloads_kg=(-5.0, 0.0))
-
-
-def test_the_json_holds_every_figure_and_null_for_what_failed(overloaded: Consequences):
-    plain = json.loads(json.dumps(as_json(overloaded), allow_nan=False))
-    assert plain["sentences"] == list(overloaded.sentences)
-    assert [row["payload_kg"] for row in plain["rows"]] == [0.0, 0.0, 9000.0, 9000.0]
-    last = plain["rows"][-1]
-    assert last["after"]["peak_torque_motor_nm"] is None
-    assert "the motors give" in last["after"]["reason"]
-    assert last["change_percent"]["peak_torque_motor_nm"] is None
-    assert plain["loop"]["before"]["ms"] == pytest.approx(overloaded.loop_before.ms, rel=1e-5)
-    assert plain["study"]["controller"]["kp_nm_s_per_rad"] == overloaded.study.controller.kp_nm_s_per_rad
-
-
 def measured(payload: float, start_m: float, by_m: float, seed: int, irregular: bool = False) -> Run:
     """A log of one move up and down, 0.5 m/s and 0.4 m/s², with a sensor's noise."""
     machine, rng = default_hoist(), np.random.default_rng(seed)
@@ -264,15 +171,6 @@ def test_the_small_study_is_that_of_the_campaigns_runs(irregular: bool):
     assert limits.acceleration_m_s2 / limits.jerk_m_s3 == pytest.approx(
         limits.speed_m_s / limits.acceleration_m_s2 / 1.5, rel=0.01
     )
-
-
-def test_moves_of_a_campaign_at_the_ends_of_the_rail_stay_on_it():
-    run = measured(0.0, 0.05, 24.0, 1)
-    study = small_study(default_hoist(), [run])
-    assert 0.2 < study.start_position_m < study.start_position_m + study.travel_m < 24.8
-    changes, _ = consequences_of(default_hoist(), default_hoist(), runs=[run])
-    assert changes is not None
-    assert all(row.ok for row in changes.rows)
 
 
 def test_the_effects_own_consequence_leaves_out_what_the_refit_moved():
@@ -308,11 +206,3 @@ def test_a_users_scenario_lends_its_moves_controller_payloads_and_references():
         mine = rows[row.payload_kg, row.reference]
         assert row.given["peak_torque_motor_nm"] == mine["peak_torque_motor_nm"]
     assert "in the scenario payloads" in changes.sentences[0]
-
-
-def test_what_is_each_runs_own_is_taken_out_with_its_effect():
-    ship = with_effects(heave={"amplitude_m": 0.1})
-    log = ship.log.model_copy(update={"of_runs": {"calm": {"heave": {"phase_rad": 1.0}}}})
-    ship = ship.model_copy(update={"log": log})
-    assert of(ship).of_runs["calm"]
-    assert not of(without(ship, default_hoist(), ["heave"])).of_runs.get("calm")

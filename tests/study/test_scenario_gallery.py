@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
@@ -11,17 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from tests.support.scenario_text import GOOD
-from workbench.cli.study import schema as command
 from workbench.core.yaml_strict import load, loads
 from workbench.machines.files import machine_text
 from workbench.study.front import fronts
 from workbench.study.load import Study, load_study
 from workbench.study.rows import Row
 from workbench.study.run import run_specs
-from workbench.study.scenario import KINDS, json_schema
+from workbench.study.scenario import json_schema
 
 ROOT = Path(__file__).resolve().parents[2]
 GALLERY = sorted((ROOT / "scenarios").glob("*.yaml"))
@@ -65,13 +62,6 @@ def shipped(request: pytest.FixtureRequest) -> Path:
     return request.param
 
 
-def test_the_gallery_is_there() -> None:
-    assert {path.stem for path in GALLERY} >= {
-        "payloads", "jerk_pareto", "wire_length", "emergency_stop", "motor_failure", "brake_late", "tolerances",
-        "hoist_lower_limits",
-    }  # fmt: skip
-
-
 def test_a_shipped_scenario_expands_into_runs_that_are_all_ok(shipped: Path) -> None:
     study, rows = study_of(shipped.stem), rows_of(shipped.stem)
     assert study.scenario.name == shipped.stem
@@ -95,13 +85,6 @@ def test_the_schema_refuses_what_the_reader_refuses(more: str) -> None:
     assert list(validator("scenario").iter_errors(loads(GOOD + more, "x").data))
 
 
-def test_the_schema_asks_for_less_where_a_scenario_extends_another() -> None:
-    check = validator("scenario")
-    assert list(check.iter_errors({"name": "x"}))
-    assert not list(check.iter_errors({"name": "x", "extends": "y.yaml", "controller": {"ki_nm_per_rad": 3.0}}))
-    assert list(check.iter_errors(loads(GOOD.replace("kp_nm_s_per_rad: 31.0, ", ""), "x").data))
-
-
 def test_machines_and_run_lists_are_valid_by_their_schemas() -> None:
     from workbench.machines import default_hoist
 
@@ -119,12 +102,6 @@ def test_machines_and_run_lists_are_valid_by_their_schemas() -> None:
     assert list(runs.iter_errors({"runs": []}))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_command_prints_the_schema(kind: str) -> None:
-    shown = CliRunner().invoke(command, [kind], catch_exceptions=False)
-    assert json.loads(shown.output) == json_schema(kind)
-
-
 def test_jerk_and_acceleration_trade_time_for_torque_and_the_knee_is_inside() -> None:
     (front,) = fronts(rows_of("jerk_pareto"))
     assert len(front.rows) >= 10
@@ -132,19 +109,6 @@ def test_jerk_and_acceleration_trade_time_for_torque_and_the_knee_is_inside() ->
     for sooner, later in pairwise(front.rows):
         assert sooner["move_time_s"] < later["move_time_s"]
         assert sooner["peak_torque_motor_nm"] > later["peak_torque_motor_nm"]
-
-
-def test_a_longer_wire_stretches_further_and_hangs_heavier() -> None:
-    for payload in (0.0, 9000.0):
-        tensions = column(where(rows_of("wire_length"), payload_kg=payload, reference="ruckig"), "max_wire_tension_n")
-        assert all(a < b for a, b in pairwise(tensions))
-
-
-def test_a_harder_start_of_lowering_takes_more_tension_out_of_the_wire() -> None:
-    for payload in (0.0, 9000.0):
-        rows = where(rows_of("hoist_lower_limits"), payload_kg=payload, reference="ruckig")
-        tension = column(rows, "min_wire_tension_n")
-        assert all(a > b > 0.0 for a, b in pairwise(tension))
 
 
 def test_a_harder_emergency_stop_unloads_the_wire_going_up_and_loads_the_motors_going_down() -> None:
@@ -181,10 +145,3 @@ def test_torque_peaks_scatter_within_the_tolerances_about_the_nominal_one() -> N
     # A friction level of 6 kN ± 15 % is 4.4 N m of a motor, 17 t ± 0.4 % and the rest are less.
     assert abs(peaks.mean() - nominal) < 1.0
     assert 2.0 < peaks.std() < 6.0
-
-
-def test_a_creep_speed_is_kept_after_a_fast_jog() -> None:
-    study = study_of("jog")
-    profile = study.plans["ruckig"].sample(0.01)
-    assert np.interp(13.0, profile.time_s, profile.speed_m_s) == pytest.approx(0.05)
-    assert all(abs(value) < 0.01 for value in column(rows_of("jog"), "position_error_end_m"))

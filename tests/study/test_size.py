@@ -19,15 +19,11 @@ from workbench.study.load import load_study
 from workbench.study.run import run_specs
 from workbench.study.size import (
     CATALOGUE,
-    Inverter,
     MotorBlock,
     SizeFile,
     Sizing,
-    current_a,
     hold_torque_nm,
     largest_torque_nm,
-    overload_use,
-    rated_current,
     read_catalogue,
     size,
     sized,
@@ -195,17 +191,6 @@ def test_a_stop_by_the_brakes_alone_is_that_of_the_equation_of_motion():
         (fastest, t, way, work), rel=1e-3
     )
     assert sto_stop(inertia, load, load, speed, delay) is None
-
-
-def test_the_current_is_the_rated_one_at_nominal_torque_and_the_field_alone_at_none():
-    motor = next(m for m in read_catalogue(CATALOGUE) if m.name == "Sg180L-4")
-    rated, field = rated_current(motor, Inverter())
-    assert rated == 38.8 and field == pytest.approx(38.8 * math.sqrt(1.0 - 0.9**2))
-    at = current_a(np.array([0.0, motor.torque_nm]), np.array([0.0, motor.speed_rad_s]), motor, Inverter())
-    np.testing.assert_allclose(at, [field, rated], rtol=1e-9)
-    inverter = Inverter(overload=1.5, overload_time_s=60.0, overload_period_s=600.0)
-    assert overload_use(np.full(6000, 150.0), 0.01, inverter, 100.0) == pytest.approx(1.0)
-    assert overload_use(np.full(6000, 100.0), 0.01, inverter, 100.0) == 0.0
 
 
 def test_the_catalogue_names_the_source_of_each_motor_and_agrees_with_a_data_sheet():

@@ -6,15 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from workbench.metrics import fixed_columns, metrics
+from workbench.metrics import fixed_columns
 from workbench.study.conclude import rank_correlations, sentences
-from workbench.study.labels import drawn_columns, metric_label, swept_axes
+from workbench.study.front import fronts, knee, non_dominated
+from workbench.study.labels import drawn_columns, swept_axes
 from workbench.study.load import changed, load_study, plan_study
 from workbench.study.rows import Row
 from workbench.study.run import run_study
 from workbench.study.scenario import MoveBlock
-from workbench.view import study as tables
 from workbench.view.study import conclusions
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,13 +33,6 @@ def row(assigned: dict[str, float | str], payload: float = 9000.0, kind: str = "
     }  # fmt: skip
     name = "_".join([f"{payload:g}kg", kind, *(f"{value}" for value in assigned.values())])
     return Row(name, "s", "ok", "", payload, kind, metrics | changes, assigned)
-
-
-def test_every_metric_of_the_loop_has_words_and_its_declared_unit():
-    for metric in metrics():
-        label = metric_label(metric.name)
-        assert label.unit == metric.unit.replace("–", "")
-        assert "_" not in label.words
 
 
 def test_fields_that_are_walked_together_are_one_axis_and_a_grid_is_two():
@@ -115,20 +110,6 @@ def test_rank_correlation_is_that_of_scipy_with_ties():
     assert correlation.value == pytest.approx(wanted, rel=1e-12)
 
 
-def test_quantiles_are_of_each_payload_and_reference_and_failures_are_counted():
-    rows = [row({JERK: float(j)}, kind=kind, peak_torque_motor_nm=400.0 + j) for kind in ("a", "b") for j in range(101)]
-    rows[0] = Row("x", "s", "failed", "ran away", 9000.0, "a", {}, {JERK: 0.0})
-    lines = tables.quantile_table(rows).rows
-    assert len(lines) == 10
-    assert lines[0][:3] == ["9000", "a", "100 + 1 failed"]
-    assert [line[4] for line in lines[5:]] == ["400", "405", "450", "495", "500"]
-
-
-def test_where_each_run_has_its_own_torque_limit_none_is_said_to_be_reached():
-    rows = [row({"sweep.drive.overload": o}, peak_torque_motor_nm=900.0) for o in (1.0, 2.0)]
-    assert "limit" not in " ".join(sentences(rows, LIMIT))
-
-
 def test_a_cycle_that_is_said_to_be_repeatable_heats_no_winding_beyond_nominal_torque_however_often():
     """Refuted from outside: the moves themselves four times over, and a winding's first-order heat over a thousand."""
     base = load_study(ROOT / "scenarios" / "payloads.yaml")
@@ -152,3 +133,62 @@ def test_a_cycle_that_is_said_to_be_repeatable_heats_no_winding_beyond_nominal_t
         heat = heat * per_cycle + rise
         hottest = max(hottest, heat)
     assert hottest <= 1.0  # of what nominal torque heats to
+
+
+# Pareto fronts and knees, against a set made by hand and against brute force.
+
+
+# Time against torque. (4, 6) and (6, 5) are beaten; the second (3, 3) is the first one again.
+HAND = [(1.0, 10.0), (2.0, 4.0), (4.0, 6.0), (3.0, 3.0), (3.0, 3.0), (6.0, 5.0), (8.0, 2.5), (10.0, 1.0)]
+
+
+def row_pareto(
+    name: str, time_s: float, torque: float, payload: float = 0.0, kind: str = "ruckig", status: str = "ok"
+) -> Row:
+    metrics = dict.fromkeys(fixed_columns(), 0.0) | {"move_time_s": time_s, "peak_torque_motor_nm": torque}
+    metrics |= {"max_wire_tension_n": 10.0 * torque, "min_wire_tension_n": 2.0 * torque}
+    return Row(name, "s", status, "", payload, kind, metrics)
+
+
+def test_front_of_a_set_made_by_hand() -> None:
+    first, second = (np.array(x) for x in zip(*HAND, strict=True))
+    assert non_dominated(first, second).tolist() == [0, 1, 3, 6, 7]
+
+
+def test_knee_lies_farthest_below_the_chord_of_the_normalised_front() -> None:
+    # Normalised: (0, 1), (1/9, 1/3), (2/9, 2/9), (7/9, 1/6), (1, 0); 1 − x − y: 0, 5/9, 5/9, 1/18, 0.
+    first, second = np.array([1.0, 2.0, 3.1, 8.0, 10.0]), np.array([10.0, 4.0, 3.0, 2.5, 1.0])
+    assert knee(first, second) == 1
+    assert knee(np.array([1.0, 2.0, 2.9, 8.0, 10.0]), second) == 2
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [([], []), ([1.0], [1.0]), ([1.0, 2.0], [2.0, 1.0]), ([1.0, 2.0, 3.0], [3.0, 2.0, 1.0]),
+     ([1.0, 2.0, 3.0], [3.0, 2.9, 1.0])],
+)  # fmt: skip
+def test_a_short_straight_or_bulging_front_has_no_knee(first: list[float], second: list[float]) -> None:
+    assert knee(np.array(first), np.array(second)) is None
+
+
+costs = st.lists(st.tuples(st.integers(0, 12), st.integers(0, 12)), max_size=40)
+
+
+@given(costs)
+def test_front_is_what_brute_force_finds(points: list[tuple[int, int]]) -> None:
+    first, second = np.array([p[0] for p in points], float), np.array([p[1] for p in points], float)
+    front = [points[i] for i in non_dominated(first, second)]
+
+    def beaten(p: tuple[int, int]) -> bool:
+        return any(q[0] <= p[0] and q[1] <= p[1] and q != p for q in points)
+
+    assert front == sorted({p for p in points if not beaten(p)})
+
+
+def test_each_payload_has_its_front_and_failed_runs_are_not_on_it() -> None:
+    rows = [row_pareto(f"a{k}", t, y) for k, (t, y) in enumerate(HAND)]
+    rows += [row_pareto("b", 5.0, 5.0, payload=9000.0), row_pareto("failed", 0.1, 0.1, status="failed")]
+    empty, full = fronts(rows)
+    assert [r.run_id for r in empty.rows] == ["a0", "a1", "a3", "a6", "a7"]
+    assert empty.knee is not None and empty.knee.run_id in ("a1", "a3")
+    assert (full.payload_kg, full.knee, [r.run_id for r in full.rows]) == (9000.0, None, ["b"])

@@ -7,19 +7,10 @@ import pytest
 
 from workbench.core.run import Run
 from workbench.machines import default_hoist
-from workbench.study.conclude import Correlation
 from workbench.study.front import fronts
 from workbench.study.labels import swept_axes
 from workbench.study.rows import Row
-from workbench.view.study_figures import (
-    changing,
-    envelope_nm,
-    metrics_over_axis,
-    pareto,
-    plane,
-    spread,
-    tornado,
-)
+from workbench.view.study_figures import envelope_nm, metrics_over_axis, pareto, plane
 
 JERK, KP = "sweep.limits.jerk_m_s3", "sweep.controller.kp_nm_s_per_rad"
 PEAK = "peak_torque_motor_nm"
@@ -70,41 +61,6 @@ def test_over_an_axis_the_worst_of_the_other_runs_is_the_line():
     assert {shape.y0 for shape in figure.layout.shapes} == {480.0, 768.0}
 
 
-def test_of_wire_tension_the_smallest_is_the_worst():
-    rows = [
-        row({JERK: j, KP: k}, min_wire_tension_n=1e4 * j + 1e3 * k) for j in (1.0, 2.0) for k in (1.0, 3.0)
-    ]  # fmt: skip
-    (jerk, _) = swept_axes(rows)
-    np.testing.assert_allclose(one(metrics_over_axis(rows, jerk, 480.0, 768.0), "ruckig, same limits").y, [11.0, 21.0])
-
-
-def test_only_metrics_that_change_along_the_axis_are_drawn():
-    rows = [row({JERK: j, KP: k}, peak_torque_motor_nm=100.0 * j) for j in (1.0, 2.0) for k in (10.0, 30.0)]
-    jerk, kp = swept_axes(rows)
-    assert [metric.name for metric in changing(rows, jerk)] == [PEAK]
-    assert changing(rows, kp) == []
-
-
-def sample() -> list[Row]:
-    return [row({"sample.x_s": float(k)}, peak_torque_motor_nm=500.0 + k) for k in range(101)]
-
-
-def test_the_distribution_ends_at_a_hundred_per_cent_and_marks_its_quantiles():
-    lines = [trace for trace in spread(sample(), (PEAK,)).data if trace.name == "ruckig, same limits"]
-    histogram, distribution, marks = lines
-    assert distribution.y[-1] == pytest.approx(100.0)
-    np.testing.assert_allclose(marks.x, [505.0, 550.0, 595.0])
-    np.testing.assert_allclose(histogram.y[1:-1:2].sum(), 100.0, rtol=1e-6)
-
-
-def test_a_tornado_has_its_strongest_bar_on_top_and_its_sign_in_its_colour():
-    ranked = [Correlation("sample.machine.carriage.mass_kg", -0.8), Correlation("sample.machine.wire.a_s", 0.3)]
-    (bars,) = tornado([("9000 kg, ruckig", ranked)], PEAK).data
-    assert list(bars.y) == ["wire a", "carriage mass"]  # plotly counts from below
-    assert list(bars.x) == [0.3, -0.8]
-    assert len(set(bars.marker.color)) == 2
-
-
 def test_the_envelope_is_flat_to_nominal_speed_and_then_of_constant_power():
     speed = np.array([0.0, 157.0, -157.0, 314.0])
     np.testing.assert_allclose(envelope_nm(speed, 768.0, 157.0, True), [768.0, 768.0, 768.0, 384.0])
@@ -119,11 +75,3 @@ def test_the_plane_keeps_the_corners_of_a_long_path():
     assert len(path.x) < 2000
     assert path.y.max() == pytest.approx(900.0)
     assert path.x.max() == pytest.approx(145.0, rel=1e-4)
-
-
-def test_values_in_equal_ratios_stand_on_a_logarithmic_axis_and_words_at_even_distances():
-    rows = [row({JERK: 0.2 * 2**k}, peak_torque_motor_nm=400.0 + k) for k in range(5)]
-    assert metrics_over_axis(rows, swept_axes(rows)[0], 480.0, 768.0).layout.xaxis.type == "log"
-    rows = [row({"sweep.controller.anti_windup": w}, speed_error_max_rad_s=e) for w, e in (("none", 9.0), ("x", 5.0))]
-    axis = metrics_over_axis(rows, swept_axes(rows)[0], 480.0, 768.0).layout.xaxis
-    assert list(axis.ticktext) == ["none", "x"]

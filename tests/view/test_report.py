@@ -13,7 +13,7 @@ import pytest
 
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
-from workbench.study.load import changed, load_study
+from workbench.study.load import load_study
 from workbench.study.run import StudyResult
 from workbench.study.store import place_for, read_finished, run_batch
 from workbench.view.study import conclusions, figures_of, run_tables, what_was_run, write_study_report
@@ -150,16 +150,6 @@ def test_the_same_result_gives_the_same_bytes(results, tmp_path: Path) -> None:
     assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
 
 
-def test_a_cycle_that_heats_too_much_needs_a_pause_of_its_own_excess(results) -> None:
-    result = read_finished(results(""))
-    row = result.rows[0]
-    # 30 s at nominal heat in a cycle of 20 s: 10 s of rest, and 150 %.
-    hot = replace(row, metrics={**row.metrics, "i2t_s": 30.0, "thermal_load_percent": 150.0})
-    said = " ".join(conclusions(replace(result, rows=(hot,))))
-    assert "thermal load is at most 150 % of nominal" in said
-    assert "the cycle needs 10.0 s more of rest" in said
-
-
 def test_a_study_whose_runs_all_failed_has_a_page_that_says_why(results, tmp_path: Path) -> None:
     result = read_finished(results(""))
     lost = tuple(
@@ -209,12 +199,6 @@ def test_a_manifest_that_counts_other_runs_is_refused(copy: Path) -> None:
         read_finished(copy)
 
 
-def test_an_unfinished_folder_is_refused_even_with_all_in_it(copy: Path) -> None:
-    part = copy.rename(copy.with_name(".small.abc.part"))
-    with pytest.raises(InputError, match="is not finished"):
-        read_finished(part)
-
-
 def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path, commands) -> None:
     out = tmp_path / "mine.html"
     assert commands("report", copy, "--out", out).status == 0
@@ -225,19 +209,3 @@ def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path
     assert out.read_text() == "<html>notes</html>"
     done = commands("report", copy, "--out", tmp_path)
     assert done.status == 2 and "is a folder" in done.err
-
-
-def test_a_place_that_cannot_be_written_is_one_sentence(copy: Path, tmp_path: Path, commands) -> None:
-    done = commands("report", copy, "--out", tmp_path / "nowhere" / "x.html")
-    assert done.status == 2 and "cannot be written: No such file or directory" in done.err
-
-
-@pytest.mark.parametrize(
-    ("moves", "closes"),
-    [([{"by_m": 3.0}, {"dwell_s": 1.0}, {"to_m": 4.0}], True), ([{"by_m": 3.0}], False)],
-)
-def test_only_a_cycle_that_closes_is_said_to_be_repeatable(results, moves, closes):
-    result = read_finished(results(""))
-    scenario = changed(result.study.scenario, {"moves": moves, "start_position_m": 4.0, "events": {}})
-    said = " ".join(conclusions(replace(result, study=replace(result.study, scenario=scenario))))
-    assert ("can be repeated without end" in said) == closes

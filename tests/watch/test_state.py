@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import resource
-import shlex
 import shutil
 import signal
 import sqlite3
@@ -65,8 +64,6 @@ def one_line(err: str) -> str:
     ("said", "reason"),
     [
         ('name: "a/b"\npayload_kg: 0\nstart_position_m: 9\n', "name"),
-        ("payload_kg: -1\nstart_position_m: 9\n", "payload_kg"),
-        ("payload_kg: 1\nstart_position_m: [9]\n", "start_position_m"),
         ("payload_kg: 0\n", "needs start_position_m"),
         ("{", "expected"),
     ],
@@ -89,16 +86,6 @@ def test_a_log_with_a_wrong_file_beside_it_is_set_aside_and_the_watch_goes_on(
     assert commands(*words(place, "--once")).status == 0
     names = [name for (name,) in sqlite3.connect(place / "state" / "watch.sqlite").execute("SELECT name FROM cycles")]
     assert first.stem in names
-
-
-def test_a_file_whose_name_can_be_no_runs_name_is_set_aside(place: Path, commands: Commands):
-    file = put(place / "logs", short_runs(1)[0])
-    for odd in ("a\nb.csv", f"{'x' * 220}.csv", "a\\b.csv"):
-        shutil.copy(file, place / "logs" / odd)
-        shutil.copy(f"{file}.yaml", place / "logs" / f"{odd}.yaml")
-    file.unlink()
-    done = commands(*words(place, "--once"))
-    assert done.status == 1 and done.err.count("not counted") == 3 and "Traceback" not in done.err
 
 
 # A full disk: a limit on the size of files stands for it, which the system keeps to as to the end of a disk.
@@ -244,14 +231,6 @@ def test_what_cannot_be_rebuilt_is_one_line(place: Path, commands: Commands):
     assert done.status == 2 and "there is no cycles.parquet to rebuild it from" in one_line(done.err)
     other = commands(*words(place, "--once", "--healthy", 30))
     assert other.status == 2
-
-
-def test_a_reader_that_leaves_early_is_no_alarm(place: Path):
-    line = f"{shlex.join([sys.executable, '-m', 'workbench', *map(str, words(place, '--once'))])} 2>/dev/null"
-    done = subprocess.run(["bash", "-c", f"{line} | true; exit ${{PIPESTATUS[0]}}"], check=False)
-    assert done.returncode in (1, 2)  # 1 where all was written before the reader left
-    if done.returncode == 2:
-        assert subprocess.run(["bash", "-c", line], check=False, stdout=subprocess.DEVNULL).returncode == 1
 
 
 @pytest.mark.skipif(os.name != "posix", reason="allowed: pipes of POSIX")

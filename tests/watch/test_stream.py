@@ -19,7 +19,6 @@ from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.logs.runs_file import Entry
 from workbench.machines import default_hoist, save_machine
-from workbench.machines.kinds.axis import LinearAxis
 from workbench.watch.arrivals import Arrivals, Arrived
 from workbench.watch.estimate import estimate
 from workbench.watch.judge import Rules
@@ -84,22 +83,6 @@ def test_a_stream_that_begins_in_a_motion_waits_for_a_stand():
     assert [round(cut.moves_s[0] - 1008.0) for cut in cutter.cycles] == [0]
 
 
-def test_values_that_do_not_change_need_not_come_again():
-    cutter, last = Cutter(RULES), math.nan
-    for k in range(300):
-        t = k * DT
-        if (value := speed_at(t)) != last:
-            cutter.add("speed", 50.0 + t, value, t)
-            last = value
-        cutter.tick(t)
-    (cut,) = cutter.cycles
-    time_s, signals = on_grid(cut, "speed")
-    dwell = signals["speed"][
-        (time_s > cut.moves_s[0] + 1.1 - cut.begin_s) & (time_s < cut.moves_s[0] + 1.4 - cut.begin_s)
-    ]
-    assert len(dwell) > 10 and np.all(dwell == 0.0)
-
-
 @pytest.mark.parametrize("late", [0.0, 0.7])
 def test_a_stream_that_stops_in_a_motion_spoils_that_cycle_only(late: float):
     cutter = Cutter(RULES)
@@ -120,56 +103,6 @@ def test_a_clock_that_jumps_in_a_cycle_spoils_that_cycle_only(jump: float, word:
     assert [round(cut.moves_s[0] - jump) for cut in cutter.cycles] == [1008, 1014]
 
 
-def test_behind_a_jump_of_the_clock_values_that_did_not_change_still_hold():
-    cutter = Cutter(RULES)
-    for k in range(100):
-        cutter.add("speed", 1000.0 + k * DT, 0.001 * (k % 3), k * DT)
-    cutter.add("torque", 1001.0, 7.0, 2.0)
-    for k in range(100, 460):
-        t = k * DT
-        cutter.add("speed", 500.0 + t, speed_at(t - 3.0), t)
-        cutter.tick(t)
-    assert [bad.in_cycle for bad in cutter.spoilt] == [False]
-    (cut,) = cutter.cycles
-    _, signals = on_grid(cut, "speed")
-    assert np.all(signals["torque"] == 7.0)
-
-
-def test_what_comes_late_and_at_once_is_no_clock_that_jumps():
-    cutter = Cutter(RULES)
-    play(cutter, 0.0, 6.0, late=lambda t: max(0.0, 3.9 - t) if t > 2.2 else 0.0)
-    assert not cutter.spoilt and len(cutter.cycles) == 1
-
-
-def test_signals_that_come_one_after_the_other_in_one_message_are_all_in_the_cycle():
-    cutter, plain = Cutter(RULES), Cutter(RULES)
-    play(plain, 0.0, 6.0)
-    for signal, size in (("torque", 10.0), ("speed", 1.0)):
-        for k in range(300):
-            cutter.add(signal, 1000.0 + k * DT, size * speed_at(k * DT), 6.0)
-    cutter.tick(6.1)
-    for signal in ("torque", "speed"):
-        assert np.array_equal(cutter.cycles[0].series[signal], plain.cycles[0].series[signal])
-
-
-def test_what_comes_twice_or_out_of_order_counts_once():
-    cutter, plain = Cutter(RULES), Cutter(RULES)
-    play(plain, 0.0, 6.0)
-    for k in range(300):
-        for j in (k, max(k - 3, 0)):
-            cutter.add("speed", 1000.0 + j * DT, speed_at(j * DT), k * DT)
-    cutter.tick(300 * DT)
-    assert not cutter.spoilt and np.array_equal(cutter.cycles[0].series["speed"], plain.cycles[0].series["speed"])
-
-
-def test_a_lost_line_spoils_a_cycle_under_way():
-    cutter = Cutter(RULES)
-    play(cutter, 0.0, 2.5)
-    cutter.broken("the line was lost")
-    play(cutter, 2.8, 11.9)
-    assert len(cutter.spoilt) == 1 and len(cutter.cycles) == 1
-
-
 def test_a_trigger_marks_cycles_by_its_edges():
     cutter = Cutter(CutRules("speed", still=0.1, stand_s=1.0, silent_s=1.0, triggered=True))
     last = math.nan
@@ -181,15 +114,6 @@ def test_a_trigger_marks_cycles_by_its_edges():
         cutter.add("speed", t, speed_at(t), t)
         cutter.tick(t)
     assert [cut.moves_s for cut in cutter.cycles] == [pytest.approx((1.6 + 6 * k, 5.0 + 6 * k)) for k in range(3)]
-
-
-def test_a_position_alone_says_when_it_moves():
-    cutter = Cutter(CutRules("position", still=0.1, is_position=True, stand_s=1.0, silent_s=1.0))
-    place = np.cumsum([speed_at(k * DT) * DT for k in range(300)])
-    for k, x in enumerate(place):
-        cutter.add("position", k * DT, float(x), k * DT)
-    cutter.tick(300 * DT)
-    assert len(cutter.cycles) == 1 and cutter.cycles[0].moves_s == pytest.approx((2.0, 4.5), abs=0.2)
 
 
 # What is written.
@@ -321,11 +245,3 @@ def test_what_a_stream_lacks_is_one_line(machine: OpcUaMachine, tmp_path: Path, 
     assert "has no node for speed_motor_rad_s" in said(without, *named)
     assert "needs a node for position_carriage_m" in said(NODES.replace("start_position_m: 9.0\n", ""), *named)
     assert "a stream has no end" in said(NODES, *named, "--once")
-
-
-def test_an_axis_has_to_be_told_what_standing_is():
-    friction = {"coulomb_forward_n": 20.0, "coulomb_backward_n": 20.0, "viscous_n_s_per_m": 200.0}
-    axis = LinearAxis.model_validate({"mass_kg": 95.0, "friction": friction})
-    assert still_speed(axis, 0.01) == 0.01
-    with pytest.raises(InputError, match="needs a speed up to which the machine stands, in m/s"):
-        still_speed(axis, None)

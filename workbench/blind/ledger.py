@@ -96,7 +96,8 @@ def compare(folder: Path, found: Sequence[Entry], kept: str | Path | None) -> st
     if isinstance(kept, str) and re.fullmatch(r"[0-9a-f]{64}", kept):
         chain = [manifest_hash(folder), *(entry.chain for entry in found)]
         if kept not in chain:
-            problem = f"ends in {chain[-1]}, and not in {kept}: an answer was changed, removed or dated anew"
+            end = chain[-1] or "no chain"
+            problem = f"ends in {end}, and not in {kept}: an answer was changed, removed or dated anew"
             raise InputError(problem, file=folder / LEDGER)
         later = [entry.case for entry in found[chain.index(kept) :]]
         more = f"; answers to {', '.join(later)} were given after it" if later else ""
@@ -116,4 +117,5 @@ def compare(folder: Path, found: Sequence[Entry], kept: str | Path | None) -> st
         raise InputError(problem, file=folder / LEDGER)
     later = [entry.case for entry in found[len(_lines(file)) :]]
     more = f"; answers to {', '.join(later)} were given after it" if later else ""
-    return f"The ledger is that of {file.name}{more}."
+    unproved = "" if kept is not None else "; against who can write there, too, only a head kept elsewhere proves it"
+    return f"The ledger is that of {file.name}{more}{unproved}."

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import click
+import numpy as np
 
 import workbench.diagnose.diagnose as cause
 from workbench import __version__
@@ -19,6 +22,7 @@ from workbench.cli.options import Band, MostEffects, Runs, command, names_in
 from workbench.cli.progress import stages as shown
 from workbench.cli.show import filled, print_notes, print_sections, print_table
 from workbench.core.errors import InputError, one_line
+from workbench.core.input_file import read_input
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder
 from workbench.diagnose.diagnose import Diagnosis
@@ -51,7 +55,7 @@ def diagnose(
 
     --out writes a report, diagnosis.json, and a corrected machine.yaml that replay and study accept. The exit
     status is 0 for every verdict. Several campaigns give one table, and with --out a folder of each; the exit status
-    is 1 where one of them could not be diagnosed.
+    is 1 where one of them could not be diagnosed. Interrupted, the same command goes on with those that are left.
 
     out: New folder for diagnosis.json, machine.yaml and the report.
     baseline: Base parameters: refitted within their tolerances, or held at their nominal values.
@@ -63,7 +67,7 @@ def diagnose(
     scenario: Scenario that gives moves, limits, payloads and controller of the control study.
     cluster: Several campaigns on Dask: tcp://host:port, or local:N for N processes.
     """
-    if out is not None:
+    if out is not None and len(campaigns) == 1:
         check_free(out)
     options: dict[str, Any] = {
         "baseline": baseline, "most_effects": max_effects, "seed": seed, "quick": quick,
@@ -141,29 +145,74 @@ def diagnose_each(
 ) -> list[Answered]:
     """The answers in the order of the campaigns. campaigns: name -> what reads it. out: a folder with one of each.
 
-    A campaign that cannot be read or diagnosed is a row that says why; the others go on.
+    A campaign that cannot be read or diagnosed is a row that says why; the others go on. One that `out` has the answer
+    of, to the same question, is not diagnosed again. InputError where a folder holds anything else.
     """
-    folders = {name: out / name for name in campaigns} if out is not None else {}
-    for folder in folders.values():
-        check_free(folder)
+    asked = (__version__, dict(options), out is not None, tuple(effects))
     read: dict[str, Campaign] = {}
     rows: dict[str, Answered] = {}
+    questions: dict[str, str] = {}
     for name, reader in campaigns.items():
         try:
-            read[name] = reader()
+            campaign = reader()
         except InputError as error:
             rows[name] = Answered(name, "refused", trouble=one_line(str(error), 300))
-    begun = time.monotonic()
-    for name, row in _answers(read, (__version__, dict(options), out is not None, tuple(effects)), cluster):
-        rows[name] = row
-        if row.files:
-            with whole_folder(folders[name]) as hidden:
-                for file, content in row.files.items():
-                    (hidden / file).write_bytes(content)
-        done = sum(n in read for n in rows)
-        left = (time.monotonic() - begun) / done * (len(read) - done)
-        tell(f"{len(rows)}/{len(campaigns)} {name}: {row.trouble or row.cause}; about {left:.0f} s left")
+            continue
+        questions[name] = question_of(campaign, asked)
+        kept = _kept(out / name, questions[name]) if out is not None else None
+        if kept is None:
+            read[name] = campaign
+        else:
+            rows[name] = kept
+            tell(f"{len(rows)}/{len(campaigns)} {name}: {kept.cause}; kept from before")
+    begun, before = time.monotonic(), len(rows)
+    try:
+        for name, row in _answers(read, asked, cluster):
+            rows[name] = row
+            if out is not None and row.files:
+                said = {"question": questions[name]} | {key: getattr(row, key) for key in KEPT}
+                with whole_folder(out / name) as hidden:
+                    for file, content in {**row.files, ANSWER: json.dumps(said).encode()}.items():
+                        (hidden / file).write_bytes(content)
+            left = (time.monotonic() - begun) / (len(rows) - before) * (len(campaigns) - len(rows))
+            tell(f"{len(rows)}/{len(campaigns)} {name}: {row.trouble or row.cause}; about {left:.0f} s left")
+    except KeyboardInterrupt:
+        if out is not None:
+            tell(f"{len(rows)} of {len(campaigns)} are done and kept; the same command goes on with the others")
+        raise
     return [rows[name] for name in campaigns]
+
+
+ANSWER, KEPT = "answer.json", ("cause", "numbers", "unit")  # a campaign's line of the table, in its folder
+
+
+def question_of(campaign: Campaign, asked: tuple[Any, ...]) -> str:
+    """The hash of all that an answer depends on: machine, logs, options, users' effects, version."""
+    version, options, _, effects = asked
+    scenario = options["scenario"] and options["scenario"].fingerprint
+    digest = sha256(campaign.machine.model_dump_json().encode())
+    digest.update(repr((version, {**options, "scenario": scenario}, effects)).encode())
+    for run in campaign.runs:
+        digest.update(repr((run.name, run.payload_kg, run.start_position_m, run.start_time_s)).encode())
+        for signal, values in sorted({"time_s": run.time_s, **run.signals}.items()):
+            digest.update(signal.encode() + np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
+
+
+def _kept(folder: Path, question: str) -> Answered | None:
+    """The line of an answer that the folder holds; None if it is free. InputError if it holds anything else."""
+    if not (folder / ANSWER).exists():
+        check_free(folder)
+        return None
+    try:
+        said = json.loads(read_input(folder / ANSWER, "json"))
+        if said["question"] == question:
+            return Answered(folder.name, *(said[key] for key in KEPT))
+    except (ValueError, KeyError, TypeError) as error:
+        problem = "is damaged, expected what `workbench diagnose` of several campaigns wrote"
+        raise InputError(problem, file=folder / ANSWER) from error
+    problem = "has an answer for other logs, options or another version; nothing is overwritten, choose another folder"
+    raise InputError(problem, file=folder)
 
 
 def _answers(
