@@ -5,7 +5,6 @@ from workbench.control.pi import (
     NEVER,
     PI,
     Controller,
-    LagStep,
     cascade,
     cascade_values,
     delay_weights,

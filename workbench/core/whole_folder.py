@@ -48,8 +48,9 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     """A hidden folder to write to; it is renamed to `folder` when the block ends without an error.
 
     What stops in the middle leaves no results. Enter it before long work: a place that cannot be
-    written is known at once. `folder` is free (see `check_free`). InputError where a file cannot be written.
+    written is known at once. InputError where `folder` is not free or a file cannot be written.
     """
+    check_free(folder)
     target = folder.resolve()
     if target == Path.cwd():  # the new folder would take its name, and whoever stands in it would see the old one
         raise InputError("is the current folder; name one to be made", file=folder)

@@ -20,7 +20,7 @@ import numpy as np
 from workbench.core.errors import InputError, nearest
 from workbench.core.input_file import read_input
 from workbench.core.run import Array
-from workbench.core.whole_folder import check_free, whole_folder
+from workbench.core.whole_folder import whole_folder
 from workbench.core.yaml_strict import dumps
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.formats.declared import TIME, Channel, at_times, distinct, fastest, titled
@@ -344,7 +344,6 @@ def write_campaign(machine: Path, logs: Sequence[Imported], proposed: Proposed, 
     names = [log.name for log in logs]
     if len(set(names)) < len(names):
         raise InputError(f"two files are called {next(n for n in names if names.count(n) > 1)}; rename one")
-    check_free(folder)
     with whole_folder(folder) as hidden:
         (hidden / "runs").mkdir()
         shutil.copyfile(machine, hidden / "machine.yaml")

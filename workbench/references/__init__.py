@@ -30,7 +30,6 @@ from workbench.references.plan import (
     move_shape,
     move_time_s,
     plan_motion,
-    ramp_shape,
 )
 from workbench.references.recorded import RecordedPlan
 from workbench.references.shape import Shape

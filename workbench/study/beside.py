@@ -160,9 +160,8 @@ def at_equal_times(study: Study) -> list[Row]:
         if not own:
             continue
         first = next(iter(own.values()))
-        assert first.limits is not None
-        load, jerk = load_of(first.machine, payload), first.limits.hoisting.jerk_m_s3
-        times = [_duration_s(spec, spec.limits) for spec in own.values()]
+        load, jerk = load_of(first.machine, payload), first.bounds.hoisting.jerk_m_s3
+        times = [_duration_s(spec, spec.bounds) for spec in own.values()]
         wanted = sorted({round(time, 3) for time in (*times, *(min(times) * factor for factor in TIMES))})
         for name in dict.fromkeys([*own, *FAMILIES, LEAST]):
             kind, spec = kinds[name], own.get(name, replace(first, reference=name))
@@ -186,8 +185,7 @@ def _slowed(spec: RunSpec, wanted: Sequence[float], ratio: float, own: bool) -> 
     of the study's own references what it has run itself."""
     from scipy.optimize import brentq
 
-    given = spec.limits
-    assert given is not None
+    given = spec.bounds
     unit = kind_of(spec.machine).moved.unit
 
     def scaled(factor: float) -> LimitPair:
@@ -216,8 +214,7 @@ def _slowed(spec: RunSpec, wanted: Sequence[float], ratio: float, own: bool) -> 
         )  # fmt: skip
 
 
-def _duration_s(spec: RunSpec, limits: LimitPair | None) -> float:
-    assert limits is not None
+def _duration_s(spec: RunSpec, limits: LimitPair) -> float:
     rail, load = kind_of(spec.machine).looped.rail(spec.machine), load_of(spec.machine, spec.payload_kg)
     return motion_time_s((spec.reference,), spec.moves, spec.start_position_m, limits, rail, load)
 
@@ -286,16 +283,14 @@ def _deceleration(spec: RunSpec) -> float:
     stop = spec.events.emergency_deceleration_m_s2
     if spec.events.emergency_stop_s is not None and stop is not None:
         return stop
-    assert spec.limits is not None
-    return spec.limits.hoisting.acceleration_m_s2
+    return spec.bounds.hoisting.acceleration_m_s2
 
 
 def _decelerating(spec: RunSpec, value: float) -> RunSpec:
     """The emergency stop's deceleration; without one the acceleration limit of the motion, both ways."""
     if spec.events.emergency_stop_s is not None:
         return replace(spec, events=spec.events.model_copy(update={"emergency_deceleration_m_s2": value}))
-    assert spec.limits is not None
-    ways = (replace(way, acceleration_m_s2=value) for way in (spec.limits.hoisting, spec.limits.lowering))
+    ways = (replace(way, acceleration_m_s2=value) for way in (spec.bounds.hoisting, spec.bounds.lowering))
     return replace(spec, limits=LimitPair(*ways))
 
 

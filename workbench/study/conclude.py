@@ -110,35 +110,24 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     if not good:
         return found
     judged = metrics_of(good)
-    end, word = judged.by_name[judged.end], judged.input_words
-    bound = f"{judged.by_name[judged.peak].text(limit)} {judged.input_unit}"
     own_limits = any("drive." in column or "motor." in column for column in good[0].assigned)
     at_limit = [row for row in good if row[judged.peak] >= limit * (1.0 - 1e-9) and not own_limits]
     stuck = [row for row in at_limit if row[judged.rms] >= AT_THE_LIMIT * limit]
-
-    def off(row: Row) -> str:
-        error = abs(row[end.name])
-        amount = f"{error:.2f} m" if judged.payload else f"{end.text(error)} {end.shown_unit}"
-        return f"{amount} {judged.sides[row[end.name] <= 0.0]} it"
-
-    # What is so, of which runs, and of the worst of them how much.
-    troubled: tuple[tuple[str, list[Row], Callable[[Row], float] | None, Callable[[Row], str]], ...] = (
-        (f"The {word} limit of {bound} is reached", [row for row in at_limit if row not in stuck], None, str),
-        (f"The {word} is at its limit nearly all the time", stuck, None, str),
-        ("The loop hunts, the torque swings by more than nominal torque", [row for row in good if hunts(row)],
-         swings_per_s, lambda row: f"{swings_per_s(row):.0f} times a second of motion"),
-        ("The wire goes slack", [row for row in good if row.get("slack_time_s") > 0.0],
-         lambda row: row["slack_time_s"], lambda row: f"{row['slack_time_s']:.2g} s"),
-        (f"The {judged.moved} does not end where its reference does", [row for row in good if is_astray(row)],
-         lambda row: abs(row[end.name]), off),
-    )  # fmt: skip
-    for what, some, size, amount in troubled:
+    # What is so, of which runs, and by what the worst of them is.
+    troubled: tuple[tuple[str, list[Row], Callable[[Row], float] | None], ...] = (
+        ("limit", [row for row in at_limit if row not in stuck], None),
+        ("stuck", stuck, None),
+        ("hunts", [row for row in good if hunts(row)], swings_per_s),
+        ("slack", [row for row in good if row.get("slack_time_s") > 0.0], lambda row: row["slack_time_s"]),
+        ("astray", [row for row in good if is_astray(row)], lambda row: abs(row[judged.end])),
+    )
+    for what, some, size in troubled:
         names = [run_in_words(row, axes) for row in some]
         if len(names) > (3 if good[0].assigned else 6):
             names = [f"{len(names)} of {len(good)} runs, the first {names[0]}"]
-        if some:
-            worst = "" if size is None else f"; at most {amount(w := max(some, key=size))}, {run_in_words(w, axes)}"
-            found.append(f"{what}: {'; '.join(names)}{worst}.")
+        worst = max(some, key=size) if some and size else None
+        whose = (size(worst), run_in_words(worst, axes)) if worst and size else ()
+        found += [said.trouble(what, judged, limit, names, worst, *whose)] if some else []
     return found
 
 

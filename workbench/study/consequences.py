@@ -89,9 +89,7 @@ class SmallStudy:
             "references": list(self.scenario.kinds),
             f"start_position_{unit}": self.start_position_m,
             f"travel_{unit}": self.travel_m,
-            f"speed_{unit}_s": self.limits.speed_m_s,
-            f"acceleration_{unit}_s2": self.limits.acceleration_m_s2,
-            f"jerk_{unit}_s3": self.limits.jerk_m_s3,
+            **{key_in(unit, name): value for name, value in vars(self.limits).items()},
             "limits_from_runs": self.from_runs,
             "scenario": self.scenario.name if self.own else None,
             "controller": self.controller.model_dump(mode="json"),
@@ -487,12 +485,13 @@ def _sentences(c: Consequences, corrected: Hoist | Axis) -> list[str]:
             (judged.error, "tracking error"),
         )
     }
+    moved = [abs(percent(getattr(c.gains_before, k), getattr(c.gains_after, k))) for k in ("kp", "ki")]
     of_kind, own, drive = effects_for(kind.name), _per_run(corrected), corrected.drive
     return said.each(
         "changes", c, listed([f"{load:g}" for load in c.study.payloads_kg]),
         [(row, reason.rpartition("; ")[2]) for row, reason in reasons],  # how far a load fell says nothing
         judged.input_words, reached, [_figure(good, metric, kind) for metric in figures_told(kind) if good], better,
-        _margins(c.loop_before, c.loop_after), _gains_alike(c), own,
+        _margins(c.loop_before, c.loop_after), max(moved) < GAIN_MOVES, own,
         [name for name in corrected.effects if of_kind[name].regime == "time" and name not in own],
         [name for name in corrected.effects if of_kind[name].on_sensor],
         not (drive.torque_lag_s or drive.speed_filter_s or drive.speed_delay_s),
@@ -532,11 +531,6 @@ def _margins(a: LoopFigures, b: LoopFigures) -> tuple[bool, list[str]]:
     return moves, said
 
 
-def _gains_alike(c: Consequences) -> bool:
-    before, after = c.gains_before, c.gains_after
-    return max(abs(percent(before.kp, after.kp)), abs(percent(before.ki, after.ki))) < GAIN_MOVES
-
-
 def consequences_table(c: Consequences) -> Table:
     """One row for each payload and reference: the machine as given, refitted, corrected, and the effects' own share."""
     payload, told = c.study.kind.payload, figures_told(c.study.kind)[:3]
@@ -556,11 +550,7 @@ def consequences_table(c: Consequences) -> Table:
             line += [metric.text(getattr(row, machine)[metric.name]) for machine in machines]
             line.append(f"{change:+.1f}" if math.isfinite(change) else "–")
         lines.append([*line, f"{row.after['move_time_s']:.2f}"])
-    note = (
-        "Given: the machine as its file has it; refitted: its own values fitted without the effects; corrected: with "
-        "them. Effects: corrected against the same machine without the effects, all else equal. A dash: the run failed."
-    )
-    return Table([*columns, Column("moves", "s")], lines, note)
+    return Table([*columns, Column("moves", "s")], lines, said.table())
 
 
 def as_json(c: Consequences) -> dict[str, Any]:

@@ -240,6 +240,12 @@ class RunSpec:
     assigned: Mapping[str, float | str] = field(default_factory=dict)
     problem: str = ""
 
+    @property
+    def bounds(self) -> LimitPair:
+        """The limits of a planned motion, which has some."""
+        assert self.limits is not None
+        return self.limits
+
     def plan(self) -> Plan:
         """The motion; equal motions are planned once. InputError where it is not possible."""
         if self.problem:
@@ -249,12 +255,11 @@ class RunSpec:
         if self.recording is not None:
             plan = _recorded_plan(self.recording, rail, self.lead_s, self.settle_s)
         else:
-            assert self.limits is not None
-            check_speed(self.limits, self.machine)
+            check_speed(self.bounds, self.machine)
             kind = planned_kind(self.reference)
             load = load_of(self.machine, self.payload_kg) if kind.needs_load or kind.uses_load else None
             plan = _planned(
-                self.reference, self.moves, self.start_position_m, self.limits, rail, self.lead_s, self.settle_s, load
+                self.reference, self.moves, self.start_position_m, self.bounds, rail, self.lead_s, self.settle_s, load
             )
         if events.emergency_stop_s is None or events.emergency_deceleration_m_s2 is None:
             return plan

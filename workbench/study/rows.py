@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -186,22 +187,29 @@ def joined(tables: Sequence[Any]) -> Any:
     return whole.select([*_OWN, *assigned, *measured]).replace_schema_metadata({_ASSIGNED: json.dumps(assigned)})
 
 
-def read_table(file: Path) -> Any:
-    """An index, or a part of one. InputError where it is not there or is damaged."""
+@contextmanager
+def parquet_of(file: Path, unreadable: str) -> Iterator[Any]:
+    """The Parquet file, opened. InputError, which begins with `unreadable`, for whatever the parser makes of damage."""
     import pyarrow.parquet as pq
 
     try:
         # ParquetFile, since read_table imports pandas and the datasets.
-        with pq.ParquetFile(readable_file(file, "table")) as index:
-            if index.metadata.num_rows > MOST_ROWS or index.metadata.num_columns > MOST_COLUMNS:
-                raise InputError("is no index of a study: it has too many rows or columns", file=file)
-            table = index.read(use_threads=False)
-        table.validate(full=True)
+        with pq.ParquetFile(readable_file(file, "table")) as opened:
+            yield opened
     except InputError:
         raise
-    except Exception as error:  # whatever the parser makes of damaged bytes
+    except Exception as error:
         said = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"is no readable index of a study: {said[:200]}", file=file) from error
+        raise InputError(f"{unreadable}: {said[:200]}", file=file) from error
+
+
+def read_table(file: Path) -> Any:
+    """An index, or a part of one. InputError where it is not there or is damaged."""
+    with parquet_of(file, "is no readable index of a study") as index:
+        if index.metadata.num_rows > MOST_ROWS or index.metadata.num_columns > MOST_COLUMNS:
+            raise InputError("is no index of a study: it has too many rows or columns", file=file)
+        table = index.read(use_threads=False)
+        table.validate(full=True)
     if missing := [name for name in _OWN if name not in table.column_names]:
         raise InputError(f"is no index of a study: it has no column '{missing[0]}'", file=file)
     if len(set(table.column_names)) < table.num_columns:

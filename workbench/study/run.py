@@ -4,7 +4,7 @@ The runs of a study, labelled for a file of their signals."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -42,8 +42,7 @@ def run_specs(specs: Sequence[RunSpec], threads: int | None = None) -> list[tupl
         case = case_of(spec, plan)
         cases.setdefault((spec.record_every, spec.step_s, spec.plant), []).append((index, spec, plan, case))
     for (record_every, step_s, plant), group in cases.items():
-        simulate = _multibody if plant == "multibody" else _lumped
-        results = _side_by_side(simulate, [case for *_, case in group], record_every, step_s, threads)
+        results = _side_by_side(plant, [case for *_, case in group], record_every, step_s, threads)
         for (index, spec, plan, _), result in zip(group, results, strict=True):
             if isinstance(result, str):
                 done[index] = (_row(spec, {}, result), None)
@@ -68,30 +67,19 @@ def case_of(spec: RunSpec, plan: Plan | None = None) -> LoopCase:
 
 
 def _side_by_side(
-    simulate: Callable[..., list[LoopResult]],
-    cases: Sequence[LoopCase],
-    record_every: int,
-    step_s: float,
-    threads: int | None,
+    plant: str, cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None
 ) -> list[LoopResult | str]:
     """The result of each case, or why it could not begin: such a case takes no other with it."""
     try:
-        return list(simulate(cases, record_every, step_s, threads))
+        if plant == "multibody":  # one after the other: it has no lanes, and workers share a study's runs anyway
+            from workbench.simulate.multibody_loop import simulate_multibody_loop
+
+            return [simulate_multibody_loop(case, record_every=record_every, step_s=step_s) for case in cases]
+        return list(simulate_loop(cases, record_every=record_every, step_s=step_s, threads=threads))
     except (ArithmeticError, ValueError, InputError) as error:
         if len(cases) == 1:
             return [str(error)]
-    return [result for case in cases for result in _side_by_side(simulate, [case], record_every, step_s, threads)]
-
-
-def _lumped(cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None) -> list[LoopResult]:
-    return simulate_loop(cases, record_every=record_every, step_s=step_s, threads=threads)
-
-
-def _multibody(cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None) -> list[LoopResult]:
-    """One after the other: the engine has no lanes, and workers share a study's runs anyway."""
-    from workbench.simulate.multibody_loop import simulate_multibody_loop
-
-    return [simulate_multibody_loop(case, record_every=record_every, step_s=step_s) for case in cases]
+    return [result for case in cases for result in _side_by_side(plant, [case], record_every, step_s, threads)]
 
 
 def driven_motion(spec: RunSpec, plan: Plan) -> tuple[Array, Array | None]:

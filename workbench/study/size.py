@@ -363,8 +363,7 @@ def _distribution(asked: SizeFile, study: Study) -> list[Loaded]:
 def _too_small(drive: Candidate, asked: SizeFile, study: Study) -> Check | None:
     """What is known without a run: the motor's speed, and whether it holds the load; the one that is missed by more."""
     machine = _machine(drive, study, 1.0)
-    limits = study.specs[0].limits
-    assert limits is not None
+    limits = study.specs[0].bounds
     fastest = max(limits.hoisting.speed_m_s, limits.lowering.speed_m_s) / machine.lift_m_per_rad
     hold = hold_torque_nm(machine, _distribution(asked, study)[-1].payload_kg) / drive.count
     turns = Check("speed", fastest, drive.motor.speed_rad_s, "rad/s")
@@ -397,8 +396,7 @@ def _specs(drive: Candidate, asked: SizeFile, study: Study) -> list[RunSpec]:
     own = cast(Any, study.scenario.controller)
     inertia = kind_of(machine).looped.total_inertia
     share = inertia(machine, loads[-1].payload_kg) / inertia(study.machine, loads[-1].payload_kg)
-    gains = {name: float(getattr(own, name)) * share for name in own.GAINS}
-    controller = own.model_copy(update=gains)
+    controller = own.model_copy(update={name: float(getattr(own, name)) * share for name in own.GAINS})
     reference = asked.reference or study.scenario.kinds[0]
     base = next(spec for spec in study.specs if spec.reference == reference)
     specs = [
@@ -406,17 +404,12 @@ def _specs(drive: Candidate, asked: SizeFile, study: Study) -> list[RunSpec]:
                 record_every=10, assigned={})
         for one in loads
     ]  # fmt: skip
-    return [*specs, *_stops(specs[-1], asked)]
-
-
-def _stops(spec: RunSpec, asked: SizeFile) -> Iterator[RunSpec]:
-    plan = spec.plan()
-    t = np.arange(0.0, spec.duration_s, 0.01)
-    speed = plan.at(t)[1]
+    t = np.arange(0.0, base.duration_s, 0.01)
+    speed = specs[-1].plan().at(t)[1]
     down = np.flatnonzero(speed <= 0.999 * speed.min()) if speed.min() < 0.0 else np.flatnonzero(speed >= speed.max())
     events = Events(emergency_stop_s=float(t[down[len(down) // 2]]),
                     emergency_deceleration_m_s2=asked.emergency.deceleration_m_s2)  # fmt: skip
-    yield replace(spec, run_id=f"{spec.run_id}_stop", events=events)
+    return [*specs, replace(specs[-1], run_id=f"{specs[-1].run_id}_stop", events=events)]
 
 
 def s1_share(speed: Array, nominal: float, thermal: Thermal) -> Array:
@@ -539,8 +532,7 @@ def _checks(
         yield Check("brake torque per motor", brakes / drive.count, None, "N m")
     else:
         yield Check("brake torque over the load's", brakes / hold, asked.brake.safety, "", at_least=True)
-    limits = specs[-1].limits
-    assert limits is not None
+    limits = specs[-1].bounds
     inertia = kind_of(machine).looped.total_inertia(machine, heaviest)
     sto = sto_stop(inertia, hold, brakes, limits.lowering.speed_m_s / machine.lift_m_per_rad, asked.brake.delay_s)
     if sto is not None:

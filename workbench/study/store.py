@@ -35,7 +35,6 @@ from typing import Any
 
 from workbench import __version__
 from workbench.core.errors import InputError
-from workbench.core.input_file import readable_file
 from workbench.core.run import Run
 from workbench.core.whole_folder import check_free, is_free, what_is_in, write_json
 from workbench.core.yaml_strict import dumps, load, validate
@@ -54,6 +53,7 @@ from workbench.study.rows import (
     joined,
     numbers,
     parquet_bytes,
+    parquet_of,
     read_manifest,
     read_rows,
     read_table,
@@ -182,22 +182,14 @@ class SavedRuns(Mapping[str, Run]):
         return iter(self._rows)
 
     def __getitem__(self, run_id: str) -> Run:
-        import pyarrow.parquet as pq
-
         path = self._folder / self._rows[run_id].run_id / SIGNALS
-        try:
-            with pq.ParquetFile(readable_file(path, "table")) as file:
-                if file.metadata.num_rows > MOST_SAMPLES:
-                    raise InputError("holds more samples than a run has: the result is damaged", file=path)
-                columns = columns_of(file.read(use_threads=False))
+        with parquet_of(path, "is not readable, the result is damaged") as file:
+            if file.metadata.num_rows > MOST_SAMPLES:
+                raise InputError("holds more samples than a run has: the result is damaged", file=path)
+            columns = columns_of(file.read(use_threads=False))
             sizes = {len(column) for column in columns.values()}
             if "time_s" not in columns or len(sizes) != 1 or sizes == {0}:
                 raise InputError("holds no signals of a run: the result is damaged", file=path)
-        except InputError:
-            raise
-        except Exception as error:  # whatever the parser makes of damaged bytes
-            said = (str(error).splitlines() or [type(error).__name__])[0]
-            raise InputError(f"is not readable, the result is damaged: {said[:200]}", file=path) from error
         start = float(columns["position_carriage_m"][0]) if "position_carriage_m" in columns else 0.0
         return Run(run_id, columns.pop("time_s"), columns, self._rows[run_id].payload_kg, start)
 
@@ -491,7 +483,9 @@ def _run_the_rest(study: Study, part: Part, spread: Spread, tell: Tell) -> None:
 def _make_whole(study: Study, part: Part, extras: Mapping[str, Extra]) -> None:
     rows = rows_of(part.assemble())
     save_machine(study.machine, part.folder / "machine.yaml")
-    part.add("scenario.yaml", dumps(_as_run(study)))
+    scenario = study.scenario.model_dump(mode="json", exclude={"extends"}) | {"machine": "machine.yaml"}
+    scenario["moves"] = [{k: v for k, v in move.items() if v is not None} for move in scenario["moves"]]
+    part.add("scenario.yaml", dumps(scenario))
     for number, file in enumerate(files_behind(study.machine.effects, "hoist")):
         name = Path(file.path).name
         part.add(f"{number}_{name}" if (part.folder / name).exists() else name, file.text)
@@ -499,10 +493,3 @@ def _make_whole(study: Study, part: Part, extras: Mapping[str, Extra]) -> None:
     for name, write in extras.items():
         write(result, part.folder / name)
     part.mark(manifest(study, rows, part.folder))
-
-
-def _as_run(study: Study) -> dict[str, Any]:
-    """The scenario, complete, beside the machine that it was run on."""
-    scenario = study.scenario.model_dump(mode="json", exclude={"extends"}) | {"machine": "machine.yaml"}
-    scenario["moves"] = [{k: v for k, v in move.items() if v is not None} for move in scenario["moves"]]
-    return scenario

@@ -21,7 +21,7 @@ from workbench.core.json_records import plain
 from workbench.core.names import unit_of, words_of
 from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
-from workbench.core.whole_folder import check_free, whole_folder, write_json
+from workbench.core.whole_folder import whole_folder, write_json
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view.numbers import NOTHING
 from workbench.view.page import Section, save_page
@@ -418,7 +418,6 @@ def power(effects: Sequence[EffectPower], unit: str) -> Figure:
 
 def write_score(sheet: Sheet, folder: Path, power: Power | None = None, next_runs: Sequence[WithNextRun] = ()) -> None:
     """Write score.json, score.md and score.html into an empty folder, or none."""
-    check_free(folder)
     parts = sections(sheet, power, next_runs)
     with whole_folder(folder) as hidden:
         write_json(hidden / "score.json", to_json(sheet, power, next_runs))
@@ -434,7 +433,8 @@ def sections(sheet: Sheet, chart: Power | None = None, next_runs: Sequence[WithN
     parts = [
         Section(tables=[*map(sheet_table, measures.by_kind(rows).values()), amounts(rows)]),
         Section("The seal", points=sentences(sheet)),
-        *([_power_section(chart)] if chart is not None else []),
+        *([Section("The power of these runs", power_sentences(chart), (), [power_table(chart)],
+                   [(power(chart.effects, chart.unit), "")])] if chart is not None else []),
         *([Section("Open cases with the recommended next run", [settled_text(next_runs, rows)],
                    tables=[next_runs_table(next_runs)])] if next_runs else []),
         *by_size,
@@ -444,11 +444,6 @@ def sections(sheet: Sheet, chart: Power | None = None, next_runs: Sequence[WithN
         Section("Misses", tables=[misses(rows)]),
     ]  # fmt: skip
     return list(filter(None, parts))
-
-
-def _power_section(chart: Power) -> Section:
-    drawn = [(power(chart.effects, chart.unit), "")]
-    return Section("The power of these runs", power_sentences(chart), (), [power_table(chart)], drawn)
 
 
 def _blocks(part: Section) -> Iterator[str]:

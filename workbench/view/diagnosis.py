@@ -16,7 +16,7 @@ from workbench.core.errors import InputError
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
-from workbench.core.whole_folder import check_free, whole_folder, write_json
+from workbench.core.whole_folder import whole_folder, write_json
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.planned import Planned
@@ -26,11 +26,13 @@ from workbench.diagnose.verdict.answer import Candidate, Hypothesis, VerdictWord
 from workbench.effects import effects_for
 from workbench.machines import kind_of, plant_of, save_machine
 from workbench.study.consequences import consequences_table
+from workbench.study.labels import listed
+from workbench.study.scenario import key_in
 from workbench.view import diagnosis_figures as draw
 from workbench.view.diagnosis_json import probabilities, to_json
 from workbench.view.numbers import NOTHING, figures, with_error
 from workbench.view.page import Section, save_page
-from workbench.view.words import direction_names, listed, words_of
+from workbench.view.words import direction_names, words_of
 
 SHRINKS = 1.02  # factor: less is none
 RUN_AWAY = 100.0  # per cent of the speed's scale: a replay in open loop that is further off has left the motion
@@ -477,7 +479,6 @@ def write_diagnosis(
 
     say: called with each step after the diagnosis itself. keep: write diagnosis.pickle too.
     """
-    check_free(folder)
     with whole_folder(folder) as hidden:
         diagnosis = run()
         if say is not None:
@@ -502,7 +503,7 @@ def write_next_run(d: Diagnosis, planned: Planned, folder: Path) -> None:
     machine."""
     from workbench.analysis.usual import usual_settings
 
-    kind, run, limits = kind_of(d.campaign.machine), planned.run, planned.limits
+    kind, run = kind_of(d.campaign.machine), planned.run
     unit, speed = kind.moved.unit, run[kind.plant.speeds[0]] * kind.transmission_of(d.campaign.machine)
     gone = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(run.time_s))
     table = np.column_stack([run.time_s, planned.start_position + np.concatenate([[0.0], gone]), speed])
@@ -510,7 +511,6 @@ def write_next_run(d: Diagnosis, planned: Planned, folder: Path) -> None:
     np.savetxt(folder / "next_run.csv", table, fmt="%.6g", delimiter=",", header=head, comments="")
     if kind.closed_loop is None:
         return
-    names = {"by_m": f"by_{unit}", "to_m": f"to_{unit}", "speed_m_s": f"speed_{unit}_s"}
     scenario = {
         "format": 1,
         "name": "next_run",
@@ -518,12 +518,8 @@ def write_next_run(d: Diagnosis, planned: Planned, folder: Path) -> None:
         "machine": "machine.yaml",
         **({"payloads_kg": [planned.payload_kg]} if kind.payload else {}),
         f"start_position_{unit}": round(planned.start_position, 6),
-        "moves": [{names.get(k, k): v for k, v in vars(step).items() if v is not None} for step in planned.steps],
-        "limits": {
-            f"speed_{unit}_s": limits.speed_m_s,
-            f"acceleration_{unit}_s2": limits.acceleration_m_s2,
-            f"jerk_{unit}_s3": limits.jerk_m_s3,
-        },
+        "moves": [{key_in(unit, k): v for k, v in vars(step).items() if v is not None} for step in planned.steps],
+        "limits": {key_in(unit, name): value for name, value in vars(planned.limits).items()},
         "references": ["ruckig"],
         "controller": usual_settings(d.corrected)[0].model_dump(exclude_none=True, exclude_defaults=True),
     }

@@ -194,7 +194,8 @@ def _strips(data: dict[str, Any]) -> list[tuple[str, str, str, list[str]]]:
             y = STRIP_HEIGHT * (0.96 - 0.92 * (np.array(strip) - low) / ((high - low) or 1.0))
             kept = range(0, len(strip), max(1, len(strip) // 1000))
             lines.append(" ".join(f"{STRIP_WIDTH * k / (len(strip) - 1):.1f},{y[k]:.1f}" for k in kept))
-        made.append((title, *(f"{end:.4g}".replace("-", "\N{MINUS SIGN}") for end in (low, high)), lines))
+        ends = [f"{end:.4g}".replace("-", "\N{MINUS SIGN}") for end in (low, high)]
+        made.append((title, ends[0], ends[1], lines))
     return made
 
 

@@ -13,7 +13,7 @@ from workbench.core.json_records import plain, rounded
 from workbench.core.run import Array
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
-from workbench.core.whole_folder import check_free, whole_folder, write_json
+from workbench.core.whole_folder import whole_folder, write_json
 from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification, friction_speed
 from workbench.identify.model import fittable, free_parameters
@@ -241,7 +241,6 @@ def estimates(fitted: Sequence[Shift], unit: str, tolerance: float | None = None
 
 def write_identification(run: Callable[[], Identification], folder: Path) -> Identification:
     """Identify, and write machine.yaml, replay.json for that machine, identify.json and identify.html."""
-    check_free(folder)
     with whole_folder(folder) as hidden:
         identification = run()
         save_machine(identification.machine, hidden / "machine.yaml")
@@ -254,20 +253,16 @@ def write_identification(run: Callable[[], Identification], folder: Path) -> Ide
 def save_identify_page(identification: Identification, path: Path) -> None:
     """Write the page of an identification; it needs no network."""
     i, machine, after = identification, identification.machine, identification.after
-    weight = combined_weight(machine, after)
-    per = "" if weight is None else f" Weight: {weight / 1000.0:.0f} kN, carriage and mean payload of the runs."
-    points = "The paper's Figure 7. Points: the log's balance of forces under the identified machine."
-    near = "Near ±1 the runs show two values together only: one may be off as long as the other makes up for it."
     drawn = [
-        (replay_view.inputs(machine, after), replay_view.INPUTS_NOTE),
-        (friction(i), f"{points}{per}"),
-        (replay_view.speeds(machine, after), replay_view.SPEEDS_NOTE),
-        (replay_view.residuals(machine, after, i.before), replay_view.RESIDUAL_NOTE),
-        (history(i), "The paper's own identification: all other values stay nominal; round 0 is the start."),
-        (correlations(i), near),
+        (replay_view.inputs(machine, after), said.inputs()),
+        (friction(i), said.friction(combined_weight(machine, after))),
+        (replay_view.speeds(machine, after), said.speeds()),
+        (replay_view.residuals(machine, after, i.before), said.residuals()),
+        (history(i), said.history()),
+        (correlations(i), said.correlations()),
     ]
-    said = [*sentences(i), *replay_view.notes_line(i.campaign)]
-    section = Section(sentences=said, tables=[table(i.fit), measures_table(i)], figures=drawn)
+    text = [*sentences(i), *replay_view.notes_line(i.campaign)]
+    section = Section(sentences=text, tables=[table(i.fit), measures_table(i)], figures=drawn)
     save_page([section], path, f"Identification of {machine.name} from campaign {i.campaign.name}")
 
 

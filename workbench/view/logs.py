@@ -58,13 +58,12 @@ def _loop_metrics(result: LoopResult) -> Table:
     return Table([words("metric"), Column("value"), words("unit")], rows, note)
 
 
-def _loop_overview(result: LoopResult) -> Any:
-    return over_time([(result.case.name, result.run)], result.case.machine, result.case.name)
-
-
 LOOP = View(
     {"metrics": _loop_metrics},
-    {"overview": _loop_overview, "signals": lambda r: run_figure(r.run)},
+    {
+        "overview": lambda r: over_time([(r.case.name, r.run)], r.case.machine, r.case.name),
+        "signals": lambda r: run_figure(r.run),
+    },
     lambda r: _columns(r.run),
     index="time_s",
 )

@@ -24,13 +24,13 @@ from workbench.core.templates import Sentences
 from workbench.core.whole_folder import write_json
 from workbench.effects import find
 from workbench.machines import Axis, Hoist, Kind, kind_of
+from workbench.study.labels import listed
 from workbench.study.loop_design import DesignCase
 from workbench.view import style
 from workbench.view.numbers import NOTHING, figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
 from workbench.view.style import Figure
-from workbench.view.words import listed
 
 MARGINS = (
     Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),
@@ -39,12 +39,6 @@ MARGINS = (
 )  # fmt: skip
 LOAD_NM = 100.0  # that sentences name, of a hoist: about a tenth of the default motors' nominal torque
 GONE = 0.01  # of the largest way: nothing of it stays
-CAPTION = (
-    "Margins: how much more gain (after a slash: less), phase and delay the loop bears; disk: gain and phase at once "
-    "(0 nothing, 2 the most). Ms, Mt: largest |1/(1+L)| and |L/(1+L)|. cross: where |L| is 1; band: where |T| falls "
-    "below -3 dB; reject: where |S| first rises above -3 dB. slowest, ζ: real part of the slowest and damping of the "
-    "least damped closed-loop pole."
-)
 
 
 def table(members: Sequence[Member]) -> Table:
@@ -53,11 +47,11 @@ def table(members: Sequence[Member]) -> Table:
     for member in members:
         m, point = member.margins, member.point
         values = (m.phase_deg, 1000.0 * m.delay_s, m.disk, m.ms, m.mt, m.crossover_hz, m.bandwidth_hz, m.rejection_hz)
-        said = [gain_text(m), *map(figures, values)] if m.stable else ["unstable", *[NOTHING] * len(values)]
+        cells = [gain_text(m), *map(figures, values)] if m.stable else ["unstable", *[NOTHING] * len(values)]
         where = [f"{point.payload_kg:g}"] * kind.payload + [f"{point.height_m:g}"]
-        rows.append([*where, *said, *map(figures, poles_in_s(member))])
+        rows.append([*where, *cells, *map(figures, poles_in_s(member))])
     place = Column("height" if kind.payload else "position", kind.moved.unit)
-    return Table([*[Column("load", "kg")] * kind.payload, place, *MARGINS], rows, CAPTION)
+    return Table([*[Column("load", "kg")] * kind.payload, place, *MARGINS], rows, said.margins())
 
 
 def gain_text(m: Margins) -> str:
@@ -195,24 +189,11 @@ def place_of(member: Member) -> dict[str, float]:
 def write_loop(case: DesignCase, members: Sequence[Member], ms_limit: float, folder: Path) -> None:
     """Write loop.html, which needs no network, and loop.json into an existing folder."""
     held = position_answer(members[0].loop) is not None and members[0].margins.stable
-    phase = (
-        "The loop is opened at the drive, position and speed loop closed over it."
-        if held
-        else "The phase begins at −180°: two integrals, the controller's and the machine's."
-    )
+    drawn = [bode(members), nyquist(members, ms_limit), gang_of_four(members, ms_limit), steps(members)]
     section = Section(
         sentences=[f"Controller {case.origin}: {gains_text(case)}.", *sentences(case, members)],
         tables=[table(members)],
-        figures=[
-            (bode(members), f"Drawn: the least gain and the least phase margin of all loops. {phase}"),
-            (nyquist(members, ms_limit), "A curve outside the grey disk keeps Ms below the limit."),
-            (
-                gang_of_four(members, ms_limit),
-                "S: what is left of slow disturbances. T: what follows the reference. PS: a load to the speed. CS: "
-                "noise of the speed to the drive.",
-            ),
-            (steps(members), "The linear loop; limits of the torque are not in it."),
-        ],
+        figures=list(zip(drawn, said.each("notes", held), strict=True)),
     )
     what = "Speed" if kind_of(case.machine).payload else "Position and speed"
     save_page([section], folder / "loop.html", f"{what} loop — {case.machine.name}")
@@ -220,13 +201,7 @@ def write_loop(case: DesignCase, members: Sequence[Member], ms_limit: float, fol
 
 
 def gains_text(case: DesignCase) -> str:
-    s = case.settings
-    kv = f"kv {s.kv_per_s:g} 1/s, " if isinstance(s, Cascade) else ""
-    kp, ki = s.UNITS
-    return (
-        f"{kv}kp {s.kp:g} {kp}, ki {s.ki:g} {ki}, set-point weight {s.set_point_weight:g}, "
-        f"sampled every {1000.0 * s.sample_time_s:g} ms"
-    )
+    return said.gains(case.settings, isinstance(case.settings, Cascade))
 
 
 LOWEST_HZ, POINTS = 0.02, 600

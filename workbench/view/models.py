@@ -8,7 +8,7 @@ from typing import Any
 
 from workbench.core.json_records import plain
 from workbench.core.table import Column, Table, words
-from workbench.core.whole_folder import check_free, whole_folder, write_json
+from workbench.core.whole_folder import whole_folder, write_json
 from workbench.simulate.models import ModelsCompared
 from workbench.view.page import Section, save_page
 from workbench.view.replay import Line, run_panels, said
@@ -71,7 +71,6 @@ def to_json(compared: ModelsCompared) -> dict[str, Any]:
 
 def write_models(simulate: Callable[[], ModelsCompared], title: str, folder: Path) -> ModelsCompared:
     """Compare, and write models.json and models.html; all or nothing."""
-    check_free(folder)
     with whole_folder(folder) as hidden:
         compared = simulate()
         write_json(hidden / "models.json", to_json(compared))

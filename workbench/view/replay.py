@@ -13,7 +13,7 @@ from workbench.core.run import Array, Run
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
-from workbench.core.whole_folder import check_free, whole_folder, write_json
+from workbench.core.whole_folder import whole_folder, write_json
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of, plant_of
 from workbench.simulate.replay import Replay, ReplayResult
@@ -28,15 +28,6 @@ SIDE_BY_SIDE = 2  # runs in a row
 PAPER_PERCENT = 7.49  # RMSE of the paper's own machine, its Figure 8
 EXPLAINED = 1.3  # times the noise: what is left while moving is then little more than noise
 REMEDY = "`workbench identify` fits the values, `workbench diagnose` names what the model lacks."
-INPUTS_NOTE = "What the machine was given (the paper's Figure 6)."
-RESIDUAL_NOTE = (
-    "At rest the machine may hold its load anywhere within its friction, so the residual says nothing there; "
-    "the scale is that of the motion."
-)
-SPEEDS_NOTE = (
-    "Simulated: the measured input replayed from the first sample on (the paper's Figure 8). Restarted: set back "
-    "to the measured motion every 2 s."
-)
 Stretches = Sequence[tuple[float, float]]
 
 
@@ -268,7 +259,6 @@ def stretches(time_s: Sequence[float] | np.ndarray, mask: np.ndarray) -> list[tu
 
 def write_replay(run: Callable[[], ReplayResult], campaign: Campaign, folder: Path) -> ReplayResult:
     """Replay, and write replay.json and replay.html; all or nothing, see `whole_folder`."""
-    check_free(folder)
     with whole_folder(folder) as hidden:
         result = run()
         write_json(hidden / "replay.json", to_json(campaign, result))
@@ -280,12 +270,12 @@ def save_replay_page(campaign: Campaign, result: ReplayResult, path: Path) -> No
     """Write the page of a replay; it needs no network."""
     machine = campaign.machine
     drawn = [
-        (inputs(machine, result), INPUTS_NOTE),
-        (speeds(machine, result), SPEEDS_NOTE),
-        (residuals(machine, result), RESIDUAL_NOTE),
+        (inputs(machine, result), said.inputs()),
+        (speeds(machine, result), said.speeds()),
+        (residuals(machine, result), said.residuals()),
     ]
-    said = [*sentences(machine, result), *notes_line(campaign)]
-    section = Section(sentences=said, tables=[table(machine, result)], figures=drawn)
+    text = [*sentences(machine, result), *notes_line(campaign)]
+    section = Section(sentences=text, tables=[table(machine, result)], figures=drawn)
     save_page([section], path, f"Replay of campaign {campaign.name} — {machine.name}")
 
 

@@ -152,11 +152,7 @@ def decision_table(decision: Decision) -> Table | None:
         texts = [textwrap.fill(text, WIDEST_NAME) for text in (name, one.setting or "as given")]
         cells = [metric.text(one.values[metric.name]) for metric in metrics]
         lines.append([*texts, *cells, "out" if one.broken else f"{one.total:.2f}"])
-    where = f"At {decision.payload_kg:g} kg each" if judged.payload else "Each"
-    note = (
-        f"{where} reference with its best limits within the time of the one taken ({BEST}); a slower one with its "
-        f"quickest. Sum: weighted sum of shares; the least is taken. {metric_note(metrics)}"
-    )
+    note = said.compared(decision, BEST, metric_note(metrics))
     return Table([words("reference"), words("with"), *metric_heads(metrics), Column("sum")], lines, note)
 
 
@@ -326,21 +322,15 @@ def figures_of(result: StudyResult) -> list[Noted]:
     axes, drawn = swept_axes(result.rows), drawn_columns(result.rows)
     beside = [row for row in kept.beside if row.ok] if kept is not None else []
     if any(".limits." in column for axis in axes for column in axis.columns):
-        note = (
-            "Each point is a run; the line joins those that no other run beats in both. The knee is the run farthest "
-            "below the line between the front's ends."
-        )
         every = [*good, *(row for row in beside if row.assigned.keys() == good[0].assigned.keys())]
         names = [name for name in (judged.peak, SWING) if all(name in row.metrics for row in every)]
-        figures += [(draw.pareto(every, fronts(every, name)[-MOST_GROUPS:], axes, name), note) for name in names]
+        figures += [
+            (draw.pareto(every, fronts(every, name)[-MOST_GROUPS:], axes, name), said.pareto()) for name in names
+        ]
     elif beside:
         taken = {d.payload_kg: d.taken.values for d in _decisions(result) if d.taken is not None}
         names = [name for name in (judged.peak, judged.rms_error, SWING) if name in good[0].metrics]
-        note = (
-            "Each line is a family of references, slowed down by its limits; of each time its best limits. Filled: "
-            "runs of the study; open: run beside it; star: taken."
-        )
-        figures.append((draw.curves_over_time(good, beside, names, taken), note))
+        figures.append((draw.curves_over_time(good, beside, names, taken), said.over_time()))
     figures += _scatter(good, drawn) if drawn else []
     figures += [_over(result, good, axis) for axis in axes if draw.changing(good, axis)]
     if not axes and not drawn and len({row.payload_kg for row in good}) > 1:
@@ -356,10 +346,8 @@ def _scatter(good: Sequence[Row], drawn: Sequence[str]) -> list[Noted]:
     ranked = [(name, conclude.rank_correlations(rows, drawn, judged.peak)) for name, rows in groups.items()]
     ranked = [group for group in ranked if group[1]][-MOST_GROUPS:]
     names = [m.name for m in shown_in(View.SPREAD, judged) if all(row.metrics.get(m.name) is not None for row in good)]
-    note = "Above the histogram, below the share of runs at or below a value; ticks: 5, 50, 95 %."
-    figures: list[Noted] = [(draw.spread(good, names), note)]
-    note = "Spearman's rank correlation of each drawn value with the metric: ±1 is a fixed order, 0 no relation."
-    return [*figures, (draw.tornado(ranked, judged.peak), note)] if ranked else figures
+    figures: list[Noted] = [(draw.spread(good, names), said.spread())]
+    return [*figures, (draw.tornado(ranked, judged.peak), said.tornado())] if ranked else figures
 
 
 def _over(result: StudyResult, good: Sequence[Row], axis: SweptAxis) -> Noted:

@@ -19,6 +19,7 @@ from workbench.study.rows import Row, metrics_of
 from workbench.study.run import peak_limit
 from workbench.view import style
 from workbench.view.panels import MOST_POINTS, Panels
+from workbench.view.replay import stretches
 from workbench.view.style import BLACK, GREY, MARKERS, SPARE, Figure, faint, label, line, look
 
 MOST_COLUMNS = 3  # more leave no panel wide enough to read at 1280 px
@@ -124,10 +125,7 @@ def _within(run: Run, window_s: tuple[float, float] | None) -> Run:
 
 def slack_stretches(run: Run) -> list[tuple[float, float]]:
     """Start and end (s) of each stretch in which a wire carries nothing."""
-    if "tension_min_n" not in run:
-        return []
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], run["tension_min_n"] <= 0.0, [False])).astype(int)))
-    return [(float(run.time_s[a]), float(run.time_s[b - 1])) for a, b in edges.reshape(-1, 2)]
+    return stretches(run.time_s, run["tension_min_n"] <= 0.0) if "tension_min_n" in run else []
 
 
 def peak_torque_over_payload(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from workbench.logs import Campaign
@@ -36,8 +35,3 @@ def brief_notes(campaign: Campaign) -> list[str]:
     if len(notes) <= MOST_NOTES:
         return notes
     return [*notes[:MOST_NOTES], f"and {len(notes) - MOST_NOTES} more notes like these"]
-
-
-def listed(names: Sequence[str]) -> str:
-    """a, b and c; "" for none."""
-    return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"

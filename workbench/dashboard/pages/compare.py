@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import streamlit as st
 
 from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import free_name
 from workbench.dashboard.widgets import SAME, by_words, guarded, held, plain, text
-from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines import Axis, Hoist, get_value, kind_of, value_names
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.load import changed, plan_study
 from workbench.study.rows import Row, metrics_of
@@ -152,22 +151,12 @@ def machine_told_apart(study: Kept, columns: Sequence[Kept]) -> str:
     own, first = study.result.study.machine, columns[0].result.study.machine
     if own == first or own.name != first.name:
         return own.name
-    mine, others = (_numbers(machine.model_dump(exclude={"effects", "identified"})) for machine in (own, first))
-    other = [f"{name.replace('_', ' ')} {value:.4g}" for name, value in mine.items() if others.get(name) != value]
+    mine, others = ({name: get_value(machine, name) for name in value_names(machine)} for machine in (own, first))
+    differs = [name for name, value in mine.items() if others.get(name) != value and not name.startswith("effects.")]
+    other = [f"{name.replace('_', ' ')} {mine[name]:.4g}" for name in differs]
     effects = [name for name in own.effects if own.effects[name] != first.effects.get(name)]
     said = ", ".join([*other[:MOST_SAID], *effects[:MOST_SAID]]) or "without effects of the first"
     return f"{own.name}: {said}"
-
-
-def _numbers(data: Mapping[str, Any], before: str = "") -> dict[str, float]:
-    """Dotted name -> number."""
-    values: dict[str, float] = {}
-    for key, value in data.items():
-        if isinstance(value, Mapping):
-            values |= _numbers(value, f"{before}{key}.")
-        elif isinstance(value, int | float):
-            values[f"{before}{key}"] = float(value)
-    return values
 
 
 def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence[float], same: bool) -> None:

@@ -78,7 +78,7 @@ def show() -> None:
     st.markdown("##### Replay" if before is None else "##### Replay of the identified machine")
     chart(report.speeds(machine, now), "validate speeds", "Measured and simulated speed of every run")
     chart(report.residuals(machine, now, before), "validate residuals", "Residual of every run over time")
-    st.caption(plain(report.RESIDUAL_NOTE))
+    st.caption(plain(report.said.residuals()))
     chart(report.inputs(machine, now), "validate inputs", "Measured input of every run")
     table(report.table(machine, now))
     if studied(machine) is not None:
