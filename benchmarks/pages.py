@@ -52,6 +52,22 @@ def first_page_s(started: Browser, address: str, home: Path) -> dict[str, float]
         return {"first_figure_s": round(first, 2), "whole_page_s": round(visit.first_drawn_s(figures=1), 2)}
 
 
+BARE = """import plotly.graph_objects as go
+import streamlit as st
+st.plotly_chart(go.Figure(go.Scatter(x=[0, 1], y=[0, 1])))
+"""
+
+
+def bare_page_s(started: Browser, home: Path) -> dict[str, float]:
+    """The same of the shortest Streamlit page with a Plotly figure: what no page of this kind can be quicker than."""
+    home.mkdir(parents=True)
+    (home / "bare.py").write_text(BARE, encoding="utf-8")
+    words = ("-m", "streamlit", "run", str(home / "bare.py"), "--server.headless=true", "--server.port")
+    with browser.dashboard(home, words) as address:
+        first_page_s(started, address, home)
+        return first_page_s(started, address, home)
+
+
 def idle_percent(process: int) -> float:
     """Of a core: the CPU that a process takes in IDLE_S."""
 
@@ -143,6 +159,7 @@ def main(say: Callable[[str], None] = print) -> None:
             with browser.dashboard(Path(folder) / start) as address:
                 measured[start] = first_page_s(started, address, Path(folder) / start)
                 measured["warm"] = first_page_s(started, address, Path(folder) / start)
+        measured["bare_warm"] = bare_page_s(started, Path(folder) / "bare")
         with browser.dashboard(home) as address:
             with browser.visit(started, address, home / "shots") as visit:
                 visit.go()
