@@ -278,10 +278,8 @@ def candidates(rows: Sequence[Row], criteria: Sequence[Criterion]) -> Iterator[C
     for own in groups.values():
         reference = own[0].reference
         chosen = [axis for axis in read[reference] if any(column in own[0].assigned for column in axis.columns)]
-        good = [row for row in own if row.ok]
-        values = {c.name: float(c.metric.worst([row[c.name] for row in good])) if good else math.nan for c in criteria}
-        values.setdefault(TIME, max((row[TIME] for row in good), default=math.nan))
-        broken = tuple(_broken(own, good, values, criteria))
+        values, broken = _judged(own, criteria)
+        values.setdefault(TIME, max((row[TIME] for row in own if row.ok), default=math.nan))
         yield Candidate(
             own[0].payload_kg, reference, ", ".join(axis.say(axis.at(own[0])) for axis in chosen), values, len(own),
             broken, keeps=_kept(own, conditions[0], criteria) if broken and len(conditions) == 1 else "",
@@ -291,27 +289,22 @@ def candidates(rows: Sequence[Row], criteria: Sequence[Criterion]) -> Iterator[C
 
 def _kept(own: Sequence[Row], axis: SweptAxis, criteria: Sequence[Criterion]) -> str:
     """The values of a condition at which all runs keep every limit, in words."""
-    kept = []
-    for point, here in axis.grouped(own).items():
-        good = [row for row in here if row.ok]
-        values = {c.name: float(c.metric.worst([row[c.name] for row in good])) for c in criteria if good}
-        if not list(_broken(here, good, values, criteria)):
-            kept.append(axis.short(point))
+    kept = [axis.short(point) for point, here in axis.grouped(own).items() if not _judged(here, criteria)[1]]
     return f"{axis.words} {listed(kept)}" if kept else ""
 
 
-def _broken(
-    own: Sequence[Row], good: Sequence[Row], values: Mapping[str, float], criteria: Sequence[Criterion]
-) -> Iterator[str]:
+def _judged(own: Sequence[Row], criteria: Sequence[Criterion]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """The worst value of each criterion, NaN where every run fails; why the runs are out."""
+    good, broken = [row for row in own if row.ok], list[str]()
+    values = {c.name: float(c.metric.worst([row[c.name] for row in good])) if good else math.nan for c in criteria}
     if len(good) < len(own):
-        yield FAILS if not good else f"{len(own) - len(good)} of its {len(own)} runs fail"
+        broken.append(f"{len(own) - len(good)} of its {len(own)} runs fail" if good else FAILS)
     if any(hunts(row) for row in good):
-        yield "its loop hunts"
+        broken.append("its loop hunts")
     if any(is_astray(row) for row in good):
-        yield "it does not end where its reference does"
-    for criterion in criteria:
-        if good and criterion.broken(values[criterion.name]):
-            yield f"{criterion.metric.label} {criterion.over(values[criterion.name])}"
+        broken.append("it does not end where its reference does")
+    over = [c for c in criteria if good and c.broken(values[c.name])]
+    return values, (*broken, *(f"{c.metric.label} {c.over(values[c.name])}" for c in over))
 
 
 def _ranked(found: Sequence[Candidate], criteria: Sequence[Criterion]) -> tuple[Candidate, ...]:
