@@ -20,6 +20,7 @@ from benchmarks.validation.hoist_machines import practice_machine, reference
 from benchmarks.validation.hoist_motion import (
     CARRIAGE_SPEED,
     DRUM,
+    FRICTION,
     HEIGHT,
     RECORD_S,
     SHAFT,
@@ -30,6 +31,8 @@ from benchmarks.validation.hoist_motion import (
     simulate,
 )
 from benchmarks.validation.sensors import Window
+from benchmarks.validation.standstill import LAWS as STANDSTILL_LAWS
+from benchmarks.validation.standstill import drawn_standstill
 from workbench import effects
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
@@ -71,6 +74,16 @@ def near_a_jump(expected):
     """A little before and 1.2 s after the law steps: the wire swings as it does after a start."""
     jump = np.concatenate([[False], np.abs(np.diff(expected)) > 1.0])
     return np.convolve(jump, np.ones(round(1.5 / RECORD_S)), "full")[150 : 150 + len(jump)] > 0.5
+
+
+def starts(speed):
+    """Where the reference begins to move, and how long ago that was, s."""
+    moving = speed != 0.0
+    since, out = 0, np.zeros(len(speed))
+    for k, on in enumerate(moving):
+        since = since + 1 if on else 0
+        out[k] = since * RECORD_S
+    return out
 
 
 def sign(record):
@@ -303,6 +316,22 @@ def test_an_event_takes_its_torque_at_its_place_while_it_lasts(name):
 
 
 # Laws near standstill
+
+
+@pytest.mark.parametrize("law", STANDSTILL_LAWS)
+def test_a_law_near_standstill_is_coulombs_at_speed_and_rises_by_its_peak_before(law):
+    drawn = drawn_standstill((law,), np.random.default_rng(3))
+    assert (drawn.peak > 0.0) == (law in ("smooth_peak", "lugre", "creeping"))
+    peak_m_s = 20.0 * drawn.peak_speed  # wide, so that the run's slow starts pass through it
+    numbers = {"bristles": drawn.bristles, "peak": drawn.peak, "peak_m_s": peak_m_s, "relax_s": drawn.relax_s}
+    p, record, speed = plain_run("slow", bristle_m=2e-4, bristle_tau=0.01, **numbers)
+    v, up = np.abs(record[:, CARRIAGE_SPEED]), record[:, CARRIAGE_SPEED] > 0.0
+    relative = np.abs(record[:, FRICTION]) / np.where(up, p.F_up, p.F_dn)
+    moving = (v > 0.005) & (starts(speed) > 0.3)
+    expected = 1.0 + drawn.peak * np.exp(-((v / peak_m_s) ** 2))
+    assert np.sum(moving) > 5.0 / RECORD_S
+    assert np.median(np.abs(relative - expected)[moving]) < 0.005
+    assert np.max(relative[moving]) < 1.05 + drawn.peak
 
 
 PHYSICS = {"HOIST", "KINDS", "LINEAR", "PLANTS", "ROTARY", "TWO_INERTIA", "kind_of", "plant_of"}

@@ -340,6 +340,12 @@ def test_an_impossible_value_is_refused_through_the_logger_and_changes_nothing(o
     assert one.get(name) == before
 
 
+def test_parameters_that_do_not_fit_together_are_refused(one: Instance):
+    with pytest.raises(FMICallException):
+        one.start({"winch.pin_diameter_m": 0.7})
+    assert "'winch.pin_diameter_m' is 0.7, expected less than 'winch.drum_diameter_m', which is 0.6" in one.said
+
+
 @pytest.mark.parametrize(
     ("begin", "length", "said"),
     [
@@ -375,6 +381,20 @@ def test_a_load_that_runs_away_ends_the_step_where_it_does_and_not_in_nan(one: I
     (said,) = (line for line in one.said if "grew without bound" in line)
     assert 0.0 < float(said.split(" at ")[1].split()[0]) < 1.0
     assert one.get("time", "speed_motor_rad_s") == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("fixture", ["plant3", "plant2"])
+def test_a_plant_whose_torque_nobody_sets_holds_its_load(fixture: str, request: pytest.FixtureRequest):
+    """With the brake open; also at another payload than that of the description."""
+    exported: Exported = request.getfixturevalue(fixture)
+    torque = next(v for v in exported.description.modelVariables if v.name == "torque_motor_nm")
+    for payload in (4500.0, 9000.0):
+        one = exported.instance().start({"payload_kg": payload})
+        assert one.get("torque_motor_nm") == one.get("torque_motor_hold_nm")
+        if payload == 4500.0:
+            assert one.get("torque_motor_nm") == pytest.approx([float(torque.start)], rel=1e-9)
+        one.step(0.0, 2.0)
+        assert abs(one.get("speed_motor_rad_s")[0]) < 1e-6 and one.get("position_carriage_m") == pytest.approx([9.0])
 
 
 def test_dependencies_agree_with_the_derivatives_of_the_binary(one: Instance):

@@ -180,6 +180,12 @@ def test_roller_friction_grows_with_payload_and_reach():
     assert near[1] < far[1] < heavy[1]
 
 
+@pytest.mark.parametrize("bristle", [0.0, 3e-4])
+def test_in_motion_the_guides_friction_is_its_coulomb_level(bristle: float):
+    run = move(MACHINE, 4500.0, 6.0, regulated(60.0), 4.0, step_s=0.004, switches=Switches(bristle_m=bristle)).run
+    assert run["force_guide_n"][-1] == pytest.approx(MACHINE.guide.coulomb_hoisting_n, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("effect", "more_n"),
     [
@@ -195,6 +201,30 @@ def test_an_effect_of_the_guide_acts_as_the_library_says(effect: dict[str, Any],
     v = float(run["speed_carriage_m_s"][-1])
     expected = machine.guide.coulomb_hoisting_n * 2.0 / math.pi * math.atan(machine.guide.atan_slope_s_per_m * v)
     assert run["force_guide_n"][-1] == pytest.approx(expected + more_n(v), rel=2e-3)
+
+
+def test_bristles_hold_the_load_where_it_rests():
+    """A little torque more bends them and moves nothing; without bristles the carriage creeps off."""
+
+    def crept(switches: Switches) -> float:
+        run = move(MACHINE, 4500.0, 6.0, torque(lambda t: 8.0 * min(t, 1.0)), 4.0, step_s=0.004, switches=switches).run
+        half, end = np.interp([2.0, 4.0], run.time_s, run["position_carriage_m"])
+        return float(abs(end - half))
+
+    assert crept(Switches(bristle_m=3e-4)) < 0.05 * crept(Switches())
+
+
+def test_gear_loss_and_brake_take_their_torque():
+    def held(switches: Switches, brake: float = 0.0) -> float:
+        def start(hold: float) -> Driven:
+            inner = regulated(40.0)(hold)
+            return lambda shaft, until: (inner(shaft, until)[0], brake)
+
+        return float(move(SMOOTH, 4500.0, 6.0, start, 4.0, step_s=0.004, switches=switches).run["torque_motor_nm"][-1])
+
+    plain = held(Switches())
+    assert held(Switches(gear_loss=0.05)) == pytest.approx(1.05 * plain, rel=2e-3)
+    assert held(Switches(), 30.0) == pytest.approx(plain + 30.0, rel=2e-3)
 
 
 def test_a_wire_pulls_and_never_pushes():
@@ -218,3 +248,12 @@ def test_an_arm_too_soft_for_its_load_ends_at_once_with_height_and_payload():
     assert result.outcome is Outcome.NO_EQUILIBRIUM and len(result.run.time_s) == 0
     assert "at height 8.000 m with 4500 kg" in result.at
     assert time.process_time() - began < 5.0  # it took minutes
+
+
+def test_heave_weighs_on_the_wire():
+    """At rest under a stiff loop the tension swings with the platform's acceleration A w²."""
+    heave = Switches(heave_m=0.3, heave_rad_s=1.0)
+    run = move(MACHINE, 9000.0, 9.0, regulated(0.0), 13.0, step_s=0.005, switches=heave).run
+    swing = np.ptp(run["tension_dead_line_n"][run.time_s > 6.5]) / 2.0
+    mass = (MACHINE.carriage.mass_kg + 9000.0) / 2.0
+    assert swing == pytest.approx(mass * 0.3, rel=0.15)

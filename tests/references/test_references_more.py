@@ -181,6 +181,21 @@ def test_smoothing_keeps_the_distance_whatever_the_sampling(smoothing: float, st
     assert integral(profile.time_s, profile.speed_m_s) == pytest.approx(plan.end_position_m - 4.0, abs=2e-3)
 
 
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"speed_recorded_m_s": np.zeros_like(TIME)}, "stands still throughout"),
+        ({"speed_recorded_m_s": np.full_like(TIME, np.nan)}, "holds no numbers"),
+        ({"speed_recorded_m_s": RECORDED + 0.3}, "begins at 0.3 m/s"),
+        ({"time_s": TIME[:400], "speed_recorded_m_s": RECORDED[:400]}, "ends at 0.5 m/s"),
+        ({"start_position_m": 22.0}, "leaves the rail"),
+    ],
+)
+def test_a_record_that_is_no_reference_says_why(changes: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        recorded(**changes)
+
+
 @pytest.mark.parametrize("base", [recorded(), plan_motion("ruckig", (Step(by_m=12.0),), 4.0, UP, RAIL)])
 def test_an_emergency_stop_ends_v_squared_over_two_a_further_on(base: Plan) -> None:
     stopped = StoppedPlan(base, 6.0, 1.25)
