@@ -1,9 +1,10 @@
 """The dashboard in a real browser: `python -m benchmarks.pages [--sessions 20]`, on a computer that does nothing else.
 
 Figures: from the address to verdict, table and first figure, and to the whole first page (all figures drawn, the script
-ended), on a server that nobody has visited, and at a second start; from a slider's
-release to new figures; frames a second of the page Machine; the server's memory with five sessions at once, after 100
-moves of a slider, and after each of many sessions that move sliders and are closed. One line of JSON.
+ended), on a server that nobody has visited, at a second start, and warm: for the second visitor of a running server;
+from a slider's release to new figures; frames a second of the page Machine; the server's CPU, per cent of a core, while
+a page is open and nobody does anything; its memory with five sessions at once, after 100 moves of a slider, and after
+each of many sessions that move sliders and are closed. One line of JSON.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from tests.support.browser import Visit
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-MOVES, FRAMES_S = 5, 5.0
+MOVES, FRAMES_S, IDLE_S = 5, 5.0, 10.0
 KEPT_S = 5  # how long the server keeps a session that has gone; streamlit's own are 120 s
 
 # Frames that the browser draws inside the page's drawing while it plays.
@@ -43,12 +44,40 @@ seconds => new Promise(done => {
 """
 
 
-def first_page_s(started: Browser, home: Path) -> tuple[float, float]:
-    """Until verdict, table and the first figure are drawn, and until all is, on a server of its own."""
-    with browser.dashboard(home) as address, browser.visit(started, address, home / "shots") as visit:
+def first_page_s(started: Browser, address: str, home: Path) -> dict[str, float]:
+    """Until verdict, table and the first figure are drawn, and until all is."""
+    with browser.visit(started, address, home / "shots") as visit:
         visit.page.goto(address, wait_until="commit")
         first = visit.figures_drawn_s(1)
-        return round(first, 2), round(visit.first_drawn_s(figures=1), 2)
+        return {"first_figure_s": round(first, 2), "whole_page_s": round(visit.first_drawn_s(figures=1), 2)}
+
+
+BARE = """import plotly.graph_objects as go
+import streamlit as st
+st.plotly_chart(go.Figure(go.Scatter(x=[0, 1], y=[0, 1])))
+"""
+
+
+def bare_page_s(started: Browser, home: Path) -> dict[str, float]:
+    """The same of the shortest Streamlit page with a Plotly figure: what no page of this kind can be quicker than."""
+    home.mkdir(parents=True)
+    (home / "bare.py").write_text(BARE, encoding="utf-8")
+    words = ("-m", "streamlit", "run", str(home / "bare.py"), "--server.headless=true", "--server.port")
+    with browser.dashboard(home, words) as address:
+        first_page_s(started, address, home)
+        return first_page_s(started, address, home)
+
+
+def idle_percent(process: int) -> float:
+    """Of a core: the CPU that a process takes in IDLE_S."""
+
+    def cpu_s() -> float:
+        user, system = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[11:13]
+        return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+    before = cpu_s()
+    time.sleep(IDLE_S)
+    return round(100.0 * (cpu_s() - before) / IDLE_S, 2)
 
 
 def moved_s(visit: Visit, by: float) -> float:
@@ -127,13 +156,16 @@ def main(say: Callable[[str], None] = print) -> None:
     with tempfile.TemporaryDirectory() as folder, browser.browser() as started:
         home = Path(folder) / "server"
         for start in ("first_start", "later_start"):
-            figure_s, whole_s = first_page_s(started, Path(folder) / start)
-            measured[start] = {"first_figure_s": figure_s, "whole_page_s": whole_s}
+            with browser.dashboard(Path(folder) / start) as address:
+                measured[start] = first_page_s(started, address, Path(folder) / start)
+                measured["warm"] = first_page_s(started, address, Path(folder) / start)
+        measured["bare_warm"] = bare_page_s(started, Path(folder) / "bare")
         with browser.dashboard(home) as address:
             with browser.visit(started, address, home / "shots") as visit:
                 visit.go()
                 moves = [moved_s(visit, 0.06 if number % 2 == 0 else -0.04) for number in range(MOVES)]
                 measured["slider_to_figures_s"] = round(statistics.median(moves), 2)
+                measured["idle_percent"] = idle_percent(server_process(home))
                 measured["frames_per_s"] = round(frames_per_s(visit), 1)
             measured["five_sessions_mb"], measured["after_moves_mb"] = five_at_once(started, address, home, asked.moves)
             measured["memory_mb"] = over_sessions(started, address, home, sessions)

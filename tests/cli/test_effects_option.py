@@ -145,7 +145,9 @@ def test_replay_and_identify_take_a_machine_with_the_user_s_effect(
     assert identified.effects == {"wind": {"wind_n_s2_per_m2": 30000.0}}
 
 
-@pytest.mark.parametrize("words", [("loop",), ("tune", "--bandwidth", "1.0")])
+@pytest.mark.parametrize(
+    "words", [("loop",), pytest.param(("tune", "--bandwidth", "1.0"), marks=pytest.mark.proof)], ids=["loop", "tune"]
+)
 def test_loop_and_tune_take_a_scenario_with_the_user_s_effect(
     commands: Commands, tmp_path: Path, wind: Path, words: tuple[str, ...]
 ):

@@ -9,11 +9,7 @@ import pytest
 from tests.support.dashboard_app import errors, figures, page
 from workbench.control import LinearCascade
 from workbench.dashboard import chosen as machines
-from workbench.dashboard.desk import (
-    Desk,
-    shipped_desk,
-    usual_desk,
-)
+from workbench.dashboard.desk import Desk, shipped_desk, usual_desk
 from workbench.machines import default_hoist, kind_of, shipped
 from workbench.machines.files import machine_text
 from workbench.machines.kinds.axis import LinearAxis, RotaryAxis

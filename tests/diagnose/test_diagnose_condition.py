@@ -14,13 +14,7 @@ from tests.support.simulated_campaign import SPEED_NOISE_RAD_S, TORQUE_NOISE_NM,
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.readiness.condition import clipped_share, condition, lateness, outliers
-from workbench.diagnose.readiness.noise import (
-    channel_noise,
-    jitter_s,
-    motion_noise,
-    resolution,
-    white_noise,
-)
+from workbench.diagnose.readiness.noise import channel_noise, jitter_s, motion_noise, resolution, white_noise
 from workbench.logs import Campaign, read_campaign
 
 

@@ -20,9 +20,7 @@ from workbench.diagnose.law import Law, find_law
 from workbench.diagnose.location.profiles import spacing, times
 from workbench.diagnose.location.where import where_of
 from workbench.diagnose.machines import refitted_machine
-from workbench.diagnose.tables import (
-    in_no_file,
-)
+from workbench.diagnose.tables import in_no_file
 from workbench.diagnose.unknown import Explained, explain, explained_machine, with_unknown
 from workbench.effects import ranges_of
 from workbench.effects.loading import load_effects

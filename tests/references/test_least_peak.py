@@ -119,7 +119,7 @@ def test_on_a_machine_drawn_at_random_no_motion_is_below_the_bound_and_one_is_wi
 
 
 @pytest.mark.parametrize("name", LOADS)
-@pytest.mark.parametrize("distance", [3.0, -0.2])
+@pytest.mark.parametrize("distance", [3.0, pytest.param(-0.2, marks=pytest.mark.proof)])
 def test_no_listed_reference_is_below_the_bound_of_its_time(name: str, distance: float):
     load, direction = LOADS[name], math.copysign(1.0, distance)
     for kind in planned_kinds().values():
@@ -136,7 +136,7 @@ def test_no_listed_reference_is_below_the_bound_of_its_time(name: str, distance:
             assert np.abs(force).max() >= bound * (1.0 - 1e-4), kind.name  # steps of T/4000
 
 
-@pytest.mark.parametrize("still", [True, False])
+@pytest.mark.parametrize("still", [True, pytest.param(False, marks=pytest.mark.proof)])
 @pytest.mark.parametrize("name", LOADS)
 @pytest.mark.parametrize("distance", MOVES)
 def test_a_motion_that_keeps_all_limits_is_within_half_a_per_cent_of_the_bound(name: str, distance: float, still: bool):

@@ -144,11 +144,7 @@ def test_motor_turns_two_falls_over_drum_radius_times_ratio() -> None:
 
 @pytest.mark.parametrize(
     ("limits", "word"),
-    [
-        ((0.7, 0.5, 0.0), "jerk_m_s3"),
-        ((math.inf, 0.5, 1.0), "speed_m_s"),
-        ((0.7, math.nan, 1.0), "acceleration_m_s2"),
-    ],
+    [((0.7, 0.5, 0.0), "jerk_m_s3"), ((math.inf, 0.5, 1.0), "speed_m_s"), ((0.7, math.nan, 1.0), "acceleration_m_s2")],
 )
 def test_a_limit_that_is_no_limit_is_named(limits: tuple[float, float, float], word: str) -> None:
     with pytest.raises(InputError, match=word):
