@@ -28,6 +28,7 @@ from workbench.blind.seal import CAMPAIGNS
 from workbench.core.table import Column, Table, words
 
 if TYPE_CHECKING:
+    from workbench.diagnose.hypotheses.evidence import Weighed
     from workbench.diagnose.hypotheses.free_parameters import Names
     from workbench.diagnose.hypotheses.search import SearchResult
 
@@ -162,10 +163,10 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
     weigh = judge.deserved
     harms: dict[Names, bool] = {}
 
-    def deserved(search: SearchResult, names: Names) -> bool:
-        if names not in harms:
-            harms[names] = weigh(search, names)
-        return harms[names]
+    def deserved(search: SearchResult, w: Weighed) -> bool:
+        if w.names not in harms:
+            harms[w.names] = weigh(search, w)
+        return harms[w.names]
 
     def said() -> dict[str, Any]:
         with patch.object(judge, "deserved", deserved):

@@ -12,16 +12,19 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from benchmarks.validation.campaign import make_campaign
+from benchmarks.validation.content import draw
 from tests.support.emps_campaign import emps_in
 from tests.support.searched_campaign import simulated_search
 from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.blind.recorded import bent, write_case
 from workbench.blind.recording import cut, recording
 from workbench.core.run import Array
-from workbench.diagnose.diagnose import diagnose
+from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.gap import delivered_of
+from workbench.diagnose.hypotheses.evidence import lag_explains, smooths
 from workbench.diagnose.hypotheses.fit import estimates, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import base_parameters
+from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, base_parameters
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
@@ -208,6 +211,21 @@ def test_one_direction_of_a_real_axis_half_without_friction_is_one_cause(shared_
     assert diagnose(read_campaign(tmp_path), study=False).verdict.effects == ("friction_coulomb_asymmetric",)
 
 
+@pytest.mark.parametrize(("late_s", "smoother"), [(0.007, True), (0.001, False), (0.02, False)])
+def test_a_filter_whose_lag_a_late_motion_undoes_is_no_filter(shared_data: Path, late_s: float, smoother: bool):
+    """Nor does it make the impacts of a play, though it takes more than the play does."""
+    campaign = read_campaign(shared_data / "axes" / "17")
+    problem = Problem(campaign.machine, campaign.runs)
+    setting = {"torque_filter__time_constant_s": 0.0066, LOG_TIMING: 0.0005, problem.late: late_s - 0.0005}
+    fit = SimpleNamespace(effects=("speed_delay", "torque_filter"), setting=setting)
+    assert smooths(problem, cast(Any, fit)) == smoother
+    assert not smooths(problem, cast(Any, SimpleNamespace(effects=("speed_delay",), setting=setting)))
+    near, play, lag = (SimpleNamespace(rms=lambda _, rms=rms: rms) for rms in (1.0, 0.5, 0.4))
+    lag.effects, lag.setting = ("torque_filter",), setting
+    fits = {("backlash",): play, ("torque_filter",): lag}
+    assert lag_explains(problem, cast(Any, near), cast(Any, fits)) != smoother
+
+
 def test_a_play_is_heard_in_a_late_log(shared_data: Path):
     campaign = late(read_campaign(shared_data / "axes" / "17"), 0.004)
     search = Search(Problem(campaign.machine, campaign.runs), [])
@@ -295,13 +313,42 @@ def test_friction_is_named_where_it_is_and_not_for_a_gain_of_one_direction(
     assert (found.word, found.names) == (word, names)
 
 
-def test_a_drift_does_not_answer_for_what_an_axis_leaves_over_its_speed(shared_data: Path, tmp_path: Path):
-    """EMPS leaves 2.5 N of that by itself, a third of what the drift takes."""
+@pytest.mark.parametrize(
+    ("bend", "seed", "effect"),
+    [
+        # EMPS leaves 2.5 N over its speed by itself: a third of what the drift takes,
+        ("drift", (9901, 6), "friction_thermal_drift"),
+        # and a law of the speed that holds its friction near standstill can hold a level of friction as well.
+        ("coulomb", (9903, 8), "friction_coulomb"),
+    ],
+)
+def test_what_an_axis_leaves_over_its_speed_answers_for_no_cause(
+    bend: str, seed: tuple[int, int], effect: str, shared_data: Path, tmp_path: Path
+):
     emps_in(tmp_path, shared_data, HELD)
-    known = recording(tmp_path)
-    made = bent("drift", (9901, 6), known)
+    found = of_recorded(tmp_path, bend, seed, tmp_path / "bent", ["friction_thermal_drift", "friction_coulomb"])
+    assert found.verdict.effects == (effect,)
+
+
+def test_an_offset_that_masses_can_stand_in_for_is_told_of_by_the_tolerances(shared_data: Path, tmp_path: Path):
+    """It leaves the residual as it is; a slow run that is left out is predicted worse by what no other run knows."""
+    found = of_recorded(shared_data / "campaigns" / "20", "offset", (9903, 2), tmp_path, ["torque_offset"])
+    assert found.verdict.effects == ("torque_offset",)
+
+
+def of_recorded(campaign: Path, bend: str, seed: tuple[int, int], folder: Path, candidates: list[str]) -> Diagnosis:
+    known = recording(campaign)
+    made = bent(bend, seed, known)
     assert made is not None
-    write_case(tmp_path / "drift", known, made[0], (9901, 6))
-    campaign = read_campaign(tmp_path / "drift")
-    found = diagnose(campaign, candidates=["friction_thermal_drift", "friction_coulomb"], most_effects=2, study=False)
-    assert found.verdict.effects == ("friction_thermal_drift",)
+    write_case(folder, known, made[0], seed)
+    return diagnose(read_campaign(folder), candidates=candidates, most_effects=2, study=False)
+
+
+@pytest.mark.proof
+def test_a_play_is_named_beside_a_filter_and_a_law_that_take_more_than_its_own(tmp_path: Path):
+    """The filter beside a late motion takes four times what the play's law does, and is none. A law of the acceleration
+    takes more than that law, but for where friction turns over."""
+    make_campaign(tmp_path / "play", (9902, 1), draw((9902, 1), "axis_std", "singles", ["backlash"]))
+    campaign = read_campaign(tmp_path / "play")
+    found = diagnose(campaign, candidates=["backlash", "torque_filter"], most_effects=1, study=False)
+    assert found.verdict.effects == ("backlash",)

@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.support.effect_machines import linear_axis, rotary_axis
@@ -17,6 +19,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.hypotheses import search
+from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import Estimate, FreeParameter
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Signature, start_of
@@ -314,3 +317,18 @@ def test_candidates_that_raise_are_rows_and_not_the_end(monkeypatch: pytest.Monk
         row = rows[(name,)]
         assert row.failure == f"{type(error).__name__}: {error}"
         assert not row.fitted and row.residual_rms is None
+
+
+def test_a_fit_without_derivatives_leads_to_no_further_effect(monkeypatch: pytest.MonkeyPatch):
+    """Base values at the edge of what can be simulated: their neighbours cannot."""
+    runs = runs_of(with_effects(nominal("axis-linear"), {"inertia_error": LINEAR["inertia_error"]}))
+    wanted = [find(name, "axis-linear") for name in ("inertia_error", "friction_viscous")]
+
+    def broken(problem: Problem, effects: tuple[str, ...], *rest: Any) -> Fitted:
+        fit = fit_hypothesis(problem, effects, *rest)
+        return replace(fit, jacobian=fit.jacobian * np.nan) if "inertia_error" in effects else fit
+
+    monkeypatch.setattr(search, "fit_hypothesis", broken)
+    result = search.Search(Problem(nominal("axis-linear"), runs), wanted).causes(2, search.FEW, search.LARGE)
+    assert ("inertia_error",) in result.failures
+    assert set(result.fits) == {("friction_viscous",)}

@@ -217,23 +217,21 @@ MOST_VALUES = 4
 
 def why_unmatched(a: Sequence[Row], b: Sequence[Row]) -> str:
     """Of payload, reference and varied fields those that have no value in common in the runs of a and of b."""
-
-    def value(row: Row, field: str) -> str:
-        if field not in row.assigned:
-            return "not varied"
-        return f"{shown(row.assigned[field])} {field_label(field).unit}".strip()
-
     looks: dict[str, Callable[[Row], str]] = {
         "payload": lambda row: f"{row.payload_kg:g} kg", "reference": lambda row: row.reference
     }  # fmt: skip
-    fields = dict.fromkeys(name for row in (*a, *b) for name in row.assigned)
-    looks |= {field_label(field).words: partial(value, field=field) for field in fields}
+    for field in dict.fromkeys(name for row in (*a, *b) for name in row.assigned):
+        looks[field_label(field).words] = partial(_assigned, field, field_label(field).unit)
     reasons = []
     for words, of in looks.items():
         ours, theirs = (list(dict.fromkeys(of(row) for row in rows)) for rows in (a, b))
         if not set(ours) & set(theirs):
             reasons.append(f"{words} is {_some(ours)} in A and {_some(theirs)} in B")
     return "; ".join(reasons) or "their ids differ, and payload, reference and varied values do not pair them"
+
+
+def _assigned(field: str, unit: str, row: Row) -> str:
+    return f"{shown(row.assigned[field])} {unit}".strip() if field in row.assigned else "not varied"
 
 
 def _some(values: Sequence[str]) -> str:

@@ -24,15 +24,16 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import Names, nuisance_std
+from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, nuisance_std
 from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel, Sizes
 from workbench.diagnose.hypotheses.problem import Problem, rms
-from workbench.effects import find
+from workbench.effects import find, ranges_of
 from workbench.machines import kind_of
 
 STEP = 2.0  # of both sizes, from one tried to the next
 BOUNDS = ((0.5, 1024.0), (1.0, 16.0))
 MOST = 500.0  # independent samples that a parameter pays for
+FILTER = "torque_filter"
 PLAY = "backlash"  # the effect whose impacts are found in the logs (`simulate/motion.py`)
 
 
@@ -133,14 +134,26 @@ def beyond(data: float, least: float) -> float:
 
 def lag_explains(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> bool:
     """Whether a lag of a sensor alone takes what any hypothesis with a play takes, to LAGS of the energy. The kinks of
-    a late signal look like the impacts of a play."""
+    a late signal look like the impacts of a play; what `smooths` takes off a play's impacts without being one."""
 
     def taken(some: Collection[Names]) -> float:
         left = min((fits[names].rms(problem.inputs) for names in some), default=math.inf)
         return near.rms(problem.inputs) ** 2 - left**2
 
-    lag = taken([names for names in fits if len(names) == 1 and _is_lag(problem, names[0])])
+    lags = [names for names in fits if len(names) == 1 and _is_lag(problem, names[0])]
+    lag = taken([names for names in lags if not smooths(problem, fits[names])])
     return lag > 0.0 and lag > (1.0 - settings.LAGS) * taken([names for names in fits if PLAY in names])
+
+
+def smooths(problem: Problem, fit: Fitted) -> bool:
+    """Whether a filter of the input and a late motion undo each other's lag, to SMOOTHED of it: the prediction is made
+    smoother, not later. No causal sensor does that; it takes off what the motion holds and the input does not ask for,
+    as cogging or noise at high frequency."""
+    if FILTER not in fit.effects:
+        return False
+    (lag,) = ranges_of(problem.effect(FILTER), problem.machine, problem.runs)
+    lag_s, *late = (float(np.mean(fit.setting.get(one, 0.0))) for one in (lag.symbol, LOG_TIMING, problem.late))
+    return abs(sum(late) - lag_s) < settings.SMOOTHED * lag_s
 
 
 def _is_lag(problem: Problem, name: str) -> bool:

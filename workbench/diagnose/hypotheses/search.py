@@ -577,6 +577,8 @@ class Search:
         """The evidence that a further effect adds to a leader, by its linear estimate. least: the gain that the
         leader's inexact law alone could give."""
         left = self._beside(leader, promise)
+        if not np.all(np.isfinite(left)):
+            return -math.inf
         data = discounted(self.problem, (promise.signature.effect.id,), promise.data, leader.residual, left)
         paid = promise.gain - promise.evidence
         return promise.gain - promise.data + beyond(data, least) - paid
@@ -659,8 +661,11 @@ class Search:
         return promise.evidence - promise.data + self._beyond(near, promise)
 
     def _beside(self, at: Fitted, promise: Promise) -> Array:
-        """(samples,) what a fit leaves beside a promised effect, its own parameters refitted linearly."""
+        """(samples,) what a fit leaves beside a promised effect, its own parameters refitted linearly; not finite where
+        the simulation breaks down at the effect's values."""
         taken = promise.signature.columns @ promise.amounts
+        if not (np.all(np.isfinite(taken)) and np.all(np.isfinite(at.jacobian))):
+            return np.full(len(taken), np.nan)
         z = self._aside(at, taken, promise.signature)
         return at.residual - taken + at.jacobian @ (z - at.z)
 
@@ -703,7 +708,7 @@ class Search:
         except BREAKDOWNS as error:
             self.failures[names] = f"{type(error).__name__}: {error}"
             return
-        if not np.isfinite(fitted.objective):
+        if not (np.isfinite(fitted.objective) and np.all(np.isfinite(fitted.jacobian))):
             self.failures[names] = "the simulation breaks down at these values"
         elif names not in self.fits or self._better(fitted, self.fits[names]):
             self.fits[names] = fitted

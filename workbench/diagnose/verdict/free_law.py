@@ -10,6 +10,10 @@ what the freedom of f costs. Whatever the machine has beside a cause may follow 
 
     worth = score(f alone) - score(f beside the cause) - cost of the cause's parameters
 
+Beside the cause, B is that of the fit with it, or that of the fit without, whichever scores better: friction near
+standstill turns over elsewhere in each, and a law that does without a cause may not live on that. A cause that is a
+function of w itself, as a level of friction is of the speed, would else be given up to a law that can be all of it.
+
 A true cause leaves less for f to take, or something that f cannot take, and is worth much. Several effects that only
 imitate one law together (a bent sensor by gain, offset and friction with the load) are worth less than nothing.
 """
@@ -23,7 +27,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import Weighed, cost
-from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.location.profiles import basis, hats, variables
@@ -32,18 +36,23 @@ LENGTHS = (0.5, 0.17, 0.06)  # of the variable's range: a slope or a bow; a hump
 SIZES = tuple(np.geomspace(0.02, 10.0, 9))  # of the residual's rms
 
 
-def worth(problem: Problem, base: Fitted, cause: Weighed) -> tuple[float, str]:
+def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = None) -> tuple[float, str]:
     """The least that a hypothesis is worth beside a law of one variable, as evidence, and that variable in words.
 
-    base: the fit without effects.
+    base: the fit without effects. less: a fit with some of the effects, if only the others are weighed.
     """
-    sized, rms = problem.with_model_error(cause.score.sizes), base.rms(problem.inputs)
-    paid = cost(problem, len(cause.fit.z) - len(base.z)) + settings.calibration()["pair"] * (len(cause.names) - 1)
-    alone, beside = (Projection.of(sized, fit) for fit in (base, cause.fit))
+    less, rms = less or base, base.rms(problem.inputs)
+    sized, more = problem.with_model_error(cause.score.sizes), len(cause.names) - max(len(less.effects), 1)
+    paid = cost(problem, len(cause.fit.z) - len(less.z)) + settings.calibration()["pair"] * more
+    alone, beside = (Projection.of(sized, fit) for fit in (less, cause.fit))
+    added = [(name,) for name in cause.names if name not in less.effects]
+    own, _ = np.linalg.qr(alone.clean(parts_of(problem, cause.fit, added).T))
     least = (np.inf, "")
     for label, shape, roots in _laws(problem, base):
-        scores = [score(one.clean(shape), one.residual, roots, rms) for one in (alone, beside)]
-        least = min(least, (scores[0] - scores[1] - paid, label))
+        rows = np.column_stack([alone.clean(shape), alone.residual])
+        there, here = np.column_stack([beside.clean(shape), beside.residual]), rows - own @ (own.T @ rows)
+        one, *both = (score(each[:, :-1], each[:, -1], roots, rms) for each in (rows, there, here))
+        least = min(least, (one - min(both) - paid, label))
     return least
 
 

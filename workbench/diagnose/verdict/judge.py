@@ -23,10 +23,11 @@ from workbench.diagnose.hypotheses.evidence import (
     lag_explains,
     model_error_rms,
     same_but_freer,
+    smooths,
     weigh,
 )
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, bounds_of
+from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of
 from workbench.diagnose.hypotheses.held_out import significance
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
@@ -34,12 +35,10 @@ from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKi
 from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.free_law import worth
 from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of
-from workbench.effects import ranges_of
 
 SAME = 0.5  # evidence between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
 SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
-FILTER = "torque_filter"
 OTHER, BOUND = "the other effect", "a bound"  # what speaks against a fit that is none of its law
 
 
@@ -145,22 +144,28 @@ def judged_to_help(search: SearchResult) -> Judged:
     while True:
         judged = judge(search, barred)
         asked = {judged.names, judged.best.names if judged.best is not None and judged.stands else ()} - {()}
-        idle = [names for names in asked if not deserved(search, names)]
+        idle = [w.names for w in judged.weighed if w.names in asked and not deserved(search, w)]
         if not idle:
             return judged
         barred += idle
 
 
-def deserved(search: SearchResult, names: Names) -> bool:
-    """Whether a hypothesis predicts held-out runs and the tolerances better than its effects' absence does, and
-    significantly better than without any one of several, at SIGNIFICANT for all that they were chosen from. A cause
-    that base parameters can stand in for leaves the residual as it is, and relieves the tolerances."""
-    problem, fit = search.problem, search.fits[names]
-    if significance(problem, search.within_tolerances, fit) <= 0.0:
+def deserved(search: SearchResult, w: Weighed) -> bool:
+    """Whether a hypothesis predicts held-out runs and the tolerances better than its effects' absence does; and with
+    each one of several significantly better than without it, at SIGNIFICANT for all that they were chosen from, and
+    than with a free law of one variable in its place (`worth`). A cause that base parameters can stand in for leaves
+    the residual as it is, and relieves the tolerances: it may predict left-out runs worse, as far as by chance."""
+    problem, base = search.problem, search.base
+    by_tolerances = base.prior - w.fit.prior > base.chi2 - w.fit.chi2
+    if significance(problem, search.within_tolerances, w.fit) <= (float(ndtri(SIGNIFICANT)) if by_tolerances else 0.0):
         return False
     chosen_from = len({name for known in search.fits for name in known})
     least = float(-ndtri(SIGNIFICANT / chosen_from))
-    return len(names) == 1 or all(significance(problem, without(search, fit, name), fit) > least for name in names)
+    less = {name: without(search, w.fit, name) for name in w.names if len(w.names) > 1}
+    if any(significance(problem, rest, w.fit) <= least for rest in less.values()):
+        return False
+    by_law = [rest for name, rest in less.items() if not (name == PLAY and problem.struck)]
+    return all(worth(problem, base, w, rest)[0] > 0.0 for rest in by_law)
 
 
 def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
@@ -202,7 +207,8 @@ def established(
         why = next((one for one in constancies(problem, base, near, w.fit) if one.broken), None)
         if why is None:
             evidence, variable = worth(problem, base, w)
-            if evidence > 0.0:
+            heard = settings.IMPACTS if problem.struck and PLAY in w.names else 0.0  # without what its law takes
+            if evidence > 0.0 and w.evidence > heard:
                 return w, mimics | no_laws
             why = Constancy(w.names[-1], variable, 0.0, free=True)
         imitated = True
@@ -221,17 +227,6 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     if (undone := cancellation(problem, w.fit, len(near.z))) > settings.UNDONE or smooths(problem, w.fit):
         return Constancy(last, OTHER, max(undone, settings.UNDONE))
     return Constancy(last, BOUND, 1.0) if _on_bound(w.fit, len(near.z)) else None
-
-
-def smooths(problem: Problem, fit: Fitted) -> bool:
-    """Whether a filter of the input and a late motion undo each other's lag, to SMOOTHED of it: the prediction is made
-    smoother, not later. No causal sensor does that; it takes off what the motion holds and the input does not ask for,
-    as cogging or noise at high frequency."""
-    if FILTER not in fit.effects:
-        return False
-    (lag,) = ranges_of(problem.effect(FILTER), problem.machine, problem.runs)
-    lag_s, *late = (float(np.mean(fit.setting.get(one, 0.0))) for one in (lag.symbol, LOG_TIMING, problem.late))
-    return abs(sum(late) - lag_s) < settings.SMOOTHED * lag_s
 
 
 def groups_of(problem: Problem, weighed: Sequence[Weighed]) -> tuple[tuple[Names, ...], ...]:
