@@ -72,6 +72,9 @@ def test_several_campaigns_go_on_where_they_were_interrupted(
     """What is there of the same question is kept as it is; of another question, or damaged, it is refused untouched."""
     twin, out = tmp_path / "twin", tmp_path / "out"
     shutil.copytree(folder, twin)
+    (tmp_path / "file").write_text("")
+    refused = workbench("diagnose", folder, twin, *QUICK, "--out", tmp_path / "file")  # before any long work
+    assert refused.status == 2 and "s left" not in refused.err
     asked = ("diagnose", folder, twin, *QUICK, "--out", out)
     first = diagnose_module.answered
 

@@ -67,7 +67,7 @@ def diagnose(
     scenario: Scenario that gives moves, limits, payloads and controller of the control study.
     cluster: Several campaigns on Dask: tcp://host:port, or local:N for N processes.
     """
-    if out is not None and len(campaigns) == 1:
+    if out is not None and (len(campaigns) == 1 or out.is_file()):
         check_free(out)
     options: dict[str, Any] = {
         "baseline": baseline, "most_effects": max_effects, "seed": seed, "quick": quick,
@@ -178,7 +178,8 @@ def diagnose_each(
             tell(f"{len(rows)}/{len(campaigns)} {name}: {row.trouble or row.cause}; about {left:.0f} s left")
     except KeyboardInterrupt:
         if out is not None:
-            tell(f"{len(rows)} of {len(campaigns)} are done and kept; the same command goes on with the others")
+            kept_now = sum(not row.trouble for row in rows.values())
+            tell(f"{kept_now} of {len(campaigns)} are done and kept; the same command goes on with the others")
         raise
     return [rows[name] for name in campaigns]
 
