@@ -309,7 +309,7 @@ def test_friction_is_named_where_it_is_and_not_for_a_gain_of_one_direction(
     machine, runs = made[0].machine, made[0].runs
     effects = [find(name, "hoist") for name in FRICTIONS]
     search = Search(Problem(machine, runs), effects, base=base_parameters(machine, runs))
-    found = judged_to_help(search.exact(search.singles()))
+    found = judged_to_help(search.exact(search.singles(), 1))
     assert (found.word, found.names) == (word, names)
 
 
