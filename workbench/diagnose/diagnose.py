@@ -435,8 +435,8 @@ def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effe
 
 
 def _open(judged: Judged, also: Sequence[Names]) -> list[Names]:
-    """The hypotheses that the campaign does not decide between, the most probable first."""
-    first: list[Names] = [judged.names] if judged.names else []
+    """The hypotheses that the campaign does not decide between, the answer first; no gap is that of no effect."""
+    first: list[Names] = [judged.names] if judged.word != "unknown" else []
     rest = list(also)
     rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
     return list(dict.fromkeys([*first, *rest]))
