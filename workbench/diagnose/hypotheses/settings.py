@@ -31,9 +31,7 @@ VARIES = 0.08  # share: a true cause has shown 0.076 at most (a lag), mimics 0.0
 RESTS = 0.25  # rest: 0.2 at most, and 0.4 and more
 FORETOLD = 0.1  # of what is left: so much a curve, a change of amount or the base parameters take up by chance
 SMOOTHED = 0.2  # of a filter's lag: as far the delays of two causes agree by chance in one of ten
-HALF = (
-    0.5  # of the best one's evidence: what a part of it has to have; of several shares' energy, what their sum has to
-)
+HALF = 0.5  # of the best one's evidence: what a part of it needs; of the energy of several shares: their sum
 
 # An unknown cause
 BY_CHANCE = {False: 2.0, True: 1.0}  # standard deviations by which tolerances are stretched by chance: more without a
