@@ -8,12 +8,12 @@ follow from that declaration. What no control shows (events, effects, drive, …
 from __future__ import annotations
 
 import base64
-import binascii
 import math
 import re
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, cast
 
@@ -22,7 +22,7 @@ import streamlit as st
 from workbench.analysis.usual import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2, usual_cascade
 from workbench.control import Cascade, PiSettings, Settings
 from workbench.core.errors import InputError
-from workbench.core.yaml_strict import Document, dumps, load, loads
+from workbench.core.yaml_strict import dumps, load, loads, put
 from workbench.dashboard import session
 from workbench.dashboard.chosen import AXIS, DEFAULT, choose_machine, keep_machine
 from workbench.dashboard.widgets import Field, fold, form, held, number, problem, text
@@ -144,20 +144,16 @@ def controller(machine: Hoist | Axis) -> Settings:
     return current(machine).scenario.controller
 
 
-def set_controller(settings: Settings, machine: Hoist | Axis) -> None:
+def change(machine: Hoist | Axis, values: Mapping[str, Any]) -> Settings:
+    """Sets values of the controller of all pages, as `edited`; what it is then."""
     desk = current(machine)
-    if settings != desk.scenario.controller:
-        scenario = desk.scenario.model_copy(update={"controller": settings})
-        session.put(_key(machine), replace(desk, scenario=scenario, loop=None))
-
-
-def with_gains(settings: Settings, values: Mapping[str, Any]) -> Settings:
-    """The controller with other values, checked like a file. InputError names the value."""
     try:
-        return changed(START, {"controller": settings.model_dump() | dict(values)}).controller
+        scenario = edited(desk.scenario, machine, values)
     except InputError as error:
-        place = (error.place or "").rpartition(".")[2]
-        raise InputError(error.problem, place="controller" if place in ("", settings.kind) else place) from error
+        raise named(error, machine, replace(desk, loop=None)) from error
+    if scenario.controller != desk.scenario.controller:
+        session.put(_key(machine), replace(desk, scenario=scenario, loop=None))
+    return scenario.controller
 
 
 # ---- from and to a scenario ---------------------------------------------------------------------------------------
@@ -275,29 +271,21 @@ def value_of(name: str, field: Field, scenario: Scenario) -> float:
     if field.key == ("moves",):
         way, dwell = there_and_back(scenario.moves) or (12.0, 3.0)
         return dwell if name == "dwell" else way
-    value: Any = scenario
-    for part in field.key:
-        value = getattr(value, part)
-    if value is None:  # limits of lowering that are those of hoisting
-        return float(getattr(scenario.limits, field.key[-1]))
-    return float(value)
+    value: Any = reduce(getattr, field.key, scenario)  # None: of lowering, as of hoisting
+    return float(getattr(scenario.limits, field.key[-1]) if value is None else value)
 
 
 def edited(scenario: Scenario, machine: Hoist | Axis, values: Mapping[str, Any]) -> Scenario:
-    """The scenario with other values: those of fields by their names, anything else by its key. InputError for what
-    does not fit, under the scenario's key."""
+    """The scenario with other values: those of fields by their names, anything else by its dotted key. InputError for
+    what does not fit, under the scenario's key."""
     data, fields = scenario.model_dump(), fields_of(machine, scenario)
-    way, dwell = there_and_back(scenario.moves) or (12.0, 3.0)
     if {"way", "dwell"} & set(values):
-        unit = kind_of(machine).moved.unit
-        data["moves"] = _there_and_back(unit, values.get("way", way), values.get("dwell", dwell))
+        way, dwell = there_and_back(scenario.moves) or (12.0, 3.0)
+        moves = kind_of(machine).moved.unit, values.get("way", way), values.get("dwell", dwell)
+        values = {**values, "moves": _there_and_back(*moves)}
     for name, value in values.items():
-        *blocks, last = fields[name].key if name in fields else (name,)
-        if last != "moves":
-            block = data
-            for part in blocks:
-                block = block[part]
-            block[last] = value
+        if name not in ("way", "dwell"):
+            put(data, fields[name].key if name in fields else tuple(name.split(".")), value)
     return changed(scenario, data)
 
 
@@ -482,9 +470,11 @@ def _file(name: str, machine: Hoist | Axis) -> str:
         if asked != before:  # chosen anew: one of both
             error = None
             try:
-                if asked[1] and asked[1] != before[1]:
-                    assert upload is not None
-                    set_desk(read_desk(load(session.stored(upload, "scenario.yaml")), machine), machine)
+                if upload is not None and asked[1] != before[1]:
+                    own, known = None if machine == default_hoist() else machine, shipped_scenarios().values()
+                    document = load(session.stored(upload, "scenario.yaml"))
+                    scenario = read_standalone(document, own, {file.name: file for file in known})
+                    set_desk(desk_of(scenario, machine), machine)
                 elif ships not in (NONE, before[0]):
                     set_desk(*shipped_desk(ships, machine))
             except InputError as refused:
@@ -526,11 +516,6 @@ def shipped_scenarios() -> dict[str, Path]:
     return {}
 
 
-def shipped_files() -> dict[str, Path]:
-    """What an uploaded scenario may extend: file name -> file."""
-    return {file.name: file for file in shipped_scenarios().values()}
-
-
 def shipped_as(machine: Hoist | Axis) -> str | None:
     """What a scenario calls the machine; None for one that does not ship."""
     return next((name for name in SHIPPED if shipped(name) == machine), None)
@@ -552,12 +537,6 @@ def files_of(scenario: Scenario, machine: Hoist | Axis) -> list[tuple[str, str, 
     if not kind_of(machine).payload and not shipped_as(machine):
         files.append(("Save machine", f"{scenario.name}_machine.yaml", machine_text(machine)))
     return files
-
-
-def read_desk(document: Document, machine: Hoist | Axis) -> Desk:
-    """What an uploaded scenario asks. A machine that it names by file is the chosen one."""
-    own = None if machine == default_hoist() else machine
-    return desk_of(read_standalone(document, own, shipped_files()), machine)
 
 
 def shipped_desk(name: str, machine: Hoist | Axis) -> tuple[Desk, Hoist | Axis]:
@@ -600,7 +579,7 @@ def from_address(packed: str) -> tuple[Desk, Hoist | Axis]:
         unpacking = zlib.decompressobj()
         raw = base64.urlsafe_b64decode(packed + "=" * (-len(packed) % 4))
         plain = unpacking.decompress(raw, MOST_BYTES).decode()
-    except (binascii.Error, zlib.error, ValueError) as error:
+    except (zlib.error, ValueError) as error:
         raise wrong from error
     if not unpacking.eof:
         raise wrong

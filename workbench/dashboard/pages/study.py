@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -82,7 +81,8 @@ def show() -> None:
     _take_away(result)
     with guarded():
         _further(scenario, machine, result, runs)
-        if (depends := on_damping(scenario, machine)) is not None:
+        said = f"{scenario.model_dump_json()} {machine_text(machine)}"
+        if (depends := on_damping(said, scenario, machine)) is not None:
             st.caption(plain(depends))
 
 
@@ -100,42 +100,15 @@ def results(scenario: Scenario, machine: Hoist | Axis) -> StudyResult:
     return _run(plan_study(scenario, machine))
 
 
-def beside_payloads(scenario: Scenario, machine: Hoist) -> StudyResult:
-    """The same at payloads from none to the heaviest."""
-    most = max(9000.0, *(scenario.payloads_kg or (0.0,)))
-    payloads = [most * k / (POINTS - 1) for k in range(POINTS)]
-    return _run(over_payload(changed(scenario, LUMPED), machine, payloads))
-
-
-def beside_ramps(scenario: Scenario, machine: Hoist | Axis) -> Sequence[Row]:
-    """Other accelerations and jerks at the heaviest payload; the trapezoid has accelerations only."""
-    limits, rows = scenario.limits.given(), list[Row]()
-    acceleration, jerk = (limits.get(name, 0.0) for name in ("acceleration_m_s2", "jerk_m_s3"))
-    accelerations = [float(f"{acceleration * k:.3g}") for k in RAMPS if acceleration]  # as a sentence can say it
-    jerks = [float(f"{jerk * k:.3g}") for k in JERKS if jerk]
-    for kinds, other in ((("trapezoid",), jerks[3:4]), (("ruckig",), jerks)):
-        asked = changed(scenario, {"references": kinds} | LUMPED)
-        rows += _run(over_ramps(asked, machine, accelerations, other)).rows
-    return rows
-
-
-def _run(study: Study) -> StudyResult:
-    return _cached(f"{study.scenario_hash} {' '.join(columns())}", study.machine_hash, study)
-
-
 # Resources rather than data: the records are frozen, so that nobody need have a copy.
-@st.cache_resource(max_entries=KEPT, show_spinner="Simulating")
-def _cached(scenario: str, machine: str, _study: Study) -> StudyResult:
-    return run_study(_study)
-
-
-def on_damping(scenario: Scenario, machine: Hoist | Axis) -> str | None:
-    """How far the answer depends on the damping assumed for wire or coupling; None where its runs fail."""
-    return _on_damping(scenario.model_dump_json(), machine_text(machine), scenario, machine)
+_SAID = {Study: lambda study: (study.scenario_hash, study.machine_hash, *columns())}
+_run = st.cache_resource(run_study, max_entries=KEPT, show_spinner="Simulating", hash_funcs=_SAID)
 
 
 @st.cache_resource(max_entries=200, show_spinner=False)
-def _on_damping(said: str, machine: str, _scenario: Scenario, _machine: Hoist | Axis) -> str | None:
+def on_damping(said: str, _scenario: Scenario, _machine: Hoist | Axis) -> str | None:
+    """How far the answer depends on the damping assumed for wire or coupling; None where its runs fail. said: both as
+    text."""
     return damping_sentence(_scenario, _machine)
 
 
@@ -285,28 +258,36 @@ def _further(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, run
     titles = [*([PLANE, PEAKS] if hoist and runs else []), LIMITS]
     if not (part := fold(", ".join(titles), "further", "insights")).open:
         return
-    for title, tab in zip(titles, part.tabs(titles, key=FIGURE, on_change="rerun"), strict=True):
-        if not tab.open:
-            continue
-        with tab:
+    with part:
+        for title in widgets.tabs(titles, FIGURE):
             if title == PLANE:
                 figure = view.plane(runs, result.study.machine, 460)
                 chart(figure, "study plane", "Torque over speed of one motor with continuous and peak envelope")
             elif title == PEAKS:
-                figure = view.peaks_figure(beside_payloads(scenario, cast(Hoist, machine)))
+                most = max(9000.0, *(scenario.payloads_kg or (0.0,)))
+                payloads = [most * k / (POINTS - 1) for k in range(POINTS)]
+                lumped = over_payload(changed(scenario, LUMPED), cast(Hoist, machine), payloads)
+                figure = view.peaks_figure(_run(lumped))
                 chart(figure, "study payload", "Torque peak over payload for each reference")
             else:
                 _ramps(scenario, machine, result)
 
 
 def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> None:
-    """The front of move time and peak over other limits."""
-    rows = [row for row in beside_ramps(scenario, machine) if row.ok]
-    if not rows:
+    """The front of move time and peak over other accelerations and jerks, at the heaviest payload; the trapezoid has
+    accelerations only."""
+    given, made = scenario.limits.given(), list[Row]()
+    accelerations, jerks = (
+        [float(f"{given[name] * k:.3g}") for k in steps if given.get(name)]  # as a sentence can say it
+        for name, steps in (("acceleration_m_s2", RAMPS), ("jerk_m_s3", JERKS))
+    )
+    for kind, others in (("trapezoid", jerks[3:4]), ("ruckig", jerks)):
+        asked = changed(scenario, {"references": (kind,)} | LUMPED)
+        made += _run(over_ramps(asked, machine, accelerations, others)).rows
+    if not (rows := [row for row in made if row.ok]):
         return
-    judged, axes, limits = metrics_of(rows), swept_axes(rows), scenario.limits.model_dump()
-    heaviest = max(row.payload_kg for row in result.rows)
-    own = {name: limits[name.rpartition(".")[2]] for axis in axes for name in axis.columns}
+    judged, axes, heaviest = metrics_of(rows), swept_axes(rows), max(row.payload_kg for row in result.rows)
+    own = {name: given[name.rpartition(".")[2]] for axis in axes for name in axis.columns}
     # The ramps' runs are the lumped model's: a front would else lay two models side by side.
     here = result.rows if scenario.plant == "lumped" else []
     chosen = [replace(row, assigned=own) for row in here if row.ok and row.payload_kg == heaviest]
@@ -364,6 +345,12 @@ def _take_away(result: StudyResult) -> None:
     name = result.study.scenario.name
     # Taken here: Streamlit calls the function of a download in a thread that belongs to no session.
     folder = session.workspace()
+
+    def report() -> bytes:
+        with tempfile.TemporaryDirectory(dir=folder) as own:  # each click its own: two may come at once
+            view.save_study_page(result, file := Path(own) / "study.html")
+            return file.read_bytes()
+
     if not (part := fold("Signals and report", "signals", "download")).open:
         return
     with part, st.container(horizontal=True):
@@ -371,13 +358,4 @@ def _take_away(result: StudyResult) -> None:
             (f"Signals ({ending})", lambda write=write: write(labelled_runs(result)), f"{name}.{ending}", kind)
             for ending, (write, kind) in FORMS.items()
         ]
-        report = ("Report", partial(report_of, result, folder), f"{name}.html", "text/html")
-        widgets.downloads("study", [*signals, report])
-
-
-def report_of(result: StudyResult, folder: Path) -> bytes:
-    """The report's page. folder: a private one of the session."""
-    with tempfile.TemporaryDirectory(dir=folder) as own:  # each click its own: two may come at once
-        file = Path(own) / "study.html"
-        view.save_study_page(result, file)
-        return file.read_bytes()
+        widgets.downloads("study", [*signals, ("Report", report, f"{name}.html", "text/html")])
