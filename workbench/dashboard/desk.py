@@ -12,6 +12,7 @@ import math
 import re
 import zlib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
@@ -42,7 +43,7 @@ from workbench.machines import (
 )
 from workbench.machines.files import machine_text
 from workbench.metrics import set_of
-from workbench.references import BASELINE, allowed_carriage_speed_m_s, planned_kinds
+from workbench.references import BASELINE, Step, allowed_carriage_speed_m_s, planned_kinds
 from workbench.study.decide import RESERVE, criteria_for
 from workbench.study.load import changed, load_study, read_standalone, standalone_text
 from workbench.study.scenario import CriterionBlock, LimitsBlock, MoveBlock, Scenario, key_in
@@ -161,12 +162,10 @@ def change(machine: Hoist | Axis, values: Mapping[str, Any]) -> Settings:
 
 def there_and_back(moves: Sequence[MoveBlock]) -> tuple[float, float] | None:
     """Way (m or rad) and dwell (s) of moves that go one way, wait and come back; None for any others."""
-    if len(moves) != 3:
-        return None
-    there, rest, back = (block.step() for block in moves)
-    if there.by_m is None or rest.dwell_s is None or back.by_m is None or there.by_m != -back.by_m:
-        return None
-    return there.by_m, rest.dwell_s
+    match [block.step() for block in moves]:
+        case [Step(by_m=float() as way), Step(dwell_s=float() as dwell), Step(by_m=float() as back)] if way == -back:
+            return way, dwell
+    return None
 
 
 def _there_and_back(unit: str, way: float, dwell_s: float) -> tuple[dict[str, float], ...]:
@@ -297,7 +296,7 @@ def named(error: InputError, machine: Hoist | Axis, desk: Desk) -> InputError:
         "name": "Name of the study", "payloads_kg": "Payloads (kg)", "references": f"Against the {BASELINE}",
         "plant": "Model", "decide": DECIDE,
     }  # fmt: skip
-    parts = [part.partition("[")[0] for part in (error.place or "").split(".")]
+    parts = re.findall(r"\w+", error.place or "")
     name = next((called[part] for part in reversed(parts) if part in called), error.place)
     return InputError(error.problem, file=error.file, line=error.line, place=name)
 
@@ -365,18 +364,15 @@ def _draw(
 
 def _motion(scenario: Scenario, machine: Hoist | Axis) -> dict[str, Any]:
     values: dict[str, Any] = _draw(scenario, machine, ["start"])
-    if there_and_back(scenario.moves) is None and st.toggle("Moves as in the file", key=held("study.own", True)):
-        pass
-    else:
-        names = ["way"] if kind_of(machine).payload else ["way", "dwell"]
-        values |= _draw(scenario, machine, names, values["start"])
+    known, hoist = there_and_back(scenario.moves) is not None, bool(kind_of(machine).payload)
+    if known or not st.toggle("Moves as in the file", key=held("study.own", True)):
+        values |= _draw(scenario, machine, ["way"] if hoist else ["way", "dwell"], values["start"])
     values |= _draw(scenario, machine, list(LIMITS))
-    if not kind_of(machine).payload:
-        return values
+    down = [f"down {name}" for name in LIMITS] if hoist else []
     apart = bool(scenario.limits.lowering.given())
-    if st.toggle("Lower under other limits", key=held("study.split", apart)):
-        return values | _draw(scenario, machine, [f"down {name}" for name in LIMITS])
-    return values | {f"down {name}": None for name in LIMITS}
+    if hoist and st.toggle("Lower under other limits", key=held("study.split", apart)):
+        return values | _draw(scenario, machine, down)
+    return values | dict.fromkeys(down)
 
 
 def _controller(desk: Desk, machine: Hoist | Axis) -> tuple[dict[str, float], tuple[float, float] | None]:
@@ -404,25 +400,22 @@ def _controller(desk: Desk, machine: Hoist | Axis) -> tuple[dict[str, float], tu
 
 
 def _payloads(now: Sequence[float], bad: list[InputError]) -> tuple[float, ...]:
-    def read(entries: Sequence[float | str]) -> tuple[float, ...]:
-        try:
-            return tuple(sorted({float(entry) for entry in entries}))
-        except ValueError:
-            return ()
+    def read(entries: Sequence[Any]) -> list[float]:
+        """Nothing where one of them is no number."""
+        with suppress(ValueError):
+            return sorted({float(entry) for entry in entries})
+        return []
 
-    chosen = st.multiselect(
+    chosen: list[Any] = st.multiselect(
         "Payloads (kg)", sorted({*PAYLOADS, *now}), accept_new_options=True,
-        key=held("study.payloads", list(now), None, lambda entries: list(read(entries))),
+        key=held("study.payloads", list(now), None, read), help="Type any other payload and press Enter.",
         format_func=lambda kg: kg if isinstance(kg, str) else f"{kg:g}",
-        help="Type any other payload and press Enter.",
     )  # fmt: skip
-    payloads = read(cast(Sequence[float | str], chosen))
     if not chosen:
         bad.append(InputError("choose at least one payload", place="payloads_kg"))
-    elif not payloads:
-        wrong = next(e for e in cast(Sequence[float | str], chosen) if not read([e]))
+    for wrong in [entry for entry in chosen if not read([entry])][:1]:
         bad.append(InputError(f"'{wrong}', expected a number in kg", place="payloads_kg"))
-    return payloads
+    return tuple(read(chosen))
 
 
 def _decide(scenario: Scenario, machine: Hoist | Axis) -> dict[str, dict[str, float]]:
@@ -433,10 +426,8 @@ def _decide(scenario: Scenario, machine: Hoist | Axis) -> dict[str, dict[str, fl
     decide: dict[str, dict[str, float]] = {}
     for criterion in usual:
         metric, name, title = criterion.metric, criterion.name, criterion.metric.heading
-        known, scale, unit = criterion.most, metric.scale, metric.shown_unit or "–"
-        side = "least" if metric.better == "higher" else "most"
-        if side == "least":
-            known = criterion.least
+        side, scale, unit = "least" if metric.better == "higher" else "most", metric.scale, metric.shown_unit or "–"
+        known = getattr(criterion, side)
         if name == judged.peak and criterion.most is not None:  # said as what the peak leaves
             name, title, side, known, scale, unit = RESERVE, "Reserve at the peak", "least", 10.0, 1.0, "%"
         given = scenario.decide.get(name, CriterionBlock())
@@ -489,10 +480,8 @@ def _file(name: str, machine: Hoist | Axis) -> str:
 
 def set_desk(desk: Desk, machine: Hoist | Axis) -> None:
     """The controls stand so from the next run of the page on, on this machine."""
-    if machine == shipped("emps_axis"):
-        choose_machine(AXIS)
-    elif machine == default_hoist():
-        choose_machine(DEFAULT)
+    if machine in (default_hoist(), shipped("emps_axis")):
+        choose_machine(DEFAULT if machine == default_hoist() else AXIS)
     elif not kind_of(machine).payload:
         choose_machine(keep_machine(machine.name, machine))
     session.put(_key(machine), desk)

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
 import streamlit as st
 
 from workbench.core.errors import InputError
@@ -141,7 +140,7 @@ def _ran(asked: desk.Desk, machine: Hoist | Axis, bad: Sequence[InputError]) -> 
 
 def _head(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> None:
     """The study's name, the button that keeps it for Compare, its files to save."""
-    known = compare.is_kept(scenario, machine)
+    known = any((study.scenario, study.machine) == (scenario, machine) for study in compare.kept().values())
     with st.container(horizontal=True, horizontal_alignment="distribute", vertical_alignment="center"):
         st.markdown(f"##### {plain(scenario.name)} · {plain(result.study.machine.name)}", width="content")
         with st.container(horizontal=True, width="content"):
@@ -297,34 +296,15 @@ def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> No
     chart(figure, "study pareto", f"{what} over accelerations and jerks")
 
 
-def forces_of(run: Run) -> list[str]:
-    """The forces that the multi-body machine alone has, in the run's order."""
-    lumped = {signal.name for signal in HOIST.plant.signals}
-    return [name for name in run.signals if name.startswith("force_") and name not in lumped]
-
-
-def force_table(runs: Sequence[tuple[str, Run]]) -> Table:
-    """The largest force either way, a row a roller or joint, a column a reference. runs: (reference, run)."""
-    kinds = dict.fromkeys(kind for kind, _ in runs)
-    rows = []
-    for name in dict.fromkeys(name for _, run in runs for name in forces_of(run)):
-        row = [words_of(name).removeprefix("force ")]
-        for kind in kinds:
-            forces = [run[name] for other, run in runs if other == kind and name in run]
-            largest = [float(force[np.argmax(np.abs(force))]) for force in forces]
-            row.append(text(1e-3 * max(largest, key=abs)) if largest else "–")
-        rows.append(row)
-    heads = [words("roller or joint"), *(Column(label(kind), "kN") for kind in kinds)]
-    return Table(heads, rows, "The largest of all payloads, with its sign; a pin's force has none.")
-
-
 def _forces(runs: Sequence[tuple[str, Run]]) -> None:
-    """Of rollers and joints; nothing where the study ran on the lumped machine, which has none."""
-    runs = [(kind, run) for kind, run in runs if forces_of(run)]
-    if not runs:
+    """Of rollers and joints; nothing where the study ran on the lumped machine, which has none. The table: the largest
+    force either way, a row a roller or joint, a column a reference."""
+    lumped = {signal.name for signal in HOIST.plant.signals}
+    names = [name for name in (runs[0][1].signals if runs else ()) if name.startswith("force_") and name not in lumped]
+    if not names:
         return
     with st.expander("Forces of rollers and joints", expanded=True, icon=":material/conversion_path:"):
-        names, payloads = forces_of(runs[0][1]), sorted({run.payload_kg for _, run in runs})
+        payloads = sorted({run.payload_kg for _, run in runs})
         left, right = st.columns([1.0, 2.2])
         payload = left.selectbox(
             "Payload", payloads, len(payloads) - 1, format_func=lambda kg: f"{kg:g} kg", key="study forces payload"
@@ -337,7 +317,15 @@ def _forces(runs: Sequence[tuple[str, Run]]) -> None:
         if chosen:
             figure = browser([Stretch.whole(run) for _, run in mine], chosen, [kind for kind, _ in mine])
             chart(figure, "study forces", "Forces of rollers and joints over time")
-        table(force_table(runs))
+        of_kind: dict[str, list[Run]] = {}
+        for kind, run in runs:
+            of_kind.setdefault(kind, []).append(run)
+        rows = []
+        for name in names:  # of the least and the largest the one that is further from zero
+            ends = [[end for run in own for end in (run[name].min(), run[name].max())] for own in of_kind.values()]
+            rows.append([words_of(name).removeprefix("force "), *(text(1e-3 * max(own, key=abs)) for own in ends)])
+        heads = [words("roller or joint"), *(Column(label(kind), "kN") for kind in of_kind)]
+        table(Table(heads, rows, "The largest of all payloads, with its sign; a pin's force has none."))
 
 
 def _take_away(result: StudyResult) -> None:
