@@ -157,6 +157,16 @@ def downloads(key: str, files: Sequence[tuple[str, Any, str, str]], width: Any =
                            icon=":material/download:")  # fmt: skip
 
 
+def signal_files(name: str, labelled: Callable[[], Any]) -> list[tuple[str, Any, str, str]]:
+    """For `downloads`: the signals of runs in each format, written when they are asked for."""
+    from workbench.logs.signal_files import FORMS
+
+    return [
+        (f"Signals ({ending})", lambda write=write: write(labelled()), f"{name}.{ending}", kind)
+        for ending, (write, kind) in FORMS.items()
+    ]
+
+
 def table(shown: Table, in_words: bool = False) -> None:
     """A report's table with its note; heads with their units. in_words: as text, whose cells wrap on a narrow page; the
     browser loads a megabyte less for it."""

@@ -187,12 +187,10 @@ def _numbers(result: StudyResult) -> None:
     good = [row for row in result.rows if row.ok]
     axes, cards, where = swept_axes(good), list[Number](), list[str]()
     for metric in shown_in(View.CARDS, metrics_of(good)) if good else ():
-        known = [row for row in good if row.metrics.get(metric.name) is not None]
-        if known:
-            worst = metric.worst([row[metric.name] for row in known])
-            row = min(known, key=lambda row: abs(row[metric.name] - worst))
+        if known := {row[metric.name]: row for row in reversed(good) if row.metrics.get(metric.name) is not None}:
+            worst = metric.worst(list(known))
             cards.append(Number(metric.heading, metric.scale * worst, metric.shown_unit))
-            where.append(f"{metric.heading.lower()}: {run_in_words(row, axes)}")
+            where.append(f"{metric.heading.lower()}: {run_in_words(known[worst], axes)}")
     if cards:
         widgets.numbers(cards)
         st.caption(plain(f"The worst of all runs. {'; '.join(where)}."))

@@ -133,10 +133,9 @@ def _list(runs: Mapping[str, Kept]) -> None:
             gains = (f"{name} {value:.4g}" for name, value in study.gains.items())
             said = f"{study.machine.name}: {', '.join([study.limits, *gains])}"
             words.markdown(f"**{plain(name)}** · {plain(said)}")
-            saving.download_button(
-                "Save", desk.scenario_file(study.scenario, study.machine), file_name=f"{study.scenario.name}.yaml",
-                mime="application/yaml", key=f"compare save {name}", on_click="ignore", width="stretch",
-            )  # fmt: skip
+            file = desk.scenario_file(study.scenario, study.machine), f"{study.scenario.name}.yaml", "application/yaml"
+            with saving:
+                widgets.downloads(f"compare {name}", [("Save", *file)], "stretch")
             if removing.button("Remove", key=f"compare remove {name}", width="stretch"):
                 session.put(KEY, {known: other for known, other in kept().items() if known != name})
                 st.rerun()

@@ -18,7 +18,6 @@ from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import session_machine
 from workbench.dashboard.pages import compare
 from workbench.dashboard.widgets import Number, chart, fold, guarded, held, plain, problem, table, text
-from workbench.logs.signal_files import FORMS
 from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
 from workbench.machines.files import machine_text
 from workbench.metrics import View, columns, shown_in
@@ -342,8 +341,5 @@ def _take_away(result: StudyResult) -> None:
     if not (part := fold("Signals and report", "signals", "download")).open:
         return
     with part, st.container(horizontal=True):
-        signals = [
-            (f"Signals ({ending})", lambda write=write: write(labelled_runs(result)), f"{name}.{ending}", kind)
-            for ending, (write, kind) in FORMS.items()
-        ]
-        widgets.downloads("study", [*signals, ("Report", report, f"{name}.html", "text/html")])
+        files = widgets.signal_files(name, lambda: labelled_runs(result))
+        widgets.downloads("study", [*files, ("Report", report, f"{name}.html", "text/html")])
