@@ -236,6 +236,8 @@ def arrived(files: list[Uploaded]) -> None:
 
 def let_go(file_ids: Collection[str]) -> None:
     """Frees the server's copy of what was sent. Streamlit has no public way: it keeps files until the session ends."""
-    if (context := get_script_run_ctx()) is not None:
-        for file_id in file_ids:
-            context.uploaded_file_mgr.remove_file(context.session_id, file_id)
+    context = get_script_run_ctx()
+    remove = getattr(context and context.uploaded_file_mgr, "remove_file", None)
+    for file_id in file_ids:
+        if context is not None and remove is not None:
+            remove(context.session_id, file_id)

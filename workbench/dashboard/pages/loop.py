@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import streamlit as st
 
@@ -51,8 +51,7 @@ def show() -> None:
         _tune(case, *goal)
     left, right = widgets.beside("loop")
     with left:
-        settings = _crossover(case)
-    case = replace(case, settings=settings)
+        _crossover(case)
     with guarded():
         members, before = loops(case, motion), loops(_by_rule(case), motion)
     with top:
@@ -153,7 +152,7 @@ def _gains(machine: Hoist | Axis, bad: list[InputError]) -> Settings:
     return settings
 
 
-def _crossover(case: DesignCase) -> Settings:
+def _crossover(case: DesignCase) -> None:
     """A slider above the Bode plot that moves its crossover: kp, and ki with its square, so that the damping stays."""
     settings, rule = case.settings, rule_settings(case.machine)
     now = settings.kp / rule.kp
@@ -163,7 +162,6 @@ def _crossover(case: DesignCase) -> Settings:
     if abs(factor - 1.0) > 1e-3:
         desk.change(case.machine, {"kp": settings.kp * factor, "ki": settings.ki * factor**2})
         st.rerun()  # the gains stand in the side bar and are drawn already
-    return settings
 
 
 def rule_settings(machine: Hoist | Axis) -> Settings:
@@ -205,25 +203,20 @@ def _numbers(case: DesignCase, members: Sequence[Member], before: Sequence[Membe
         return
     same = case.settings == _by_rule(case).settings
 
-    def one(what: str, new: float | None, old: float | None, unit: str, better: Literal["lower", "higher"]) -> Number:
-        by = None if new is None or old is None or same or not then.stable else new - old
-        return Number(what, new, unit, by, better)
-
-    def decibels(said: str) -> float | None:
-        first = said.partition("/")[0]
-        return float(first) if first[:1].isdigit() else None
-
-    slow, slow_before = (min(m.margins.bandwidth_hz for m in members_) for members_ in (members, before))
-    up, up_before = (decibels(report.gain_text(m)) for m in (now, then))
+    up, up_before = (report.gain_text(m).partition("/")[0] for m in (now, then))
+    slow, slow_before = (min(m.margins.bandwidth_hz for m in each) for each in (members, before))
+    known = not same and then.stable
+    up_by = float(up) - float(up_before) if known and up[:1].isdigit() and up_before[:1].isdigit() else None
     widgets.numbers(
         [
-            one("Largest Ms", now.ms, then.ms, "", "lower"),
-            one("Phase margin", now.phase_deg, then.phase_deg, "°", "higher"),
-            one("Gain margin", up, up_before, "dB", "higher"),
-            one("Delay margin", 1e3 * now.delay_s, 1e3 * then.delay_s, "ms", "higher"),
-            one("Slowest bandwidth", slow, slow_before, "Hz", "higher"),
+            Number("Largest Ms", now.ms, "", now.ms - then.ms if known else None, "lower"),
+            Number("Phase margin", now.phase_deg, "°", now.phase_deg - then.phase_deg if known else None, "higher"),
+            Number("Gain margin", float(up) if up[:1].isdigit() else None, "dB", up_by, "higher"),
+            Number("Delay margin", 1e3 * now.delay_s, "ms", 1e3 * (now.delay_s - then.delay_s) if known else None,
+                   "higher"),
+            Number("Slowest bandwidth", slow, "Hz", slow - slow_before if known else None, "higher"),
         ]
-    )
+    )  # fmt: skip
     rule = "" if same else f"; below, the difference to gains {usual_settings(case.machine)[1].replace(': ', ', ')}"
     over = "Of the one loop" if len(members) == 1 else f"The least of each over the {len(members)} loops"
     st.caption(f"{over}{rule}.")

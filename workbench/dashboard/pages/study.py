@@ -98,9 +98,14 @@ def results(scenario: Scenario, machine: Hoist | Axis) -> StudyResult:
     return _run(plan_study(scenario, machine))
 
 
+def _said(study: Study) -> tuple[str, ...]:
+    return study.scenario_hash, study.machine_hash, *columns()
+
+
 # Resources rather than data: the records are frozen, so that nobody need have a copy.
-_SAID = {Study: lambda study: (study.scenario_hash, study.machine_hash, *columns())}
-_run = st.cache_resource(run_study, max_entries=KEPT, show_spinner="Simulating", hash_funcs=_SAID)
+@st.cache_resource(max_entries=KEPT, show_spinner="Simulating", hash_funcs={Study: _said})
+def _run(study: Study) -> StudyResult:
+    return run_study(study)
 
 
 @st.cache_resource(max_entries=200, show_spinner=False)
@@ -285,7 +290,8 @@ def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> No
     if not (rows := [row for row in made if row.ok]):
         return
     judged, axes, heaviest = metrics_of(rows), swept_axes(rows), max(row.payload_kg for row in result.rows)
-    own = {name: given[name.rpartition(".")[2]] for axis in axes for name in axis.columns}
+    limits = scenario.limits.model_dump()
+    own = {name: limits[name.rpartition(".")[2]] for axis in axes for name in axis.columns}
     # The ramps' runs are the lumped model's: a front would else lay two models side by side.
     here = result.rows if scenario.plant == "lumped" else []
     chosen = [replace(row, assigned=own) for row in here if row.ok and row.payload_kg == heaviest]
