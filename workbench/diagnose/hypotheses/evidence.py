@@ -122,8 +122,8 @@ def only_mends(problem: Problem, effect: str) -> bool:
 
 def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score, law: float = 0.0) -> float:
     """The gain that another effect could have by correcting the inexact law of this fit: `law` of what the fit
-    explains, as rms; BESIDE_PLAY where that is a play with its impacts."""
-    off = settings.BESIDE_PLAY if problem.struck and PLAY in fit.effects else law
+    explains, as rms; LAW where that is a play with its impacts."""
+    off = settings.LAW if problem.struck and PLAY in fit.effects else law
     return off**2 * explained(problem, near, fit, score)
 
 

@@ -23,7 +23,6 @@ NUISANCE = 3.0  # standard deviations of a tolerance or an effect's nuisance amo
 
 # Impacts of a play
 IMPACTS = 150.0  # evidence of a play where impacts come again: no other effect has them, and no fit looks at them
-BESIDE_PLAY = 0.3  # as LAW, of a play beside another cause: when its teeth meet is foretold to some milliseconds only
 LAGS = 0.1  # of the energy that a play takes: what a lag leaves of it that made the impacts itself; a play has left 0.2
 
 # A law that holds
