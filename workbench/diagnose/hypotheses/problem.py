@@ -213,8 +213,8 @@ class Problem:
         return np.full(parameter.size, STEP)
 
     def _group(self, settings: Sequence[Setting]) -> Array:
-        """Residuals of a few settings, (settings, samples). Where every sample counts, it does for the first one: by what
-        the others differ from it is simulated thin, for it changes with the motion's finest parts by much less."""
+        """Residuals of a few settings, (settings, samples). Where every sample counts, it does for the first one: by
+        what the others differ from it is simulated thin, for it changes with the motion's finest parts by much less."""
         self.evaluations += 1
         if self.thin or len(settings) == 1 or max(self.bench.every) == 1:
             return self._simulated(settings, self.thin)
