@@ -506,7 +506,7 @@ def figures_told(kind: Kind) -> tuple[Metric, ...]:
 
 
 def _figure(good: Sequence[Change], metric: Metric, kind: Kind) -> tuple[Any, ...]:
-    """(metric, where the wire goes slack, changes in per cent from end to end or None, the run of the largest, its values)."""
+    """(metric, where the wire goes slack, per cent from end to end or None, the run of the largest, its values)."""
     name = metric.name
     slack = [row.words(kind) for row in good if name == "min_wire_tension_n" and row.after[name] <= 0.0]
     moved = [math.inf if math.isnan(row.percent(name)) else abs(row.percent(name)) for row in good]
