@@ -106,9 +106,8 @@ def usual_desk(machine: Hoist | Axis) -> Desk:
     kind = kind_of(machine)
     if kind.payload:
         loop = (2.5, 1.0)
-        gains = rigid_gains(shaft_inertia_kg_m2(cast(Hoist, machine)), *loop)
-        controller = START.controller.model_copy(update=dict(zip(START.controller.GAINS, gains, strict=True)))
-        return desk_of(changed(START, {"controller": controller.model_dump()}), machine, loop)
+        kp, ki = rigid_gains(shaft_inertia_kg_m2(cast(Hoist, machine)), *loop)
+        return desk_of(edited(START, machine, {"kp": kp, "ki": ki}), machine, loop)
 
     def short(value: float) -> float:
         return float(f"{value:.2g}")
