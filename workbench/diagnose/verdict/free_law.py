@@ -14,6 +14,9 @@ Beside the cause, B is that of the fit with it, or that of the fit without, whic
 standstill turns over elsewhere in each, and a law that does without a cause may not live on that. A cause that is a
 function of w itself, as a level of friction is of the speed, would else be given up to a law that can be all of it.
 
+Beside other causes f is one more that was chosen of many, and pays for that as a listed one does. So whatever the form
+of what an inexact law of theirs leaves, the next cause is credited with what it gains beside that alone.
+
 A true cause leaves less for f to take, or something that f cannot take, and is worth much. Several effects that only
 imitate one law together (a bent sensor by gain, offset and friction with the load) are worth less than nothing.
 """
@@ -43,7 +46,8 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     """
     less, rms = less or base, base.rms(problem.inputs)
     sized, more = problem.with_model_error(cause.score.sizes), len(cause.names) - max(len(less.effects), 1)
-    paid = cost(problem, len(cause.fit.z) - len(less.z)) + settings.calibration()["pair"] * more
+    pair = settings.calibration()["pair"]
+    paid, price = cost(problem, len(cause.fit.z) - len(less.z)) + pair * more, pair if less.effects else 0.0
     alone, beside = (Projection.of(sized, fit) for fit in (less, cause.fit))
     added = [(name,) for name in cause.names if name not in less.effects]
     own, _ = np.linalg.qr(alone.clean(parts_of(problem, cause.fit, added).T))
@@ -51,7 +55,7 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     for label, shape, roots in _laws(problem, base):
         rows = np.column_stack([alone.clean(shape), alone.residual])
         there, here = np.column_stack([beside.clean(shape), beside.residual]), rows - own @ (own.T @ rows)
-        one, *both = (score(each[:, :-1], each[:, -1], roots, rms) for each in (rows, there, here))
+        one, *both = (score(each[:, :-1], each[:, -1], roots, rms, price) for each in (rows, there, here))
         least = min(least, (one - min(both) - paid, label))
     return least
 
@@ -78,9 +82,9 @@ def _root(correlation: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def score(columns: Array, residual: Array, roots: list[Array], rms: float) -> float:
+def score(columns: Array, residual: Array, roots: list[Array], rms: float, price: float = 0.0) -> float:
     """Of a law with these columns (rows, k), whitened and clean as the residual (rows,) is, up to what all fits have:
-    at its best length and size, or without it."""
+    at its best length and size, which costs `price`, or without it."""
     gram, pull, least = columns.T @ columns, columns.T @ residual, 0.0
     for root in roots:
         values, vectors = np.linalg.eigh(root.T @ gram @ root)
@@ -88,5 +92,5 @@ def score(columns: Array, residual: Array, roots: list[Array], rms: float) -> fl
         for size in SIZES:
             variance = (size * rms) ** 2
             spread = 1.0 + variance * np.maximum(values, 0.0)
-            least = min(least, float(np.sum(np.log(spread) - variance * energy / spread)))
+            least = min(least, price + float(np.sum(np.log(spread) - variance * energy / spread)))
     return float(residual @ residual) + least
