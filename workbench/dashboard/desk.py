@@ -506,11 +506,8 @@ def shipped_as(machine: Hoist | Axis) -> str | None:
 def scenario_file(scenario: Scenario, machine: Hoist | Axis, file: str = "") -> str:
     """The scenario as YAML. A hoist's own values are in it; an axis is named, by `file` where it does not ship."""
     if kind_of(machine).payload:
-        return standalone_text(scenario, cast(Hoist, machine))
-    data: dict[str, Any] = scenario.model_dump(mode="json", exclude={"extends"}, exclude_none=True)
-    data["machine"] = shipped_as(machine) or file or f"{scenario.name}_machine.yaml"
-    data["limits"] = {key: value for key, value in data["limits"].items() if value != {}}
-    return dumps({key: value for key, value in data.items() if value not in ({}, "")})
+        return standalone_text(scenario, machine)
+    return standalone_text(scenario, machine, shipped_as(machine) or file or f"{scenario.name}_machine.yaml")
 
 
 def files_of(scenario: Scenario, machine: Hoist | Axis) -> list[tuple[str, str, str]]:

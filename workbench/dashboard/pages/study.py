@@ -261,7 +261,9 @@ def _further(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, run
     if not (part := fold(", ".join(titles), "further", "insights")).open:
         return
     with part:
-        for title in widgets.tabs(titles, FIGURE):
+        tabs = widgets.tabs(titles, FIGURE)
+    for title, tab in tabs:
+        with tab:
             if title == PLANE:
                 figure = view.plane(runs, result.study.machine, 460)
                 chart(figure, "study plane", "Torque over speed of one motor with continuous and peak envelope")
