@@ -329,7 +329,7 @@ def test_a_cause_of_a_hoist_is_named_where_it_is_and_not_for_an_error_of_its_sen
         # EMPS leaves 2.5 N over its speed by itself: a third of what the drift takes,
         ("drift", (9901, 6), "friction_thermal_drift"),
         # and three times as much as this one: but that in each run alike,
-        ("drift", (9903, 7), "friction_thermal_drift"),
+        ("drift", (9907, 8), "friction_thermal_drift"),
         # and a law of the speed that holds its friction near standstill can hold a level of friction as well,
         ("coulomb", (9903, 8), "friction_coulomb"),
         # as one of anything each way holds a level each way, and pays less for it than two parameters.
