@@ -10,8 +10,6 @@ import os
 import re
 import shutil
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,12 +20,9 @@ import pytest
 from tests.conftest import not_here
 from tests.support import browser
 from tests.support.browser import APP, SCRIPT, Visit
-from tests.support.drive_files import drive_file
-from tests.support.log_campaign import hoist_columns
 from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.dashboard.shell import FIRST, PAGES
 from workbench.effects import check
-from workbench.logs import read_campaign
 from workbench.machines import Hoist, load_machine
 
 if TYPE_CHECKING:
@@ -381,40 +376,6 @@ def test_a_narrow_page_cuts_nothing_and_leads_to_every_other(
             assert visit.page.get_by_text(title, exact=True).count() >= 1, title
         visit.page.get_by_text("Batches", exact=True).last.click()
         visit.page.get_by_text("No batch yet").wait_for()
-
-
-@pytest.mark.parametrize(
-    "suffix", [".csv", *(pytest.param(suffix, marks=pytest.mark.proof) for suffix in (".mat", ".mf4", ".tdms"))]
-)
-def test_a_drives_file_is_dropped_and_comes_out_as_a_campaign_that_the_commands_take(
-    chromium: Browser, tmp_path: Path, suffix: str
-):
-    """Speed in rpm, torque in per cent, no unit said: both are proposed by size; nothing but payload and start is
-    typed. What `replay` finds is what it finds of the same log in SI."""
-    with (
-        browser.dashboard(tmp_path / "server") as address,
-        browser.visit(chromium, address, tmp_path / "shots") as visit,
-    ):
-        page = visit.page
-        visit.go("Import")
-        drive_file(tmp_path, suffix)
-        page.locator("input[type=file]").set_input_files(tmp_path / f"log{suffix}")
-        visit.drawn(figures=1)
-        for label, typed in (("Payload (kg)", "4500"), ("Start (m)", "9")):
-            page.get_by_label(label).fill(typed)
-            page.keyboard.press("Enter")
-            visit.drawn(figures=1)
-        page.get_by_role("button", name="Check and make the campaign").click()
-        with page.expect_download() as packed:
-            page.get_by_role("button", name="Campaign as a zip").click()
-        shutil.unpack_archive(packed.value.path(), tmp_path / "out", "zip")
-        assert visit.complaints == [] and visit.asked == []
-    words = [sys.executable, "-m", "workbench", "replay", str(tmp_path / "out")]
-    done = subprocess.run(words, capture_output=True, cwd=browser.ROOT)
-    assert done.returncode == 0, done.stderr
-    (run,) = read_campaign(tmp_path / "out").runs
-    for signal in ("speed_motor_rad_s", "torque_motor1_nm", "torque_motor2_nm"):
-        assert run[signal] == pytest.approx(hoist_columns()[signal], rel=1e-4, abs=1e-3)
 
 
 def test_two_visitors_at_once_have_downloads_jobs_and_uploads_of_their_own(chromium: Browser, tmp_path: Path):

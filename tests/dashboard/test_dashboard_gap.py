@@ -113,7 +113,6 @@ def test_an_uploaded_campaign_is_copied_for_its_job(server, spring, monkeypatch)
     again = shown(job.folder.parents[1].name.removeprefix("work-"))  # after a reload
     assert again.selectbox(key=BOX).value == job.title and again.session_state["campaign chosen"] == job.title
     assert job.file("inputs/campaign/runs.yaml").is_file()
-    assert job.arguments["folder"] == str(job.file("inputs/campaign"))
 
 
 def test_runs_that_cannot_be_diagnosed_are_one_clear_sentence_without_the_servers_folder(server, tmp_path, offer):

@@ -28,9 +28,6 @@ def test_a_drives_file_becomes_a_campaign_with_its_own_numbers(server: Path, suf
     app = dropped(drive_file(server, suffix), suffix)
     assert app.selectbox(key="import speed_motor_rad_s").value == "n_act"
     assert "its unit is not said: by its size %nominal" in words(app)  # 60 to 70 % would not hold the carriage
-    app.selectbox(key="import speed_motor_rad_s unit").set_value("rpm")
-    for motor in (1, 2):
-        app.selectbox(key=f"import torque_motor{motor}_nm unit").set_value("%nominal")
     app.number_input(key="import start lift one").set_value(9.0)
     app.number_input(key="import payload lift one").set_value(4500.0).run()
     assert errors(app) == [] and len(figures(app)) == 1

@@ -117,7 +117,7 @@ def test_a_session_has_a_private_folder_that_goes_with_it_or_with_its_server(tmp
     one, two = AppTest.from_string(script).run(), AppTest.from_string(script).run()
     a, b = Path(one.text[0].value), Path(two.text[0].value)
     assert a != b and a.stat().st_mode & 0o777 == 0o700 and a.parent.stat().st_mode & 0o777 == 0o700
-    one.session_state["workbench workspace"]._end()
+    one.session_state["workbench workspace"].cleanup()
     assert not a.exists() and b.is_dir()
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()

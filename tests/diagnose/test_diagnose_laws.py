@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from tests.support.effect_machines import linear_axis, rotary_axis
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
@@ -207,6 +208,21 @@ def test_a_machine_within_its_tolerances_has_no_gap(kind: str, seed: int):
     assert not d.corrected.effects
 
 
+def test_what_no_effect_explains_is_in_no_machine_that_is_studied():
+    """Slow waves at random, 0.08 N m, that no effect has: the delivered machine leaves all of them."""
+    random, runs = np.random.default_rng(5), []
+    for run in runs_of(nominal("axis-rotary")):
+        waves = gaussian_filter1d(random.standard_normal(len(run.time_s)), 0.1 / run.sample_time_s)
+        torque = run["torque_nm"] + 0.08 * waves / np.std(waves)
+        runs.append(replace(run, signals={**run.signals, "torque_nm": torque}))
+    campaign = Campaign("made", Path("made"), nominal("axis-rotary"), tuple(runs))
+    d = diagnose(campaign, candidates=["friction_viscous", "torque_offset"], most_effects=1)
+    assert (d.verdict.word, d.verdict.left.relevant) == ("no_gap", True)
+    assert "the delivered machine holds nothing, so no study of it does" in d.why_no_consequences
+    assert d.corrected.measured_correction is None and not d.corrected.effects
+    assert d.replayed()[1].residual_rms_moving == pytest.approx(0.08, rel=0.1)
+
+
 def test_an_axis_whose_friction_builds_up_over_a_trace_of_a_way_is_no_gap_and_hides_no_cause():
     """The bristles of every guide are no cause, and another one is seen through them at its true size."""
     slow = {"presliding": {"distance_rad": 1e-3}}
@@ -239,6 +255,25 @@ def test_a_third_cause_is_found_by_going_on_from_two():
     assert set(d.verdict.effects) == {*truth, "torque_scale"}, d.verdict.sentence
     merits = [step.merit for step in d.verdict.steps]
     assert len(merits) == 3 and merits == sorted(merits)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ({"brake_drag": {"torque_nm": 600.0, "time_constant_s": 0.7}}, {"wire_mass": {"mass_kg_per_m": 8.0}}),
+        (
+            {"friction_viscous": HOIST["friction_viscous"]},
+            {"torque_ripple": {"amplitude_nm": 50.0, "order_per_turn": 1.0, "phase_rad": 0.4}},
+        ),
+    ],
+    ids=["a hundred times as large", "beside a wave that passes between the samples simulated"],
+)
+def test_a_second_cause_is_named_however_much_the_first_one_explains(first: Values, second: Values):
+    runs = hoist_runs(with_effects(default_hoist(), {**first, **second}))
+    asked = (*first, *second, "friction_coulomb", "torque_offset")
+    campaign = Campaign("made", Path("made"), nominal("hoist"), runs)
+    d = diagnose(campaign, candidates=asked, most_effects=3, study=False)
+    assert set(d.verdict.effects) == {*first, *second}, d.verdict.sentence
 
 
 def test_an_axis_under_gravity_passes_for_no_other_machine_unless_its_torque_is_upside_down():

@@ -178,6 +178,20 @@ def test_what_is_stated_sums_to_one_and_changes_no_answer(values: list[float], o
     assert [row.probability for row in stated[1:]] == sorted((row.probability for row in stated[1:]), reverse=True)
 
 
+@given(merits, st.floats(0.0, 3.0))
+def test_what_the_fits_have_missed_is_no_hypothesis_own(values: list[float], open_left: float):
+    told, evidence = [((), 60.0), *named(values)], {**NO_EVIDENCE, "left": open_left}
+    stated = {(row.verdict, row.effects): row.probability for row in rank(told, evidence, dict(calibration()))}
+    decided = rank(told, evidence, {**calibration(), "missed_no_gap": 0.0, "missed_unknown": 0.0})
+    before = {(row.verdict, row.effects): row.probability for row in decided}
+    lost = sum(calibration()[f"missed_{word}"] * before[word, ()] for word in ("no_gap", "unknown"))
+    if decided[0].verdict == "named":
+        assert ("missed", ()) not in stated
+    elif ("missed", ()) in stated:
+        assert stated["missed", ()] == pytest.approx(lost)
+        assert all(stated[row] == pytest.approx(p) for row, p in before.items() if row[0] == "named")
+
+
 def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):
     problem, fit = tight
 
@@ -234,6 +248,8 @@ def test_no_gap_beside_a_residual_that_noise_does_not_explain_states_it():
         rest = types.SimpleNamespace(rms=after, percent_of_input=4.6, relevant=relevant, regime="speed")
         said = sentence_of(cast(Any, answer), cast(Any, shrink), cast(Any, rest), ())
         assert ("the model explains these runs" in said) == (after < 0.2)
+        # 0.84 is that of no gap; that none of the library's effects explains it has an unknown cause's besides.
+        assert ("No gap stands out (probability 0.84), and no effect of the library is named" in said) == (after > 0.2)
         assert ("leaves 2.7 N rms on runs held out, 21 times the noise and 4.6 % of the input" in said) == (after > 0.2)
         assert ("mostly with speed, enough to change a conclusion" in said) == relevant
 

@@ -33,7 +33,7 @@ def page(title: str, **state: Any) -> AppTest:
 
 def good(app: AppTest) -> AppTest:
     """The page, which shows neither a defect nor an error."""
-    assert not app.exception and errors(app) == []
+    assert not app.exception and errors(app) == [], [*(e.value for e in app.exception), *errors(app)]
     return app
 
 
@@ -113,6 +113,6 @@ def made_job(folder: Path, kind: str, title: str, call: str, arguments: dict[str
     """A job whose work was done at once, in this process."""
     job = Job(folder / "jobs" / jobs.new_id(), kind, title, call, arguments, time.time())
     job.write()
-    tell = Teller(job.file("said.jsonl"))
+    tell = Teller(job)
     tell.write(ended=jobs.work(job, tell), at_s=time.time())
     return job

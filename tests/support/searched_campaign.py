@@ -17,7 +17,7 @@ def searched_in(folder: Path, effects: Sequence[str]) -> tuple[Campaign, SearchR
     problem = Problem(campaign.machine, campaign.runs)
     kind = problem.active.kind
     search = Search(problem, [find(effect, kind) for effect in effects])
-    return campaign, search.exact(search.singles())
+    return campaign, search.exact(search.singles(), 1)
 
 
 def simulated_search(

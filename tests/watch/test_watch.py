@@ -17,10 +17,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.attack.watch_states import put
 from benchmarks.sequences import axis_cycle
 from benchmarks.watch import friction_grows, healthy, month, sensor_drifts
 from tests.support.commands import Commands
-from tests.support.log_campaign import csv_text
+from tests.watch.test_state import counted
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.machines import default_hoist, save_machine, with_values
@@ -242,23 +243,13 @@ def test_causes_that_look_alike_are_told_apart_beside_the_healthy_cycles(
 # The folder and the state.
 
 
-def put(folder: Path, run: Run, k: int, *, sidecar: bool = True) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{run.name}.csv"
-    file.write_text(csv_text({"time_s": run.time_s, **run.signals}), encoding="utf-8")
-    if sidecar:
-        said = f"payload_kg: {run.payload_kg}\nstart_position_m: 9.0\nstart_time_s: {69.0 * k}\n"
-        file.with_name(f"{file.name}.yaml").write_text(said, encoding="utf-8")
-    return file
-
-
 @pytest.fixture(scope="module")
 def arrived(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A machine and 100 logs of it, friction growing from the seventieth on."""
     place = tmp_path_factory.mktemp("arrived")
     save_machine(HOIST, place / "machine.yaml")
     for k, run in enumerate(logs("friction")):
-        put(place / "logs", run, k)
+        put(place / "logs", run, 69.0 * k)
     return place
 
 
@@ -315,20 +306,10 @@ def test_after_kill_9_it_goes_on_where_it_was(arrived: Path, tmp_path: Path):
     whole.close()
 
 
-def counted(state: Path) -> int:
-    import sqlite3
-
-    try:
-        with sqlite3.connect(f"file:{state}/watch.sqlite?mode=ro", uri=True) as db:
-            return int(db.execute("SELECT COUNT(*) FROM cycles").fetchone()[0])
-    except sqlite3.Error:
-        return 0
-
-
 def test_a_log_that_is_being_written_is_waited_for_and_a_cut_one_is_said(tmp_path: Path):
     said: list[str] = []
     run = logs("healthy")[0]
-    whole = put(tmp_path / "logs", run, 0)
+    whole = put(tmp_path / "logs", run)
     text = whole.read_text()
     whole.write_text(text[: len(text) // 2])
     watch = Watch(tmp_path / "logs", HOIST, tmp_path / "state", FEW, settle_s=1.0, say=said.append)
@@ -336,9 +317,10 @@ def test_a_log_that_is_being_written_is_waited_for_and_a_cut_one_is_said(tmp_pat
     whole.write_text(text)
     assert watch.look(1.5) == (0, 1)  # it has changed since
     assert watch.look(2.6) == (1, 0)
-    cut = put(tmp_path / "logs", logs("healthy")[1], 1)
+    cut = put(tmp_path / "logs", logs("healthy")[1], 69.0)
     cut.write_text(cut.read_text()[:2000].rpartition(",")[0])
-    bare = put(tmp_path / "logs", logs("healthy")[2], 2, sidecar=False)
+    bare = put(tmp_path / "logs", logs("healthy")[2], 138.0)
+    bare.with_name(f"{bare.name}.yaml").unlink()
     watch.look(3.0)
     assert watch.look(4.5) == (0, 1)
     watch.close()

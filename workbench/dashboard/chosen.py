@@ -29,7 +29,7 @@ from workbench.core.errors import InputError
 from workbench.dashboard import session, uploads
 from workbench.dashboard.jobs import INPUTS
 from workbench.dashboard.uploads import Uploaded
-from workbench.dashboard.widgets import fold, held, plain, shown_errors
+from workbench.dashboard.widgets import fold, guarded, held, plain
 from workbench.effects import check
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.formats.known import suffixes
@@ -103,57 +103,43 @@ def choose_machine(name: str) -> None:
 
 def session_machine(key: str, takes: Takes = looped, expected: str = LOOPED) -> Hoist | Axis:
     """The machine that this session works on, with the drive's times that it has set."""
-    offered, last = _offered(takes), session.get(_CHOSEN, str, DEFAULT)
+    ships = {DEFAULT: default_hoist(), RINGING: shipped_hoist("lightly_damped"), AXIS: shipped("emps_axis")}
+    known, last = ships | kept_machines(), session.get(_CHOSEN, str, DEFAULT)
+    offered = {name: machine for name, machine in known.items() if takes(machine) is not None}
     here = last if last in offered else DEFAULT
     options = [*offered, UPLOADED]
     choice = st.selectbox("Machine", options, key=held(key, here, options))
     if choice == UPLOADED:
-        with shown_errors():  # a bad file changes nothing
-            if (machine := _uploaded(key, takes, expected)) is not None:
+        upload = st.file_uploader("machine.yaml", type=["yaml", "yml"], key=f"{key} file", max_upload_size=1)
+        if upload is None:
+            st.info("Choose a machine.yaml.", icon=":material/upload:")
+        with guarded(stop=False):  # a bad file changes nothing
+            if upload is not None:
+                read = load_machine(session.stored(upload, "machine.yaml"), check_effects=check)
+                if (machine := takes(read)) is None:
+                    raise InputError(f"is {of_kind(read)}; expected {expected}", file="machine.yaml", place="kind")
                 choose_machine(keep_machine(machine.name, machine))
                 st.rerun()
         choice = here
-    if last != here and last in _offered(looped) and choice == DEFAULT:
+    if last != here and last in known and looped(known[last]) is not None and choice == DEFAULT:
         st.info(f"This page is for hoists only; {plain(last)} stays chosen on Study and Loop.")
     else:
         choose_machine(choice)
-    return _with_drive(offered[choice], choice, key)
+    machine = offered[choice]
+    own = {field: 1e3 * getattr(machine.drive, field) for field in DRIVE_TIMES}
+    values = {**session.get(f"drive of {choice}", dict, own)}
+    if (part := fold("Drive", "drive", "bolt")).open:
+        for field, label in DRIVE_TIMES.items():
+            widget = held(f"{key.partition(' ')[0]} {field} {own[field]:g}", values[field])
+            values[field] = part.number_input(label, 0.0, 200.0, step=0.5, key=widget, format="%g")
+    session.put(f"drive of {choice}", values)
+    changed = {f"drive.{field}": 1e-3 * value for field, value in values.items() if value != own[field]}
+    return with_values(machine, changed) if changed else machine
 
 
 def hoist_of_session(key: str) -> Hoist:
     machine = studied(session_machine(key, studied, STUDIED))
     assert machine is not None
-    return machine
-
-
-def _offered(takes: Takes) -> dict[str, Hoist | Axis]:
-    """The machines that a page takes, by name."""
-    ships = {DEFAULT: default_hoist(), RINGING: shipped_hoist("lightly_damped"), AXIS: shipped("emps_axis")}
-    return {name: machine for name, machine in (ships | kept_machines()).items() if takes(machine) is not None}
-
-
-def _with_drive(machine: Hoist | Axis, name: str, key: str) -> Hoist | Axis:
-    """The machine behind the drive's times that are set here; its own to begin with."""
-    own = {field: 1e3 * getattr(machine.drive, field) for field in DRIVE_TIMES}
-    values = {**session.get(f"drive of {name}", dict, own)}
-    if (part := fold("Drive", "drive", "bolt")).open:
-        for field, label in DRIVE_TIMES.items():
-            widget = held(f"{key.partition(' ')[0]} {field} {own[field]:g}", values[field])
-            values[field] = part.number_input(label, 0.0, 200.0, step=0.5, key=widget, format="%g")
-    session.put(f"drive of {name}", values)
-    changed = {f"drive.{field}": 1e-3 * value for field, value in values.items() if value != own[field]}
-    return with_values(machine, changed) if changed else machine
-
-
-def _uploaded(key: str, takes: Takes, expected: str) -> Hoist | Axis | None:
-    """The uploaded machine; None before there is one. InputError for a file that is not one."""
-    upload = st.file_uploader("machine.yaml", type=["yaml", "yml"], key=f"{key} file", max_upload_size=1)
-    if upload is None:
-        st.info("Choose a machine.yaml.", icon=":material/upload:")
-        return None
-    read = load_machine(session.stored(upload, "machine.yaml"), check_effects=check)
-    if (machine := takes(read)) is None:
-        raise InputError(f"is {of_kind(read)}; expected {expected}", file="machine.yaml", place="kind")
     return machine
 
 
@@ -203,10 +189,7 @@ def sent_to_job(campaign: Campaign) -> tuple[str, dict[str, Path]]:
 
 def chosen_campaign(key: str) -> Campaign:
     """The campaign that the select box `key` names. InputError for files that are not one."""
-    campaign = campaign_or_none(key)
-    if campaign is None:
-        st.stop()
-    return campaign
+    return campaign_or_none(key) or st.stop()
 
 
 def campaign_or_none(key: str) -> Campaign | None:
@@ -217,8 +200,19 @@ def campaign_or_none(key: str) -> Campaign | None:
     last = last_name() if last_name() in options else usual
     choice = st.selectbox("Campaign", options, key=held(key, last, options))
     if choice == UPLOAD:
-        _upload(key)
-        return None
+        sent = session.get(_SENT, int, 0)
+        files = st.file_uploader(
+            "A zip of the campaign's folder, or machine.yaml, runs.yaml and the logs",
+            type=TYPES, accept_multiple_files=True, key=f"{key} files {sent}",
+        )  # fmt: skip
+        if not files:
+            st.info("A campaign is machine.yaml, runs.yaml and the logs that it names.", icon=":material/upload:")
+            return None
+        with st.spinner("Reading the logs"):
+            arrived([Uploaded(file.name, file.getvalue()) for file in files])
+        let_go([file.file_id for file in files])
+        session.put(_SENT, sent + 1)  # a new field: the old one's files are gone
+        st.rerun()
     choose_campaign(choice)
     known, folder = last_campaign(), here.get(choice) or own[choice]
     if known is not None and known.path == folder:
@@ -229,23 +223,6 @@ def campaign_or_none(key: str) -> Campaign | None:
         campaign = reads(folder)
     session.put(_READ, {choice: campaign})
     return campaign
-
-
-def _upload(key: str) -> None:
-    """Stores what is sent as a campaign of this visitor, chooses it and draws the page anew."""
-    sent = session.get(_SENT, int, 0)
-    files = st.file_uploader(
-        "A zip of the campaign's folder, or machine.yaml, runs.yaml and the logs",
-        type=TYPES, accept_multiple_files=True, key=f"{key} files {sent}",
-    )  # fmt: skip
-    if not files:
-        st.info("A campaign is machine.yaml, runs.yaml and the logs that it names.", icon=":material/upload:")
-        return
-    with st.spinner("Reading the logs"):
-        arrived([Uploaded(file.name, file.getvalue()) for file in files])
-    let_go([file.file_id for file in files])
-    session.put(_SENT, sent + 1)  # a new field: the old one's files are gone
-    st.rerun()
 
 
 def arrived(files: list[Uploaded]) -> None:

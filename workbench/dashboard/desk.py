@@ -8,12 +8,13 @@ follow from that declaration. What no control shows (events, effects, drive, …
 from __future__ import annotations
 
 import base64
-import binascii
 import math
 import re
 import zlib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, cast
 
@@ -22,7 +23,7 @@ import streamlit as st
 from workbench.analysis.usual import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2, usual_cascade
 from workbench.control import Cascade, PiSettings, Settings
 from workbench.core.errors import InputError
-from workbench.core.yaml_strict import Document, dumps, load, loads
+from workbench.core.yaml_strict import dumps, load, loads, put
 from workbench.dashboard import session
 from workbench.dashboard.chosen import AXIS, DEFAULT, choose_machine, keep_machine
 from workbench.dashboard.widgets import Field, fold, form, held, number, problem, text
@@ -42,7 +43,7 @@ from workbench.machines import (
 )
 from workbench.machines.files import machine_text
 from workbench.metrics import set_of
-from workbench.references import BASELINE, allowed_carriage_speed_m_s, planned_kinds
+from workbench.references import BASELINE, Step, allowed_carriage_speed_m_s, planned_kinds
 from workbench.study.decide import RESERVE, criteria_for
 from workbench.study.load import changed, load_study, read_standalone, standalone_text
 from workbench.study.scenario import CriterionBlock, LimitsBlock, MoveBlock, Scenario, key_in
@@ -144,20 +145,16 @@ def controller(machine: Hoist | Axis) -> Settings:
     return current(machine).scenario.controller
 
 
-def set_controller(settings: Settings, machine: Hoist | Axis) -> None:
+def change(machine: Hoist | Axis, values: Mapping[str, Any]) -> Settings:
+    """Sets values of the controller of all pages, as `edited`; what it is then."""
     desk = current(machine)
-    if settings != desk.scenario.controller:
-        scenario = desk.scenario.model_copy(update={"controller": settings})
-        session.put(_key(machine), replace(desk, scenario=scenario, loop=None))
-
-
-def with_gains(settings: Settings, values: Mapping[str, Any]) -> Settings:
-    """The controller with other values, checked like a file. InputError names the value."""
     try:
-        return changed(START, {"controller": settings.model_dump() | dict(values)}).controller
+        scenario = edited(desk.scenario, machine, values)
     except InputError as error:
-        place = (error.place or "").rpartition(".")[2]
-        raise InputError(error.problem, place="controller" if place in ("", settings.kind) else place) from error
+        raise named(error, machine, replace(desk, loop=None)) from error
+    if scenario.controller != desk.scenario.controller:
+        session.put(_key(machine), replace(desk, scenario=scenario, loop=None))
+    return scenario.controller
 
 
 # ---- from and to a scenario ---------------------------------------------------------------------------------------
@@ -165,12 +162,10 @@ def with_gains(settings: Settings, values: Mapping[str, Any]) -> Settings:
 
 def there_and_back(moves: Sequence[MoveBlock]) -> tuple[float, float] | None:
     """Way (m or rad) and dwell (s) of moves that go one way, wait and come back; None for any others."""
-    if len(moves) != 3:
-        return None
-    there, rest, back = (block.step() for block in moves)
-    if there.by_m is None or rest.dwell_s is None or back.by_m is None or there.by_m != -back.by_m:
-        return None
-    return there.by_m, rest.dwell_s
+    match [block.step() for block in moves]:
+        case [Step(by_m=float() as way), Step(dwell_s=float() as dwell), Step(by_m=float() as back)] if way == -back:
+            return way, dwell
+    return None
 
 
 def _there_and_back(unit: str, way: float, dwell_s: float) -> tuple[dict[str, float], ...]:
@@ -275,29 +270,21 @@ def value_of(name: str, field: Field, scenario: Scenario) -> float:
     if field.key == ("moves",):
         way, dwell = there_and_back(scenario.moves) or (12.0, 3.0)
         return dwell if name == "dwell" else way
-    value: Any = scenario
-    for part in field.key:
-        value = getattr(value, part)
-    if value is None:  # limits of lowering that are those of hoisting
-        return float(getattr(scenario.limits, field.key[-1]))
-    return float(value)
+    value: Any = reduce(getattr, field.key, scenario)  # None: of lowering, as of hoisting
+    return float(getattr(scenario.limits, field.key[-1]) if value is None else value)
 
 
 def edited(scenario: Scenario, machine: Hoist | Axis, values: Mapping[str, Any]) -> Scenario:
-    """The scenario with other values: those of fields by their names, anything else by its key. InputError for what
-    does not fit, under the scenario's key."""
+    """The scenario with other values: those of fields by their names, anything else by its dotted key. InputError for
+    what does not fit, under the scenario's key."""
     data, fields = scenario.model_dump(), fields_of(machine, scenario)
-    way, dwell = there_and_back(scenario.moves) or (12.0, 3.0)
     if {"way", "dwell"} & set(values):
-        unit = kind_of(machine).moved.unit
-        data["moves"] = _there_and_back(unit, values.get("way", way), values.get("dwell", dwell))
+        way, dwell = there_and_back(scenario.moves) or (12.0, 3.0)
+        moves = kind_of(machine).moved.unit, values.get("way", way), values.get("dwell", dwell)
+        values = {**values, "moves": _there_and_back(*moves)}
     for name, value in values.items():
-        *blocks, last = fields[name].key if name in fields else (name,)
-        if last != "moves":
-            block = data
-            for part in blocks:
-                block = block[part]
-            block[last] = value
+        if name not in ("way", "dwell"):
+            put(data, fields[name].key if name in fields else tuple(name.split(".")), value)
     return changed(scenario, data)
 
 
@@ -309,7 +296,7 @@ def named(error: InputError, machine: Hoist | Axis, desk: Desk) -> InputError:
         "name": "Name of the study", "payloads_kg": "Payloads (kg)", "references": f"Against the {BASELINE}",
         "plant": "Model", "decide": DECIDE,
     }  # fmt: skip
-    parts = [part.partition("[")[0] for part in (error.place or "").split(".")]
+    parts = re.findall(r"\w+", error.place or "")
     name = next((called[part] for part in reversed(parts) if part in called), error.place)
     return InputError(error.problem, file=error.file, line=error.line, place=name)
 
@@ -377,18 +364,15 @@ def _draw(
 
 def _motion(scenario: Scenario, machine: Hoist | Axis) -> dict[str, Any]:
     values: dict[str, Any] = _draw(scenario, machine, ["start"])
-    if there_and_back(scenario.moves) is None and st.toggle("Moves as in the file", key=held("study.own", True)):
-        pass
-    else:
-        names = ["way"] if kind_of(machine).payload else ["way", "dwell"]
-        values |= _draw(scenario, machine, names, values["start"])
+    known, hoist = there_and_back(scenario.moves) is not None, bool(kind_of(machine).payload)
+    if known or not st.toggle("Moves as in the file", key=held("study.own", True)):
+        values |= _draw(scenario, machine, ["way"] if hoist else ["way", "dwell"], values["start"])
     values |= _draw(scenario, machine, list(LIMITS))
-    if not kind_of(machine).payload:
-        return values
+    down = [f"down {name}" for name in LIMITS] if hoist else []
     apart = bool(scenario.limits.lowering.given())
-    if st.toggle("Lower under other limits", key=held("study.split", apart)):
-        return values | _draw(scenario, machine, [f"down {name}" for name in LIMITS])
-    return values | {f"down {name}": None for name in LIMITS}
+    if hoist and st.toggle("Lower under other limits", key=held("study.split", apart)):
+        return values | _draw(scenario, machine, down)
+    return values | dict.fromkeys(down)
 
 
 def _controller(desk: Desk, machine: Hoist | Axis) -> tuple[dict[str, float], tuple[float, float] | None]:
@@ -416,25 +400,22 @@ def _controller(desk: Desk, machine: Hoist | Axis) -> tuple[dict[str, float], tu
 
 
 def _payloads(now: Sequence[float], bad: list[InputError]) -> tuple[float, ...]:
-    def read(entries: Sequence[float | str]) -> tuple[float, ...]:
-        try:
-            return tuple(sorted({float(entry) for entry in entries}))
-        except ValueError:
-            return ()
+    def read(entries: Sequence[Any]) -> list[float]:
+        """Nothing where one of them is no number."""
+        with suppress(ValueError):
+            return sorted({float(entry) for entry in entries})
+        return []
 
-    chosen = st.multiselect(
+    chosen: list[Any] = st.multiselect(
         "Payloads (kg)", sorted({*PAYLOADS, *now}), accept_new_options=True,
-        key=held("study.payloads", list(now), None, lambda entries: list(read(entries))),
+        key=held("study.payloads", list(now), None, read), help="Type any other payload and press Enter.",
         format_func=lambda kg: kg if isinstance(kg, str) else f"{kg:g}",
-        help="Type any other payload and press Enter.",
     )  # fmt: skip
-    payloads = read(cast(Sequence[float | str], chosen))
     if not chosen:
         bad.append(InputError("choose at least one payload", place="payloads_kg"))
-    elif not payloads:
-        wrong = next(e for e in cast(Sequence[float | str], chosen) if not read([e]))
+    for wrong in [entry for entry in chosen if not read([entry])][:1]:
         bad.append(InputError(f"'{wrong}', expected a number in kg", place="payloads_kg"))
-    return payloads
+    return tuple(read(chosen))
 
 
 def _decide(scenario: Scenario, machine: Hoist | Axis) -> dict[str, dict[str, float]]:
@@ -445,10 +426,8 @@ def _decide(scenario: Scenario, machine: Hoist | Axis) -> dict[str, dict[str, fl
     decide: dict[str, dict[str, float]] = {}
     for criterion in usual:
         metric, name, title = criterion.metric, criterion.name, criterion.metric.heading
-        known, scale, unit = criterion.most, metric.scale, metric.shown_unit or "–"
-        side = "least" if metric.better == "higher" else "most"
-        if side == "least":
-            known = criterion.least
+        side, scale, unit = "least" if metric.better == "higher" else "most", metric.scale, metric.shown_unit or "–"
+        known = getattr(criterion, side)
         if name == judged.peak and criterion.most is not None:  # said as what the peak leaves
             name, title, side, known, scale, unit = RESERVE, "Reserve at the peak", "least", 10.0, 1.0, "%"
         given = scenario.decide.get(name, CriterionBlock())
@@ -482,9 +461,11 @@ def _file(name: str, machine: Hoist | Axis) -> str:
         if asked != before:  # chosen anew: one of both
             error = None
             try:
-                if asked[1] and asked[1] != before[1]:
-                    assert upload is not None
-                    set_desk(read_desk(load(session.stored(upload, "scenario.yaml")), machine), machine)
+                if upload is not None and asked[1] != before[1]:
+                    own, known = None if machine == default_hoist() else machine, shipped_scenarios().values()
+                    document = load(session.stored(upload, "scenario.yaml"))
+                    scenario = read_standalone(document, own, {file.name: file for file in known})
+                    set_desk(desk_of(scenario, machine), machine)
                 elif ships not in (NONE, before[0]):
                     set_desk(*shipped_desk(ships, machine))
             except InputError as refused:
@@ -499,10 +480,8 @@ def _file(name: str, machine: Hoist | Axis) -> str:
 
 def set_desk(desk: Desk, machine: Hoist | Axis) -> None:
     """The controls stand so from the next run of the page on, on this machine."""
-    if machine == shipped("emps_axis"):
-        choose_machine(AXIS)
-    elif machine == default_hoist():
-        choose_machine(DEFAULT)
+    if machine in (default_hoist(), shipped("emps_axis")):
+        choose_machine(DEFAULT if machine == default_hoist() else AXIS)
     elif not kind_of(machine).payload:
         choose_machine(keep_machine(machine.name, machine))
     session.put(_key(machine), desk)
@@ -526,11 +505,6 @@ def shipped_scenarios() -> dict[str, Path]:
     return {}
 
 
-def shipped_files() -> dict[str, Path]:
-    """What an uploaded scenario may extend: file name -> file."""
-    return {file.name: file for file in shipped_scenarios().values()}
-
-
 def shipped_as(machine: Hoist | Axis) -> str | None:
     """What a scenario calls the machine; None for one that does not ship."""
     return next((name for name in SHIPPED if shipped(name) == machine), None)
@@ -552,12 +526,6 @@ def files_of(scenario: Scenario, machine: Hoist | Axis) -> list[tuple[str, str, 
     if not kind_of(machine).payload and not shipped_as(machine):
         files.append(("Save machine", f"{scenario.name}_machine.yaml", machine_text(machine)))
     return files
-
-
-def read_desk(document: Document, machine: Hoist | Axis) -> Desk:
-    """What an uploaded scenario asks. A machine that it names by file is the chosen one."""
-    own = None if machine == default_hoist() else machine
-    return desk_of(read_standalone(document, own, shipped_files()), machine)
 
 
 def shipped_desk(name: str, machine: Hoist | Axis) -> tuple[Desk, Hoist | Axis]:
@@ -600,7 +568,7 @@ def from_address(packed: str) -> tuple[Desk, Hoist | Axis]:
         unpacking = zlib.decompressobj()
         raw = base64.urlsafe_b64decode(packed + "=" * (-len(packed) % 4))
         plain = unpacking.decompress(raw, MOST_BYTES).decode()
-    except (binascii.Error, zlib.error, ValueError) as error:
+    except (zlib.error, ValueError) as error:
         raise wrong from error
     if not unpacking.eof:
         raise wrong

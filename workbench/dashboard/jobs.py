@@ -12,7 +12,7 @@ that was reloaded finds it:
   job.json      what to run; written once
   inputs/       copies of what it reads
   alive         locked by the worker as long as it lives; holds its process group
-  said.jsonl    how far it is, a line each; the last one holds the exit status
+  said.json     how far it is; the last word holds the exit status
   stderr.txt    messages and errors
   stopping      when it was asked to stop
   result/       what the work made; view.json beside it: what the page shows
@@ -46,15 +46,14 @@ from pydantic_core import from_json
 
 from workbench.core.errors import InputError
 from workbench.core.input_file import read_input
-from workbench.dashboard.widgets import plain, problem, shown_errors
+from workbench.dashboard.widgets import guarded, plain, problem
 
-INPUTS = "{inputs}"  # in an argument: the folder of the inputs' copies
-FOLDER, VIEW = "jobs", "view.json"
+INPUTS = "inputs"  # the folder of the inputs' copies, as the worker, which stands beside it, finds it
+FOLDER, VIEW, SAID = "jobs", "view.json", "said.json"
 KEEP_S = 7 * 24 * 3600.0
 MOST_RUNNING, MOST_RUNNING_IN_ALL = 2, 8  # of one workspace at a time; of all
 NICER = 10  # the page and its sliders go first
 BAD_INPUT, INTERRUPTED = 2, 130
-LAST_BYTES = 20_000  # of a file that is read for its last line
 TOLD_EVERY_S, LOOKS_EVERY_S = 0.2, 0.5  # by the worker; by a page's card
 COLOURS = {"running": "blue", "stopping": "orange", "done": "green", "stopped": "gray", "failed": "red"}
 KILLED = "The worker ended without a word: it was killed, or the computer ran out of memory."
@@ -84,7 +83,7 @@ class Job:
         return self.folder / name
 
     def write(self) -> None:
-        self.file("inputs").mkdir(parents=True, mode=0o700)
+        self.file(INPUTS).mkdir(parents=True, mode=0o700)
         record = {key: value for key, value in asdict(self).items() if key != "folder"}
         self.file("job.json").write_text(json.dumps(record), encoding="utf-8")
 
@@ -118,8 +117,8 @@ class Progress:
 class Teller:
     """The worker's side: writes progress a few times a second, and always a stage's beginning and end."""
 
-    def __init__(self, path: Path) -> None:
-        self.path, self.next_s = path, 0.0
+    def __init__(self, job: Job) -> None:
+        self.path, self.next_s = job.file(SAID), 0.0
         self.said: dict[str, Any] = {}
 
     def __call__(self, stage: str, done: int = 0, total: int = 0, failed: int = 0, rate_per_s: float = 0.0) -> None:
@@ -130,8 +129,9 @@ class Teller:
             self.write()
 
     def write(self, **more: Any) -> None:
-        with self.path.open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(self.said | more) + "\n")
+        part = self.path.with_suffix(".part")
+        part.write_text(json.dumps(self.said | more), encoding="utf-8")
+        part.replace(self.path)  # whole, whenever it is read
 
 
 def new_id() -> str:
@@ -148,34 +148,26 @@ def is_id(text: object) -> TypeGuard[str]:
 
 
 def start(
-    kind: str,
-    call: str,
-    arguments: Mapping[str, Any],
-    workspace: Path,
-    title: str = "",
+    kind: str, call: str, arguments: Mapping[str, Any], workspace: Path, title: str = "",
     inputs: Mapping[str, Path | str] | None = None,
-) -> Job:
+) -> Job:  # fmt: skip
     """Starts work in a process group of its own. arguments: what JSON can hold. inputs: the page's own name -> file or
     folder, of which the job gets a copy, for it may outlive the session; or a text. InputError when too much is running
     already."""
     with _mutex:
         _check_room(workspace)
         clean(workspace)
-        folder = workspace.resolve() / FOLDER / new_id()
-        placed = {
-            name: value.replace(INPUTS, str(folder / "inputs")) if isinstance(value, str) else value
-            for name, value in arguments.items()
-        }
-        job = Job(folder, kind, title or kind, call, placed, time.time())
+        job = Job(workspace.resolve() / FOLDER / new_id(), kind, title or kind, call, arguments, time.time())
         try:
             job.write()
             for name, source in (inputs or {}).items():
+                copy = job.file(INPUTS) / name
                 if isinstance(source, str):
-                    (folder / "inputs" / name).write_text(source, encoding="utf-8")
+                    copy.write_text(source, encoding="utf-8")
                 else:
-                    (shutil.copytree if source.is_dir() else shutil.copyfile)(source, folder / "inputs" / name)
+                    (shutil.copytree if source.is_dir() else shutil.copyfile)(source, copy)
         except OSError as error:
-            shutil.rmtree(folder, ignore_errors=True)
+            shutil.rmtree(job.folder, ignore_errors=True)
             raise InputError(f"no job can be started there: {error.strerror or error}", file=workspace) from error
         _launch(job)
     return job
@@ -206,7 +198,7 @@ def restart(job: Job) -> None:
         if is_alive(job):
             raise InputError("is still running", place=job.title)
         _check_room(job.folder.parents[1])
-        for name in ("said.jsonl", "stopping"):
+        for name in (SAID, "stopping"):
             job.file(name).unlink(missing_ok=True)
         _launch(job)
 
@@ -242,13 +234,13 @@ def clean(workspace: Path, older_than_s: float = KEEP_S) -> int:
 def poll(job: Job) -> Progress:
     """How far it is, or how it ended."""
     alive = is_alive(job)  # asked first: the exit status is the last that a living worker writes
-    told: dict[str, Any] = {}
-    for line in _lines(job.file("said.jsonl")):
-        with suppress(ValueError):  # a line that is being written
-            told = json.loads(line)
+    told, last = dict[str, Any](), ""
+    with suppress(FileNotFoundError):
+        told = json.loads(job.file(SAID).read_bytes())
+    with suppress(FileNotFoundError):
+        last = job.file("stderr.txt").read_text("utf-8", errors="replace").strip().rpartition("\n")[2].strip()
     # Where the server keeps a job is its own affair.
-    last = next(iter(_lines(job.file("stderr.txt"))[-1:]), "")
-    for folder in (f"{job.file('inputs')}", f"{job.folder}", str(job.arguments.get("folder", job.folder))):
+    for folder in (str(job.folder), INPUTS, str(job.arguments.get("folder", INPUTS))):
         last = last.replace(f"{folder}/", "").replace(folder, Path(folder).name)
     asked, status = job.file("stopping").exists(), told.pop("ended", None)
     began_s = job.file("alive").stat().st_mtime if job.file("alive").exists() else job.begun_s
@@ -261,17 +253,6 @@ def poll(job: Job) -> Progress:
         return replace(now, state="stopped", sentence="Stopped.")
     why = KILLED if status is None else last.removeprefix("error: ") or f"It ended with exit status {status}."
     return replace(now, state="failed", sentence=why)
-
-
-def _lines(path: Path) -> list[str]:
-    """The lines at the end of a file that may be long."""
-    try:
-        with path.open("rb") as stream:
-            stream.seek(max(path.stat().st_size - LAST_BYTES, 0))
-            text = stream.read().decode("utf-8", errors="replace")
-    except OSError:
-        return []
-    return [line.strip() for line in text.splitlines() if line.strip()]
 
 
 def _check_room(workspace: Path) -> None:
@@ -351,7 +332,8 @@ def main(folder: Path) -> int:
     # A server that a shell has put into the background ignores Ctrl-C, and its children inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.nice(NICER)
-    job, tell, status = Job(folder, **json.loads((folder / "job.json").read_bytes())), Teller(folder / "said.jsonl"), 1
+    job, status = Job(folder, **json.loads((folder / "job.json").read_bytes())), 1
+    tell = Teller(job)
     try:
         # A Ctrl-C that came before the line above may have been lost.
         status = INTERRUPTED if job.file("stopping").exists() else work(job, tell)
@@ -402,7 +384,7 @@ def _card(job: Job, progress: Progress, open_key: str, unit: str, stages: Sequen
             for there, word, key, icon, action in buttons:
                 off = there and key == "open" and st.session_state.get(open_key) == job.id
                 if there and st.button(word, key=f"{key} {job.id}", disabled=off, icon=f":material/{icon}:"):
-                    with shown_errors():
+                    with guarded(stop=False):
                         action()
                         st.rerun()
     if not progress.ended or (progress.state == "stopped" and progress.total):

@@ -21,6 +21,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import repeat
 from multiprocessing.connection import Connection
 from types import SimpleNamespace
 from typing import Any
@@ -80,7 +81,7 @@ class PlantProcess:
         other_end.close()
         self._one_at_a_time = threading.Lock()
         self._greeting: dict[str, Any] | None = None
-        self._end = weakref.finalize(self, _ended, self._process, self._line)
+        self.end = weakref.finalize(self, _ended, self._process, self._line)
         _running.add(self)
         self._line.send((machine, what))
 
@@ -91,8 +92,7 @@ class PlantProcess:
     def greeting(self, within_s: float = 0.0) -> dict[str, Any] | None:
         """Port, the machine's name, names of the points; None until it is there. InputError where it failed."""
         with self._one_at_a_time:
-            if self._greeting is None:
-                self._greeting = self._read(within_s)
+            self._greeting = self._greeting or self._read(within_s)
             return self._greeting
 
     def ask(self, method: str, *arguments: Any) -> Any:
@@ -107,9 +107,6 @@ class PlantProcess:
             self.end()  # an answer that comes late would be taken for another question's
             raise InputError("the plant does not answer any more; start it again")
         return answer
-
-    def end(self) -> None:
-        self._end()
 
     def _read(self, within_s: float) -> Any:
         """None where no answer comes in time. InputError where it is one."""
@@ -170,38 +167,31 @@ class Wanted:
     limits: Limits | None = None
 
 
-class Controller:
-    """The studies' sampled PI on what is seen of a plant. It begins anew where the brake holds and where time went
-    back."""
+class Controller(threading.Thread):
+    """The built-in client: the studies' sampled PI on what is seen of a plant. It begins anew where the brake holds and
+    where time went back. Started, it closes the loop by orders until `stop()`; ended: why it did by itself."""
 
-    def __init__(self, machine: Hoist, wanted: Wanted) -> None:
-        self.machine, self.wanted = machine, wanted
+    def __init__(self, machine: Hoist, wanted: Wanted, order: Order | None = None) -> None:
+        super().__init__(name="client", daemon=True)
+        self.machine, self.wanted, self.order = machine, wanted, order
         self.dt = max(wanted.settings.sample_time_s, FASTEST_S)
         self.settings = wanted.settings.model_copy(update={"sample_time_s": self.dt})
-        self.reference_rad_s = 0.0
+        self.reference_rad_s, self.ended = 0.0, ""
         self._pi: ControllerStep | None = None
-        self._way: Iterator[float] = iter(())
-        self._upwards = True
-        self._last_s = 0.0
-        self._n = 0
+        self._upwards, self._height_m, self._last_s, self._n = True, 0.0, 0.0, 0
+        self._end = threading.Event()
 
     def torque_nm(self, seen: Numbers, payload_kg: float) -> float:
         """The command at one sample, of all motors. seen: `READ`."""
         # What holds the wire's tension at the drum.
         hold = seen["tension_drum_n"] * 0.5 * self.machine.winch.drum_diameter_m / self.machine.gearbox.ratio
-        braked = seen["is_brake_closed"] > 0.0
+        braked, self._height_m = seen["is_brake_closed"] > 0.0, seen["position_carriage_m"]
         if self._pi is None or braked or seen["time_s"] < self._last_s:
-            self._pi, self._n, self._way = self._begun(seen, hold, payload_kg), 0, iter(())
+            self._pi, self._n, self._way = self._begun(seen, hold, payload_kg), 0, self._speeds()
         self._last_s = seen["time_s"]
-        self.reference_rad_s = 0.0
+        self.reference_rad_s = 0.0 if braked else next(self._way)
         if braked:
             return hold
-        if self.wanted.heights_m is not None:
-            value = next(self._way, None)
-            if value is None:
-                self._way = self._stroke(seen["position_carriage_m"])
-                value = next(self._way, 0.0)
-            self.reference_rad_s = value
         self._n += 1
         return self._pi(self.reference_rad_s, self._n * self.dt, seen["speed_motor_rad_s"], seen["angle_motor_rad"])
 
@@ -210,61 +200,48 @@ class Controller:
         refuse(self.settings, "the built-in client runs", "load_damping", "input_shaper")
         controller = full_pi(machine.drive.speed_delay_s > 0.0, *self.settings.parts)
         own = loop_values(self.settings, machine.drive, hold, payload_kg)
-        numbers = {**vars(HOIST.plant.values(machine, payload_kg)), **own}
         # Angles taken at the uneven instants of an ordinary clock are no encoder: the speed is read instead.
-        numbers["counts"] = 0.0
-        case = LoopCase("served", machine, payload_kg, seen["position_carriage_m"], self.settings, np.zeros(1))
+        numbers = {**vars(HOIST.plant.values(machine, payload_kg)), **own, "counts": 0.0}
+        case = LoopCase("served", machine, payload_kg, self._height_m, self.settings, np.zeros(1))
         p = SimpleNamespace(**numbers, **case_limits(case))
         return ControllerStep(controller, p, controller.start(p, hold, seen["angle_motor_rad"]), self.dt)
 
-    def _stroke(self, height_m: float) -> Iterator[float]:
-        """From here to the other end of the way, then a pause: a speed of the motor for each sample, rad/s."""
+    def _speeds(self) -> Iterator[float]:
+        """A speed of the motor for each sample, rad/s: to one end of the way, a pause, to the other."""
         machine, wanted = self.machine, self.wanted
-        assert wanted.heights_m is not None and wanted.limits is not None
-        by = wanted.heights_m[1 if self._upwards else 0] - height_m
-        self._upwards = not self._upwards
-        if abs(by) < LEAST_MOVE_M:
-            return iter([0.0] * round(PAUSE_S / self.dt))
         rail = (machine.rail.lowest_position_m, machine.highest_position_m)
-        plan = plan_motion(
-            wanted.reference, [Step(by_m=by)], height_m, wanted.limits, rail, settle_s=PAUSE_S,
-            load=load_of(machine, 0.0),
-        )  # fmt: skip
-        motion = plan.sample(self.dt, plan.duration_s)
-        speed = motor_speed_rad_s(motion.speed_m_s, machine.gearbox.ratio, machine.winch.drum_diameter_m)
-        return iter(speed.tolist())
+        while wanted.heights_m is not None and wanted.limits is not None:
+            by = wanted.heights_m[1 if self._upwards else 0] - self._height_m
+            self._upwards = not self._upwards
+            if abs(by) < LEAST_MOVE_M:
+                yield from [0.0] * round(PAUSE_S / self.dt)
+                continue
+            plan = plan_motion(
+                wanted.reference, [Step(by_m=by)], self._height_m, wanted.limits, rail, settle_s=PAUSE_S,
+                load=load_of(machine, 0.0),
+            )  # fmt: skip
+            speed = plan.sample(self.dt, plan.duration_s).speed_m_s
+            yield from motor_speed_rad_s(speed, machine.gearbox.ratio, machine.winch.drum_diameter_m).tolist()
+        yield from repeat(0.0)
 
-
-class Client:
-    """A controller at work in a thread of its own until `stop()`. ended: why it ended by itself."""
-
-    def __init__(self, order: Order, machine: Hoist, wanted: Wanted) -> None:
-        self.controller, self.order = Controller(machine, wanted), order
-        self.ended = ""
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="client", daemon=True)
-        self._thread.start()
-
-    @property
-    def at_work(self) -> bool:
-        return self._thread.is_alive()
-
-    def stop(self, why: str = "") -> None:
-        self.ended = why
-        self._stop.set()
-        self._thread.join(2.0)
-
-    def _run(self) -> None:
+    def run(self) -> None:
+        assert self.order is not None
         try:
             seen = self.order({"get": list(READ)})["get"]
             payload, due = seen["payload_now_kg"], time.monotonic()
-            while not self._stop.wait(max(due - time.monotonic(), 0.0)):
+            while not self._end.wait(max(due - time.monotonic(), 0.0)):
                 late = time.monotonic() - due
-                due = due + self.controller.dt if late < 0.5 else time.monotonic() + self.controller.dt
-                torque = self.controller.torque_nm(seen, payload)
+                due = due + self.dt if late < 0.5 else time.monotonic() + self.dt
+                torque = self.torque_nm(seen, payload)
                 seen = self.order({"set": {TORQUE: torque}, "get": list(READ)})["get"]
         except InputError as error:
             self.ended = str(error)
+        self.reference_rad_s = math.nan
+
+    def stop(self, why: str = "") -> None:
+        self.ended = why
+        self._end.set()
+        self.join(2.0)
 
 
 class Recorder:
@@ -276,9 +253,8 @@ class Recorder:
 
     def __init__(self, order: Order, machine: Hoist, said: deque[str], control: Order | None = None) -> None:
         self._order, self._control, self.machine, self.said = order, control or order, machine, said
-        self.client: Client | None = None
-        self.problem = ""
-        self.status: dict[str, Any] = {}
+        self.client: Controller | None = None
+        self.problem, self.status = "", dict[str, Any]()
         self._lock = threading.Lock()
         self._now: dict[str, float] = {}
         self._rows: deque[list[float]] = deque(maxlen=round(KEPT_S / EVERY_S))
@@ -299,10 +275,9 @@ class Recorder:
         answer, client, before_status = self._order({"get": list(READ), "status": True}), self.client, self.status
         self.status = answer["status"]
         refused = [status.get("counts", {}).get("refused_second_client", 0) for status in (before_status, self.status)]
-        if client is not None and client.at_work and refused[1] > refused[0]:
+        if client is not None and client.is_alive() and refused[1] > refused[0]:
             client.stop("another client commands this plant; the built-in one has let go")
-        reference = client.controller.reference_rad_s if client is not None and client.at_work else math.nan
-        now = {**answer["get"], "speed_reference_rad_s": reference}
+        now = {**answer["get"], "speed_reference_rad_s": math.nan if client is None else client.reference_rad_s}
         with self._lock:
             before, self._now = self._now, now
             if before and now["time_s"] < before["time_s"]:
@@ -325,7 +300,9 @@ class Recorder:
         """A built-in client that does this in place of the one before; None for none."""
         if self.client is not None:
             self.client.stop()
-        self.client = None if wanted is None else Client(self._control, self.machine, wanted)
+        self.client = None if wanted is None else Controller(self.machine, wanted, self._control)
+        if self.client is not None:
+            self.client.start()
         return True
 
     def seen(self) -> dict[str, Any]:
@@ -336,7 +313,7 @@ class Recorder:
             return {
                 "columns": {name: table[:, i] for i, name in enumerate(self._now)}, "now": dict(self._now),
                 "events": list(self._events), "problem": self.problem, "status": self.status, "said": list(self.said),
-                "client_at_work": bool(client and client.at_work), "client_ended": client.ended if client else "",
+                "client_at_work": bool(client and client.is_alive()), "client_ended": client.ended if client else "",
             }  # fmt: skip
 
 

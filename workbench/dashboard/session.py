@@ -3,7 +3,9 @@
     workspace()                 folder of this session, mode 0700, gone when the session ends
     stored(upload, name, most)  an uploaded file's bytes under the page's own name, size-limited
     work_folder()               folder of jobs and uploaded campaigns that the address names, `?work=…`
+    own_jobs(kind)              the jobs in it, the newest first
     get(key, kind, default)     typed read of the session's state; put(key, value) writes
+    once(key, question, make)   what was made last, as long as the question is the same
 
 Two sessions share nothing but caches of pure functions of values. The id in the address is one that nobody guesses:
 whoever has the address sees its work, and nobody else does.
@@ -17,7 +19,7 @@ import shutil
 import stat
 import tempfile
 import time
-import weakref
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -25,7 +27,7 @@ from typing import Any, Protocol, TypeVar
 import streamlit as st
 
 from workbench.core.errors import InputError
-from workbench.dashboard.jobs import KEEP_S, clean, is_id, jobs_of, new_id
+from workbench.dashboard.jobs import KEEP_S, Job, clean, is_id, jobs_of, new_id
 
 T = TypeVar("T")
 MB = 1_000_000
@@ -39,14 +41,6 @@ class Upload(Protocol):
     size: int
 
     def getvalue(self) -> bytes: ...
-
-
-class _Folder:
-    """A folder that goes when nobody holds this object any more, or when Python ends."""
-
-    def __init__(self, path: Path):
-        self.path = path
-        self._end = weakref.finalize(self, shutil.rmtree, path, ignore_errors=True)
 
 
 @cache
@@ -80,13 +74,13 @@ def sweep(root: Path, older_than_s: float = KEEP_S) -> None:
 
 
 def workspace() -> Path:
-    """The session's own folder."""
+    """The session's own folder; it goes when the session's state does, or when Python ends."""
     folder = st.session_state.get(_WORKSPACE)
-    if folder is None or not folder.path.is_dir():
-        folder = _Folder(Path(tempfile.mkdtemp(prefix=f"session-{os.getpid()}-", dir=app_folder())))
+    if folder is None or not Path(folder.name).is_dir():
+        name = f"session-{os.getpid()}-"
+        folder = tempfile.TemporaryDirectory(prefix=name, dir=app_folder(), ignore_cleanup_errors=True)
         st.session_state[_WORKSPACE] = folder
-    path: Path = folder.path
-    return path
+    return Path(folder.name)
 
 
 def stored(upload: Upload, name: str, most_bytes: int = 1 * MB) -> Path:
@@ -123,6 +117,10 @@ def new_work_folder() -> Path:
     return folder
 
 
+def own_jobs(kind: str) -> list[Job]:
+    return jobs_of(work_folder(), kind)
+
+
 def get(key: str, kind: type[T], default: T) -> T:
     """The session's value of `key`; `default`, which is then kept, where there is none of this kind."""
     value = st.session_state.get(key)
@@ -133,3 +131,13 @@ def get(key: str, kind: type[T], default: T) -> T:
 
 def put(key: str, value: Any) -> None:
     st.session_state[key] = value
+
+
+def once(key: str, question: Any, make: Callable[[], T]) -> T:
+    """What the question was answered with, made anew only where another one was asked last. The last answer is let go
+    before the next is made: it may be large."""
+    if get(key, tuple, ())[:1] != (question,):
+        put(key, ())
+        put(key, (question, make()))
+    answer: T = get(key, tuple, ())[1]
+    return answer

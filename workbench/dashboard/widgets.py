@@ -7,8 +7,9 @@ fold(label, key)          a fold whose content is drawn only while it is open
 number(Field(...), value) a slider with a field beside it in which any value may be typed
 form(kind, values, key)   the fields of a record, drawn from its schema
 table(shown)              a report's table
+figures(drawn, key)       a report's figures, each with its line below it
 problem(error)            the reader's one clear error
-with guarded(): ...       an InputError inside is shown by `problem` and ends the page
+with guarded(): ...       an InputError inside is shown by `problem` and ends the page, or not: guarded(stop=False)
 text(value, digits)       a number with sane digits
 """
 
@@ -99,22 +100,15 @@ def problem(error: InputError) -> None:
 
 
 @contextmanager
-def guarded() -> Iterator[None]:
-    """Bad input met inside ends the page with its one error; a defect still shows its traceback."""
+def guarded(stop: bool = True) -> Iterator[None]:
+    """Bad input met inside ends the page with its one error; a defect still shows its traceback. stop False: the page
+    goes on."""
     try:
         yield
     except InputError as error:
         problem(error)
-        st.stop()
-
-
-@contextmanager
-def shown_errors() -> Iterator[None]:
-    """The same, and the page goes on."""
-    try:
-        yield
-    except InputError as error:
-        problem(error)
+        if stop:
+            st.stop()
 
 
 class Number(NamedTuple):
@@ -134,32 +128,26 @@ def by_words(by: float, unit: str) -> str:
     return f"{text(by, 2, sign=True)} {'pp' if unit == '%' else unit}".strip()
 
 
-def _delta(number: Number) -> tuple[str | None, Literal["normal", "inverse", "off"]]:
-    """The delta in words, with which of streamlit's colours is green; a difference of rounding has none."""
-    by = number.delta
-    if by is None or not math.isfinite(by):
-        return None, "off"
-    if abs(by) <= SAME * abs(number.value or 0.0):
-        return f"±0 {number.unit}", "off"
-    # A plain hyphen: that is where streamlit reads the arrow's direction.
-    words = by_words(by, number.unit).replace("\N{MINUS SIGN}", "-")
-    return words, "off" if number.better is None else "inverse" if number.better == "lower" else "normal"
-
-
 def numbers(row: Sequence[Number]) -> None:
-    """The numbers side by side, each with its delta: green where better, red where worse."""
+    """The numbers side by side, each with its delta: green where better, red where worse; a difference of rounding has
+    no colour and no arrow."""
+    widest, greens = WIDEST_NUMBER if len(row) <= 4 else WIDEST_OF_MANY, {"lower": "inverse", "higher": "normal"}
     with st.container(horizontal=True, key=f"cards {row[0].label}"):  # they wrap where the page is narrow
         for number in row:
-            delta, colour = _delta(number)
+            by, delta = number.delta, None
+            rounding = by is not None and abs(by) <= SAME * abs(number.value or 0.0)
+            if by is not None and math.isfinite(by):
+                # A plain hyphen: that is where streamlit reads the arrow's direction.
+                words = by_words(by, number.unit).replace("\N{MINUS SIGN}", "-")
+                delta = f"±0 {number.unit}" if rounding else words
             alone = text(number.value, number.digits)
-            both = f"{alone} {number.unit}".strip()
-            fits = len(both) <= (
-                WIDEST_NUMBER if len(row) <= 4 else WIDEST_OF_MANY
-            )  # else the unit goes into the heading, or the value would be cut
-            head, value = (number.label, both) if fits else (f"{number.label} ({number.unit})", alone)
-            arrow: Any = "off" if delta and delta.startswith("±") else "auto"
+            head, value = number.label, f"{alone} {number.unit}".strip()
+            if len(value) > widest:  # it would be cut
+                head, value = f"{head} ({number.unit})", alone
+            green: Any = "off" if rounding else greens.get(number.better or "", "off")
             # Stretched: a number without a delta is as tall as its neighbours.
-            st.metric(head, value, delta, colour, help=number.help, border=True, height="stretch", delta_arrow=arrow)
+            st.metric(head, value, delta, green, help=number.help, border=True, height="stretch",
+                      delta_arrow="off" if rounding else "auto")  # fmt: skip
 
 
 def downloads(key: str, files: Sequence[tuple[str, Any, str, str]], width: Any = "content") -> None:
@@ -167,6 +155,16 @@ def downloads(key: str, files: Sequence[tuple[str, Any, str, str]], width: Any =
     for words, content, name, kind in files:
         st.download_button(words, content, name, kind, on_click="ignore", key=f"{key} {words}", width=width,
                            icon=":material/download:")  # fmt: skip
+
+
+def signal_files(name: str, labelled: Callable[[], Any]) -> list[tuple[str, Any, str, str]]:
+    """For `downloads`: the signals of runs in each format, written when they are asked for."""
+    from workbench.logs.signal_files import FORMS
+
+    return [
+        (f"Signals ({ending})", lambda write=write: write(labelled()), f"{name}.{ending}", kind)
+        for ending, (write, kind) in FORMS.items()
+    ]
 
 
 def table(shown: Table, in_words: bool = False) -> None:
@@ -192,6 +190,14 @@ def table(shown: Table, in_words: bool = False) -> None:
 def fold(label: str, key: str, icon: str = "") -> Any:
     """A fold whose content is drawn only while it is open: `if (part := fold(…)).open:`."""
     return st.expander(label, key=f"fold {key}", icon=f":material/{icon}:" if icon else None, on_change="rerun")
+
+
+def tabs(titles: Sequence[str], key: str) -> Iterator[str]:
+    """The title of the tab that is looked at, inside it: no other is computed and drawn."""
+    for title, tab in zip(titles, st.tabs(titles, key=key, on_change="rerun"), strict=True):
+        if tab.open:
+            with tab:
+                yield title
 
 
 # ---- figures ------------------------------------------------------------------------------------------------------
@@ -228,6 +234,16 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
     words = f'{{"figure": {shown.to_json(validate=False)}, "config": {json.dumps(config)}, "alt": {json.dumps(alt)}}}'
     # Streamlit keeps `__` in a component's key for itself; names of runs and jobs may hold it.
     _chart(key=key.replace("%", "%25").replace("_", "%5F"), data=words.encode())
+
+
+def figures(drawn: Sequence[tuple[Any, str]], key: str) -> None:
+    """Of a report, each with its line below it; those of a job's view come as plain values."""
+    from plotly.graph_objects import Figure
+
+    for number, (figure, note) in enumerate(drawn):
+        chart(figure if isinstance(figure, Figure) else Figure(figure), f"{key} {number}", note or None)
+        if note:
+            st.caption(said(note))
 
 
 # ---- fields -------------------------------------------------------------------------------------------------------
@@ -317,20 +333,13 @@ def number(field: Field, value: float, key: str) -> float:
 
 
 def form(kind: Any, values: Mapping[str, Any], key: str, only: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """The values of a record as they are set in fields, which follow from the schema of its class: numbers within their
+    """The values of a record as they are set in fields, which follow from its class or schema: numbers within their
     bounds, switches, choices, words, a fold for a block. What no field can show stays as it is.
 
     only: the fields that are shown, with their words; all of them without.
     """
-    schema = TypeAdapter(kind).json_schema()
-    return _form(schema, schema.get("$defs", {}), values, key, only)
-
-
-def _form(
-    schema: Mapping[str, Any], known: Mapping[str, Any], values: Mapping[str, Any], key: str,
-    only: Mapping[str, str] | None,
-) -> dict[str, Any]:  # fmt: skip
-    made = dict(values)
+    schema = kind if isinstance(kind, Mapping) else TypeAdapter(kind).json_schema()
+    known, made = schema.get("$defs", {}), dict(values)
     for name, spec in schema.get("properties", {}).items():
         if name not in values or (only is not None and name not in only):
             continue
@@ -341,7 +350,7 @@ def _form(
         label = label if only is None else only[name]
         if spec.get("properties") and isinstance(now, Mapping):
             with st.expander(label):
-                made[name] = _form(spec, known, now, own, None)
+                made[name] = form(spec | {"$defs": known}, now, own)
         elif len(spec.get("enum", ())) > 1:
             made[name] = st.selectbox(label, spec["enum"], key=held(own, now, spec["enum"]))
         elif kind == "boolean":

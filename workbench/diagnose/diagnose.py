@@ -115,9 +115,9 @@ def sentence_of(
         if shrink.after < NOISY * shrink.noise:
             return f"No gap: within its tolerances the model explains these runs ({size}; {chance(sure)})."
         return (
-            f"No gap that an effect of the library explains ({chance(sure)}): refitted within its tolerances the model "
-            f"leaves {shrink.after:.2g} {unit} rms on runs held out, {shrink.after / shrink.noise:.2g} times the noise "
-            f"and {_of_input(rest)}."
+            f"No gap stands out ({chance(sure)}), and no effect of the library is named for what stays: refitted "
+            f"within its tolerances the model leaves {shrink.after:.2g} {unit} rms on runs held out, "
+            f"{shrink.after / shrink.noise:.2g} times the noise and {_of_input(rest)}."
         )
     if judged.word == "unknown":
         # Rivals are weighed beside what may be named: one of them may well explain it.
@@ -344,8 +344,8 @@ def diagnose(
         why_not = "No gap: the study's conclusions stand as they are."
         if remainder.relevant:
             why_not = (
-                f"No effect is named that would change them; {remainder.percent_of_input:.2g} % of the input, which no "
-                "effect explains, is in no study."
+                f"No effect is named that would change them; {remainder.percent_of_input:.2g} % of the input stay, of "
+                "which the delivered machine holds nothing, so no study of it does."
             )
     elif study:
         changes, why_not = consequences_of(
@@ -435,8 +435,8 @@ def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effe
 
 
 def _open(judged: Judged, also: Sequence[Names]) -> list[Names]:
-    """The hypotheses that the campaign does not decide between, the most probable first."""
-    first: list[Names] = [judged.names] if judged.names else []
+    """The hypotheses that the campaign does not decide between, the answer first; no gap is that of no effect."""
+    first: list[Names] = [judged.names] if judged.word != "unknown" else []
     rest = list(also)
     rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
     return list(dict.fromkeys([*first, *rest]))

@@ -22,7 +22,7 @@ from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS, ResidualTest
-from workbench.diagnose.verdict.answer import Candidate, Hypothesis, VerdictWord
+from workbench.diagnose.verdict.answer import Candidate, Hypothesis
 from workbench.effects import effects_for
 from workbench.machines import kind_of, plant_of, save_machine
 from workbench.study.consequences import consequences_table
@@ -78,9 +78,9 @@ def progress_words(progress: Progress) -> str:
 # Sentences.
 
 
-def hypothesis_name(verdict: VerdictWord, effects: Sequence[str], twins: Sequence[Sequence[str]] = ()) -> str:
+def hypothesis_name(verdict: str, effects: Sequence[str], twins: Sequence[Sequence[str]] = ()) -> str:
     if verdict != "named":
-        return {"no_gap": "no gap", "unknown": "unknown cause"}[verdict]
+        return {"no_gap": "no gap", "unknown": "unknown cause", "missed": "a listed effect, not found"}[verdict]
     return " or ".join(" + ".join(names) for names in (effects, *twins))
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from workbench.machines import Axis, Hoist, get_value, kind_of, plant_of, save_m
 from workbench.simulate.driven import sensor
 from workbench.simulate.lowpass import lowpass
 from workbench.simulate.replay import ReplayResult
+from workbench.study.labels import field_label
 from workbench.view import replay as replay_view
 from workbench.view.numbers import change_percent, figures, with_error
 from workbench.view.page import Section, save_page
@@ -194,34 +196,38 @@ def correlation_matrix(names: Sequence[str], correlation: Array) -> Figure:
     return figure(title, size, [heat], width=size + 160, yaxis={"autorange": "reversed"})
 
 
-@dataclass(frozen=True)
-class Shift:
-    """A value that a fit found: its distance from the nominal one with a standard error, both in the axis' unit.
-
-    said: the value with its error, in words.
-    """
-
-    name: str
-    shift: float
-    std_error: float
-    said: str
-
-
-def estimates(fitted: Sequence[Shift], unit: str, tolerance: float | None = None) -> Figure:
-    """A line a value; a grey band of ± `tolerance` around the nominal values where there is one."""
-    names = [estimate.name for estimate in fitted]
-    furthest = max((abs(estimate.shift) + estimate.std_error for estimate in fitted), default=1.0)
+def estimates(fit: Fit) -> Figure:
+    """A line a value, its distance from the nominal one with a standard error. In tolerances, with a grey band, where
+    every value has one, as a hoist's usual fit does; else in per cent of the nominal value."""
+    tolerance = 1.0 if all(free.prior_std is not None for free in fit.free) else None
+    names, shifts, errors, values = list[str](), list[float](), list[float](), list[str]()
+    for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True):
+        if tolerance is None and not free.nominal:
+            continue
+        per, shift, spread = 0.01 * abs(free.nominal), value - free.nominal, error
+        if tolerance is not None:
+            per = free.scale * (free.prior_std or 1.0)
+            if free.logarithmic:  # it moves by factors: its distance is that of the logarithms
+                shift, spread = math.log(value / free.nominal), error / value
+        label = field_label(f"machine.{free.key}")
+        prefix, scale = ("G", 1e-9) if label.unit == "Pa" else ("", 1.0)
+        names.append(label.words.replace("coulomb", "Coulomb").replace("youngs", "Young's"))
+        values.append(f"{' ± '.join(with_error(scale * value, scale * error))} {prefix}{label.unit}".strip())
+        shifts.append(shift / per)
+        errors.append(spread / per)
+    unit = "% of nominal" if tolerance is None else "tolerances"
+    furthest = max((abs(shift) + error for shift, error in zip(shifts, errors, strict=True)), default=1.0)
     reach = 1.15 * max(furthest, tolerance or 0.0) or 1.0
     dots: dict[str, Any] = {
-        "type": "scatter", "mode": "markers", "x": [estimate.shift for estimate in fitted], "y": names,
-        "error_x": {"array": [estimate.std_error for estimate in fitted], "color": BLACK, "thickness": 2, "width": 6},
-        "marker": {"color": BLUE, "size": 11}, "customdata": [estimate.said for estimate in fitted],
+        "type": "scatter", "mode": "markers", "x": shifts, "y": names,
+        "error_x": {"array": errors, "color": BLACK, "thickness": 2, "width": 6},
+        "marker": {"color": BLUE, "size": 11}, "customdata": values,
         "showlegend": False, "hovertemplate": "%{y}: %{customdata}<extra></extra>",
     }  # fmt: skip
     words = [
-        {"text": estimate.said, "x": 1.01, "xref": "paper", "xanchor": "left", "y": estimate.name, "showarrow": False,
+        {"text": value, "x": 1.01, "xref": "paper", "xanchor": "left", "y": name, "showarrow": False,
          "font": {"size": 12}}
-        for estimate in fitted
+        for name, value in zip(names, values, strict=True)
     ]  # fmt: skip
     band = {
         "type": "rect", "x0": -(tolerance or 0.0), "x1": tolerance or 0.0, "y0": 0, "y1": 1, "yref": "paper",
@@ -230,7 +236,7 @@ def estimates(fitted: Sequence[Shift], unit: str, tolerance: float | None = None
     grey = "" if tolerance is None else "; grey: tolerance"
     across = {"title": {"text": f"distance from nominal ({unit})"}, "range": [-reach, reach], "zeroline": True}
     return figure(
-        f"Identified values, ± one standard error{grey}", AROUND + ROW * max(len(fitted), 2), [dots],
+        f"Identified values, ± one standard error{grey}", AROUND + ROW * max(len(names), 2), [dots],
         title_font_size=15, margin={"l": 12, "t": 52, "r": 164}, shapes=[] if tolerance is None else [band],
         annotations=words, xaxis=across | {"zerolinewidth": 2}, yaxis={"autorange": "reversed", "type": "category"},
     )  # fmt: skip

@@ -14,11 +14,11 @@ from workbench.dashboard import jobs, session, widgets
 from workbench.dashboard.chosen import session_machine
 from workbench.dashboard.desk import shipped_scenarios
 from workbench.dashboard.jobs import INPUTS, Job, Teller
-from workbench.dashboard.widgets import Number, held, plain, problem, table
+from workbench.dashboard.widgets import Number, guarded, held, plain, table
 from workbench.machines import save_machine
 from workbench.metrics import View, shown_in
 from workbench.study.labels import run_in_words, swept_axes
-from workbench.study.load import Study, load_study, read_standalone
+from workbench.study.load import load_study, read_standalone
 from workbench.study.rows import INDEX, metrics_of, read_table, rows_of
 from workbench.study.run import StudyResult
 from workbench.study.store import Progress, place_for, read_finished, run_batch
@@ -35,12 +35,9 @@ CSV, REPORT = "index.csv", "report.html"
 
 def show() -> None:
     """Draws the page."""
-    with st.sidebar:
-        try:
-            _new()
-        except InputError as error:  # the batches that run are shown all the same
-            problem(error)
-    own = jobs.jobs_of(session.work_folder(), KIND)
+    with st.sidebar, guarded(stop=False):  # the batches that run are shown all the same
+        _new()
+    own = session.own_jobs(KIND)
     opened = next((job for job in own if job.id == st.session_state.get(OPEN)), None)
     if opened is None:  # after a reload: the newest that is done
         opened = next((job for job in own if jobs.poll(job).state == "done"), None)
@@ -51,10 +48,8 @@ def show() -> None:
         st.info("No batch yet. Choose a scenario and start it: it runs in a process of its own and goes on while you "
                 "look at other pages.")  # fmt: skip
     if opened is not None and jobs.poll(opened).state == "done":
-        try:
+        with guarded(stop=False):
             _results(opened)
-        except InputError as error:
-            problem(error)
 
 
 def work(out: Path, tell: Teller, scenario: str) -> None:
@@ -88,8 +83,7 @@ def _new() -> None:
     ships = shipped_scenarios()
     usual = "payloads" if "payloads" in ships else next(iter([*ships, UPLOAD]))
     name = st.selectbox("Scenario", [*ships, UPLOAD], key=held("batches scenario", usual))
-    inputs: dict[str, Path] = {}  # files that the worker gets copies of
-    file = ships.get(name)
+    file, inputs = ships.get(name), dict[str, Path]()  # of which the worker gets copies
     if file is None:
         upload = st.file_uploader("scenario.yaml", type=["yaml", "yml"], key="batches upload", max_upload_size=1)
         if upload is None:
@@ -109,25 +103,27 @@ def _new() -> None:
         file = inputs[ON_MACHINE] = session.workspace() / ON_MACHINE
         file.write_text(dumps({"extends": base, "machine": MACHINE}), encoding="utf-8")
     # A large study takes a second to be checked: it is read anew only when a file has changed.
-    state = [(str(path), path.read_bytes()) for path in (file, *inputs.values())]
-    last = session.get("batches study", tuple, ())
-    if not last or last[0] != state:
-        session.put("batches study", last := (state, load_study(file)))
-    study: Study = last[1]
-    check_size(study)
+    state, asked = [(str(path), path.read_bytes()) for path in (file, *inputs.values())], file
+    study = session.once("batches study", state, lambda: load_study(asked))
+    runs, signals = len(study.specs), study.scenario.outputs.signals
+    if runs > MOST_RUNS:
+        raise InputError(f"{runs} runs, expected at most {MOST_RUNS} here; `workbench study` takes more", place="sweep")
+    if signals != "none" and runs > MOST_RUNS_WITH_SIGNALS:
+        said = f"{runs} runs that keep their signals, expected at most {MOST_RUNS_WITH_SIGNALS} here"
+        raise InputError(f"{said}; write `outputs: {{signals: none}}`", place="outputs")
     if study.scenario.description:
         st.markdown(plain(study.scenario.description))
     payloads = len({spec.payload_kg for spec in study.specs[:2000]})
     kinds = ", ".join(label(kind) for kind in study.scenario.kinds)
     st.markdown(
-        f"**{len(study.specs):,} runs** of {study.duration_s:.0f} s each: {payloads} "
+        f"**{runs:,} runs** of {study.duration_s:.0f} s each: {payloads} "
         f"payload{'s' if payloads != 1 else ''}, {plain(kinds)}, on {plain(study.machine.name)}."
     )
     with st.expander("The scenario's file"):
         st.code(file.read_text(encoding="utf-8"), language="yaml")
     if st.button("Start", key="batches start", type="primary", icon=":material/play_arrow:"):
-        asked = {"scenario": f"{INPUTS}/{file.name}" if file.name in inputs else str(file)}
-        job = jobs.start(KIND, f"{__name__}:work", asked, session.new_work_folder(), study.scenario.name, inputs)
+        call = {"scenario": f"{INPUTS}/{file.name}" if file.name in inputs else str(file)}
+        job = jobs.start(KIND, f"{__name__}:work", call, session.new_work_folder(), study.scenario.name, inputs)
         session.put(OPEN, job.id)
         st.rerun()
 
@@ -142,26 +138,13 @@ def extended(document: Document, known: Mapping[str, Path]) -> dict[str, Path]:
     return copies
 
 
-def check_size(study: Study) -> None:
-    """InputError for a study too large for the page."""
-    runs, signals = len(study.specs), study.scenario.outputs.signals
-    if runs > MOST_RUNS:
-        raise InputError(f"{runs} runs, expected at most {MOST_RUNS} here; `workbench study` takes more", place="sweep")
-    if signals != "none" and runs > MOST_RUNS_WITH_SIGNALS:
-        said = f"{runs} runs that keep their signals, expected at most {MOST_RUNS_WITH_SIGNALS} here"
-        raise InputError(f"{said}; write `outputs: {{signals: none}}`", place="outputs")
-
-
 def _results(job: Job) -> None:
     """Everything about a batch that is done. InputError where its result is damaged."""
     from workbench.view.study import conclusions, figures_of, run_tables, what_was_run
 
     folder = job.file("result")
-    last = session.get("batches result", tuple, ())
-    if not last or last[0] != job.id:  # read and drawn once for as long as it is the one that is open
-        result = read_finished(folder)
-        session.put("batches result", last := (job.id, result, figures_of(result)))
-    _, result, figures = last
+    result = session.once("batches result", job.id, lambda: read_finished(folder))
+    figures = session.once("batches figures", job.id, lambda: figures_of(result))
     count = len(result.rows)
     st.subheader(f"{result.name} · {count:,} run{'s' if count != 1 else ''}")
     _numbers(result)
@@ -182,10 +165,7 @@ def _results(job: Job) -> None:
     with drawn:
         if not figures:
             st.info("No run succeeded, so there is nothing to draw.")
-        for number, (figure, note) in enumerate(figures):
-            widgets.chart(figure, key=f"batch-{job.id}-{number}", alt=note or None)
-            if note:
-                st.caption(plain(note))
+        widgets.figures(figures, f"batch-{job.id}")
     with runs:
         index = read_table(folder / INDEX)
         for run_table in run_tables(rows_of(index)):
@@ -207,12 +187,10 @@ def _numbers(result: StudyResult) -> None:
     good = [row for row in result.rows if row.ok]
     axes, cards, where = swept_axes(good), list[Number](), list[str]()
     for metric in shown_in(View.CARDS, metrics_of(good)) if good else ():
-        known = [row for row in good if row.metrics.get(metric.name) is not None]
-        if known:
-            worst = metric.worst([row[metric.name] for row in known])
-            row = min(known, key=lambda row: abs(row[metric.name] - worst))
+        if known := {row[metric.name]: row for row in reversed(good) if row.metrics.get(metric.name) is not None}:
+            worst = metric.worst(list(known))
             cards.append(Number(metric.heading, metric.scale * worst, metric.shown_unit))
-            where.append(f"{metric.heading.lower()}: {run_in_words(row, axes)}")
+            where.append(f"{metric.heading.lower()}: {run_in_words(known[worst], axes)}")
     if cards:
         widgets.numbers(cards)
         st.caption(plain(f"The worst of all runs. {'; '.join(where)}."))

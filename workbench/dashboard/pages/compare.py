@@ -17,7 +17,7 @@ from workbench.dashboard.chosen import free_name
 from workbench.dashboard.widgets import SAME, by_words, guarded, held, plain, text
 from workbench.machines import Axis, Hoist, get_value, kind_of, value_names
 from workbench.metrics import Metric, View, shown_in
-from workbench.study.load import changed, plan_study
+from workbench.study.load import plan_study
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, peak_limit, run_study
 from workbench.study.scenario import Scenario
@@ -70,10 +70,6 @@ def keep(name: str, scenario: Scenario, machine: Hoist | Axis, result: StudyResu
     return free
 
 
-def is_kept(scenario: Scenario, machine: Hoist | Axis) -> bool:
-    return any((study.scenario, study.machine) == (scenario, machine) for study in kept().values())
-
-
 def show() -> None:
     """Draws the page."""
     runs = kept()
@@ -124,8 +120,8 @@ def under_gains(study: Kept, other: Kept) -> Kept:
     """The study, run again under another one's gains. InputError where they cannot be."""
     loop = other.result.study.scenario.controller
     gains = loop.model_dump(include={*loop.GAINS, "kv_per_s", "gain_schedule", "set_point_weight"})
-    controller = {"controller": study.scenario.controller.model_dump() | gains}
-    scenario = desk.opened(changed(study.scenario, controller), study.machine)
+    asked = {f"controller.{name}": value for name, value in gains.items()}
+    scenario = desk.opened(desk.edited(study.scenario, study.machine, asked), study.machine)
     return replace(study, scenario=scenario, result=run_study(plan_study(scenario, study.machine)))
 
 
@@ -137,10 +133,9 @@ def _list(runs: Mapping[str, Kept]) -> None:
             gains = (f"{name} {value:.4g}" for name, value in study.gains.items())
             said = f"{study.machine.name}: {', '.join([study.limits, *gains])}"
             words.markdown(f"**{plain(name)}** · {plain(said)}")
-            saving.download_button(
-                "Save", desk.scenario_file(study.scenario, study.machine), file_name=f"{study.scenario.name}.yaml",
-                mime="application/yaml", key=f"compare save {name}", on_click="ignore", width="stretch",
-            )  # fmt: skip
+            file = desk.scenario_file(study.scenario, study.machine), f"{study.scenario.name}.yaml", "application/yaml"
+            with saving:
+                widgets.downloads(f"compare {name}", [("Save", *file)], "stretch")
             if removing.button("Remove", key=f"compare remove {name}", width="stretch"):
                 session.put(KEY, {known: other for known, other in kept().items() if known != name})
                 st.rerun()
@@ -152,11 +147,10 @@ def machine_told_apart(study: Kept, columns: Sequence[Kept]) -> str:
     if own == first or own.name != first.name:
         return own.name
     mine, others = ({name: get_value(machine, name) for name in value_names(machine)} for machine in (own, first))
-    differs = [name for name, value in mine.items() if others.get(name) != value and not name.startswith("effects.")]
-    other = [f"{name.replace('_', ' ')} {mine[name]:.4g}" for name in differs]
-    effects = [name for name in own.effects if own.effects[name] != first.effects.get(name)]
-    said = ", ".join([*other[:MOST_SAID], *effects[:MOST_SAID]]) or "without effects of the first"
-    return f"{own.name}: {said}"
+    names = [name for name, value in mine.items() if others.get(name) != value and not name.startswith("effects.")]
+    other = [f"{name.replace('_', ' ')} {mine[name]:.4g}" for name in names[:MOST_SAID]]
+    effects = [name for name in own.effects if own.effects[name] != first.effects.get(name)][:MOST_SAID]
+    return f"{own.name}: {', '.join([*other, *effects]) or 'without effects of the first'}"
 
 
 def _table(chosen: Sequence[Kept], baseline: Kept, kind: str, payloads: Sequence[float], same: bool) -> None:

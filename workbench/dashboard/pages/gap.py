@@ -12,15 +12,14 @@ import streamlit as st
 
 from workbench.core.errors import InputError
 from workbench.core.names import powers
-from workbench.core.table import Column, Table
-from workbench.core.table import words as head
 from workbench.dashboard import chosen, jobs, session, widgets
 from workbench.dashboard.jobs import VIEW, Job, Teller
-from workbench.dashboard.widgets import Number, held, plain, points, problem, said, shown_errors
+from workbench.dashboard.pages.signals import runs_table
+from workbench.dashboard.widgets import Number, guarded, held, plain, points, problem, said
 from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.effects import check, effects_for
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import kind_of, load_machine, plant_of
+from workbench.machines import load_machine, plant_of
 from workbench.view.page import Section
 from workbench.view.place import for_dark_ground
 from workbench.view.words import words_of
@@ -85,7 +84,7 @@ class View:
 
 def show() -> None:
     """Draws the page."""
-    own = jobs.jobs_of(session.work_folder(), KIND)
+    own = session.own_jobs(KIND)
     if own and not chosen.last_name() and own[0].title in chosen.offered() | chosen.uploaded():  # after a reload
         chosen.choose_campaign(own[0].title)
     campaign, bad = None, None
@@ -100,14 +99,25 @@ def show() -> None:
     if bad is not None:
         problem(bad)
         return
-    with shown_errors():
-        if wanted and campaign is not None:
-            begin(campaign, arguments)
-            own = jobs.jobs_of(session.work_folder(), KIND)
-    with st.sidebar:
-        opened = _chosen(own)
+    if wanted and campaign is not None:
+        with guarded(stop=False):
+            if arguments["candidates"] == []:
+                raise InputError("choose at least one effect to weigh", place="candidates")
+            folder, inputs = chosen.sent_to_job(campaign)
+            asked = {"folder": folder, "name": campaign.name, **arguments}
+            jobs.start(KIND, f"{__name__}:work", asked, session.new_work_folder(), chosen.last_name(), inputs)
+            own = session.own_jobs(KIND)
+    newest = next((job.id for job in own if job.title == chosen.last_name()), None)
+    known = {job.id: f"{job.title}, {time.strftime('%H:%M', time.localtime(job.begun_s))}" for job in own}
+    number = newest
+    if len(own) > 1 or (own and newest is None):  # of several the campaign's newest, or the one that is chosen
+        number = st.sidebar.selectbox(
+            "Diagnoses", list(known), key=held(SHOWN, newest, [None, *known]), index=None, placeholder="choose one",
+            format_func=known.__getitem__,
+        )  # fmt: skip
+    opened = next((job for job in own if job.id == number), None)
     if opened is not None and jobs.poll(opened).state == "done":
-        with shown_errors():
+        with guarded(stop=False):
             _results(opened)
     elif opened is not None:
         jobs.cards([opened], stages=STAGES)
@@ -135,28 +145,6 @@ def _asked(campaign: Campaign) -> dict[str, Any]:
     return {"most_effects": int(most or MOST_EFFECTS), "candidates": candidates}
 
 
-def begin(campaign: Campaign, arguments: Mapping[str, Any]) -> Job:
-    """Starts the diagnosis. InputError where nothing is to be weighed, or too much is running."""
-    if arguments["candidates"] == []:
-        raise InputError("choose at least one effect to weigh", place="candidates")
-    folder, inputs = chosen.sent_to_job(campaign)
-    asked = {"folder": folder, "name": campaign.name, **arguments}
-    return jobs.start(KIND, f"{__name__}:work", asked, session.new_work_folder(), chosen.last_name(), inputs)
-
-
-def _chosen(own: Sequence[Job]) -> Job | None:
-    """The campaign's newest diagnosis, or the one that is chosen of a list, where there are several."""
-    newest = next((job.id for job in own if job.title == chosen.last_name()), None)
-    known = {job.id: f"{job.title}, {time.strftime('%H:%M', time.localtime(job.begun_s))}" for job in own}
-    number = newest
-    if len(own) > 1 or (own and newest is None):
-        number = st.selectbox(
-            "Diagnoses", list(known), key=held(SHOWN, newest, [None, *known]), index=None, placeholder="choose one",
-            format_func=known.__getitem__,
-        )  # fmt: skip
-    return next((job for job in own if job.id == number), None)
-
-
 def _before(campaign: Campaign) -> None:
     """What there is to be diagnosed."""
     st.markdown(f"##### Campaign {plain(campaign.name)} · {plain(campaign.machine.name)}")
@@ -165,23 +153,13 @@ def _before(campaign: Campaign) -> None:
         "how sure that is, and how far the gap shrinks. It takes about a minute, in a process of its own.",
         icon=":material/troubleshoot:",
     )
-    loads = bool(kind_of(campaign.machine).payload)
-    columns = [head("run"), *([Column("payload", "kg")] if loads else []), Column("length", "s"), Column("samples")]
-    rows = [
-        [run.name, *([f"{run.payload_kg:g}"] if loads else []), f"{run.duration_s:.1f}", str(len(run.time_s))]
-        for run in campaign.runs
-    ]
-    widgets.table(Table(columns, rows))
+    widgets.table(runs_table(campaign.runs))
     widgets.notes(campaign.all_notes)
 
 
 def _results(job: Job) -> None:
     """Everything about a diagnosis that is done. InputError where its result is damaged."""
-    last = session.get("gap view", tuple, ())
-    if not last or last[0] != job.id:  # read once for as long as it is the one that is open
-        session.put("gap view", last := (job.id, jobs.read_view(View, job)))
-    view: View = last[1]
-    folder = job.file("result")
+    view, folder = session.once("gap view", job.id, lambda: jobs.read_view(View, job)), job.file("result")
     with st.sidebar:
         st.markdown("**Results**")
         # The bytes, not a function that reads them: its address would last for one run of the page only, and a click
@@ -208,25 +186,22 @@ def _results(job: Job) -> None:
     for warning in view.warnings:
         st.warning(said(warning), icon=":material/warning:")
     widgets.numbers(view.numbers)
-    parts = {title: names for title, names in TABS.items() if title != "Unknown cause" or "unknown" in view.sections}
-    # Only the tab that is looked at is drawn: a page of ten figures would be slow.
-    for tab, names in zip(st.tabs(list(parts), key=f"{TAB} {job.id}", on_change="rerun"), parts.values(), strict=True):
-        if tab.open:
-            with tab:
-                if not names:
-                    _verdict(job, view)
-                if "isolability" in names and view.lead[1:]:
-                    st.markdown(f"**Alike.** {said(view.lead[1])}")
-                for name in names:
-                    _section(job, name, view.sections[name])
+    titles = [title for title in TABS if title != "Unknown cause" or "unknown" in view.sections]
+    for title in widgets.tabs(titles, f"{TAB} {job.id}"):
+        if not TABS[title]:
+            _verdict(view, f"gap {job.id}")
+        if "isolability" in TABS[title] and view.lead[1:]:
+            st.markdown(f"**Alike.** {said(view.lead[1])}")
+        for name in TABS[title]:
+            _section(name, view.sections[name], f"gap {job.id} {name}")
 
 
-def _verdict(job: Job, view: View) -> None:
+def _verdict(view: View, key: str) -> None:
     ranked, answer = view.sections["verdict"], view.sections["answer"]
     columns = widgets.beside("verdict") if answer.figures else [st.container()]
-    for column, (name, section) in zip(columns, (("verdict", ranked), ("answer", answer)), strict=False):
+    for column, name in zip(columns, ("verdict", "answer"), strict=False):
         with column:
-            _figures(job, name, section)
+            widgets.figures(view.sections[name].figures, f"{key} {name}")
     points(view.meaning)
     if ranked.points:
         st.markdown(said(ranked.sentences[-1]))
@@ -238,26 +213,18 @@ def _verdict(job: Job, view: View) -> None:
             widgets.table(shown)
 
 
-def _section(job: Job, name: str, section: Section) -> None:
+def _section(name: str, section: Section, key: str) -> None:
     """The first sentence, what there is to look at, and then the rest of the words."""
     sentences = [] if name == "isolability" else list(section.sentences)
     if name == "next_run":
         st.markdown(f"**The next run.** {said(' '.join(sentences))}")
+        sentences = []
     elif sentences:
-        st.markdown(said(sentences[0]))
-    _figures(job, name, section)
-    points([*(sentences[1:] if name != "next_run" else []), *section.points])
+        st.markdown(said(sentences.pop(0)))
+    widgets.figures(section.figures, key)
+    points([*sentences, *section.points])
     for shown in section.tables:
         widgets.table(shown)
-
-
-def _figures(job: Job, name: str, section: Section) -> None:
-    import plotly.graph_objects as go
-
-    for number, (figure, note) in enumerate(section.figures):
-        widgets.chart(go.Figure(figure), f"gap {job.id} {name} {number}", note or None)
-        if note:
-            st.caption(said(note))
 
 
 # ---- in the worker's process -----------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from workbench.dashboard import session
 from workbench.dashboard.chosen import arrived, last_campaign, session_machine
 from workbench.dashboard.desk import machine_form
 from workbench.dashboard.uploads import MB, Uploaded, base_name, safe_name
-from workbench.dashboard.widgets import chart, guarded, held, notes, plain, table
+from workbench.dashboard.widgets import chart, downloads, guarded, held, notes, plain, table
 from workbench.logs.formats.known import suffixes
 from workbench.logs.importing import (
     NOMINAL,
@@ -49,8 +49,8 @@ def show() -> None:
         machine = session_machine("import machine")
         with st.expander("Its values, machine.yaml", icon=":material/edit_note:"):
             machine = machine_form(machine, f"import {machine.name}")
-        st.download_button("machine.yaml", machine_text(machine), "machine.yaml", "application/yaml", width="stretch",
-                           icon=":material/download:", on_click="ignore", key="import machine.yaml")  # fmt: skip
+        own = ("machine.yaml", machine_text(machine), "machine.yaml", "application/yaml")
+        downloads("import", [own], "stretch")
     st.markdown("#### Logs as drives and PLCs write them, made a campaign")
     files = st.file_uploader("One file a run", type=TYPES, accept_multiple_files=True, key="import files")
     if not files:
@@ -74,19 +74,19 @@ def show() -> None:
 
 def _read(files: Sequence[UploadedFile]) -> list[Imported]:
     """The files' channels, read once. InputError names the file as it was uploaded."""
-    known = session.get(READ, dict, {})
-    logs = {file.file_id: known.get(file.file_id) for file in files}
+    known, logs = session.get(READ, dict, {}), dict[str, Imported]()
     for file in files:
-        if logs[file.file_id] is None:
+        if (log := known.get(file.file_id)) is None:
             name = Path(base_name(file.name))
             if (suffix := name.suffix.lower()).removeprefix(".") not in TYPES:
                 raise InputError(f"expected a file that ends in {', '.join(TYPES)}", file=name.name)
             path = session.stored(file, f"{safe_name(name.stem) or 'run'}{suffix}", MOST)
             with st.spinner(f"Reading {plain(name.name)}"):
-                logs[file.file_id] = Imported(path, tuple(read_channels(path)))
+                log = Imported(path, tuple(read_channels(path)))
             path.unlink()
+        logs[file.file_id] = log
     session.put(READ, logs)
-    return [log for log in logs.values() if log is not None]
+    return list(logs.values())
 
 
 def _runs(logs: Sequence[Imported], machine: Hoist | Axis) -> list[Imported]:
@@ -130,11 +130,11 @@ def _mapping(machine: Hoist | Axis, logs: Sequence[Imported]) -> Proposed:
                 left_out.add(signal)
             else:
                 mapped.append(f"{signal}={column}" + ("" if unit == AS_WRITTEN else f":{unit}"))
-    proposed = propose(machine, channels, mapped)
-    kept = [proposal for proposal in proposed.proposals if proposal.signal not in left_out]
-    for k, one in enumerate(kept):  # what stands as it was proposed says why
+    kept = []
+    for one in propose(machine, channels, mapped).proposals:
         said = first.get(one.signal, one)
-        kept[k] = said if (said.column, said.factor) == (one.column, one.factor) else one
+        if one.signal not in left_out:  # what stands as it was proposed says why
+            kept.append(said if (said.column, said.factor) == (one.column, one.factor) else one)
     return Proposed(tuple(kept), tuple(name for name in columns if name not in {proposal.column for proposal in kept}))
 
 
@@ -147,16 +147,14 @@ def _make(machine: Hoist | Axis, logs: Sequence[Imported], proposed: Proposed) -
             save_machine(machine, file)
             write_campaign(file, logs, proposed, folder)
             with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-                for part in sorted(folder.rglob("*")):
-                    if part.is_file():
-                        archive.write(part, part.relative_to(folder))
+                for part in filter(Path.is_file, sorted(folder.rglob("*"))):
+                    archive.write(part, part.relative_to(folder))
         called = safe_name(name) or "campaign"
         arrived([Uploaded(f"{called}.zip", packed.getvalue())])
         session.put(MADE, (called, packed.getvalue()))
     made = session.get(MADE, tuple, ())
     if made:
         st.success(f"{plain(made[0])} is a campaign: choose it on Signals, Validate and Gap.", icon=":material/check:")
-        st.download_button("Campaign as a zip", made[1], f"{made[0]}.zip", "application/zip", key="import zip",
-                           icon=":material/download:", on_click="ignore")  # fmt: skip
+        downloads("import", [("Campaign as a zip", made[1], f"{made[0]}.zip", "application/zip")])
         campaign = last_campaign()
         notes(campaign.all_notes if campaign is not None else ())

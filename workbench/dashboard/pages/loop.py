@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import streamlit as st
 
 from workbench.analysis.family import Member, family, operating_points, weakest
 from workbench.analysis.linearise import Motion
-from workbench.analysis.tune import STEPS, Goal, Tuned, TuneProgress, Weights, tune
+from workbench.analysis.tune import STEPS, Goal, TuneProgress, Weights, tune
 from workbench.analysis.usual import usual_heights, usual_settings
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
@@ -26,23 +26,13 @@ from workbench.view import loop as report
 from workbench.view import tune as tuning_report
 from workbench.view.loop import HZ, RAD_S
 
-MOTIONS: dict[str, Motion] = {"hoisting": "hoisting", "lowering": "lowering", "at rest": "at_rest"}
+MOTIONS: tuple[Motion, ...] = ("hoisting", "lowering", "at_rest")
 STEP = 1.04  # from one step of a gain's slider to the next
 REACH = {"kp": (0.1, 100.0), "ki": (0.03, 3000.0), "kv": (0.1, 30.0)}  # of a slider, times the gain by rule
 BANDWIDTH, REJECTION = "bandwidth", "best rejection of load steps"
 TUNED = "loop tuned"
 ALSO = ("notch", "shaper", "schedule")
 Wanted = tuple[Goal, Weights, tuple[str, ...]]
-
-
-@dataclass(frozen=True, eq=False)
-class TunedCase:
-    """A tuning, with the case that it was asked for and the machine's text."""
-
-    case: DesignCase
-    tuned: Tuned
-    weights: Weights
-    machine: str
 
 
 def show() -> None:
@@ -61,11 +51,9 @@ def show() -> None:
         _tune(case, *goal)
     left, right = widgets.beside("loop")
     with left:
-        settings = _crossover(case)
-    case = DesignCase(machine, settings, case.origin, case.payloads_kg, case.heights_m, None)
+        _crossover(case)
     with guarded():
-        members = loops(case, motion)
-        before = loops(_by_rule(case), motion)
+        members, before = loops(case, motion), loops(_by_rule(case), motion)
     with top:
         _numbers(case, members, before)
     with left:  # the colours are Nyquist's, whose legend stands for both
@@ -76,7 +64,7 @@ def show() -> None:
         below = {"orientation": "h", "x": 0.0, "y": -0.14, "yanchor": "top", "yref": "paper", "font": {"size": 12}}
         figure.update_layout(legend=below, margin={"l": 60, "r": 10, "t": 50})
         chart(figure, "loop nyquist", "Nyquist diagram with the circle of Ms")
-    _tuned_before(case)
+    _tuned_before(machine)
     st.markdown(plain(" ".join(report.sentences(case, members))))
     if kind.payload and desk.current(machine).scenario.plant == "multibody":
         st.caption("Study runs on the multi-body machine; this loop is that of the lumped one, which is linearised.")
@@ -110,9 +98,9 @@ def _side_bar(bad: list[InputError]) -> tuple[DesignCase, Motion, Any, float, Wa
         said = f"{len(payloads)} payloads at {len(heights)} heights, expected at most {MOST} loops in all"
         bad.append(InputError(said))
     left, right = st.columns(2)
-    called = {way: kind.looped.motion_words[motion].replace("_", " ") for way, motion in MOTIONS.items()}
-    motion = left.selectbox(
-        "Motion", list(MOTIONS), key=held("loop motion", "hoisting"), format_func=called.__getitem__,
+    motion: Motion = left.selectbox(
+        "Motion", list(MOTIONS), key=held("loop motion", "hoisting"),
+        format_func=lambda motion: kind.looped.motion_words[motion].replace("_", " "),
         help=f"At rest the {'guide' if kind.payload else 'friction'} damps: it flatters.",
     )  # fmt: skip
     unit = right.selectbox("Frequency", ["Hz", "rad/s"], key=held("loop unit", "Hz"))
@@ -135,33 +123,27 @@ def _side_bar(bad: list[InputError]) -> tuple[DesignCase, Motion, Any, float, Wa
     pressed = st.button("Tune", type="primary", width="stretch", icon=":material/tune:", key="loop tune")
     wanted = (Goal(hertz if goal == BANDWIDTH else None, ms), Weights(*weights), tuple(also)) if pressed else None
     case = DesignCase(machine, settings, "on this page", payloads, heights, None)
-    return case, MOTIONS[motion], RAD_S if unit == "rad/s" else HZ, ms, wanted
+    return case, motion, RAD_S if unit == "rad/s" else HZ, ms, wanted
 
 
 def _gains(machine: Hoist | Axis, bad: list[InputError]) -> Settings:
     """The session's one controller, as its sliders stand."""
     now, rule = desk.controller(machine), rule_settings(machine)
-    gains = {name: (key, unit) for name, key, unit in zip(("kp", "ki"), rule.GAINS, rule.UNITS, strict=True)}
-    if isinstance(now, Cascade):
-        gains = {"kv": ("kv_per_s", "1/s"), **gains}
-    values: dict[str, Any] = {}
-    for name, (key, unit) in gains.items():
-        by_rule = getattr(rule, key)
-        least = 1e-6 if name == "kp" else 0.0
-        field = Field(f"{name} ({unit})", (key,), least, 1e9, most=1e9, steps=gain_steps(name, by_rule))
-        values[key] = number(field, getattr(now, key), f"loop {name}")
-    values["set_point_weight"] = st.slider(
-        "Set-point weight", 0.0, 1.0, step=0.01, key=held("loop weight", now.set_point_weight)
-    )
-    values["sample_time_s"] = 1e-3 * st.number_input(
-        "Sample time (ms)", 0.1, 50.0, step=0.5, key=held("loop sample", 1e3 * now.sample_time_s), format="%g"
-    )
+    fields, values = desk.fields_of(machine, desk.current(machine).scenario), dict[str, Any]()
+    for name in [*(["kv"] if isinstance(now, Cascade) else []), "kp", "ki"]:
+        key, least = fields[name].key[-1], 1e-6 if name == "kp" else 0.0
+        steps = gain_steps(name, getattr(rule, key))
+        field = Field(fields[name].words, fields[name].key, least, 1e9, most=1e9, steps=steps)
+        values[name] = number(field, getattr(now, key), f"loop {name}")
+    key = held("loop weight", now.set_point_weight)
+    values["weight"] = st.slider("Set-point weight", 0.0, 1.0, step=0.01, key=key)
+    key = held("loop sample", 1e3 * now.sample_time_s)
+    sample = 1e-3 * st.number_input("Sample time (ms)", 0.1, 50.0, step=0.5, key=key, format="%g")
     try:
-        settings = desk.with_gains(now, values)
+        settings = desk.change(machine, {**values, "controller.sample_time_s": sample})
     except InputError as error:
         bad.append(error)
         return now
-    desk.set_controller(settings, machine)
     parts = {"a notch": settings.notch is not None, "a low-pass": settings.low_pass_hz is not None,
              "feed-forward": settings.feed_forward != type(settings.feed_forward)()}  # fmt: skip
     if any(parts.values()):
@@ -170,7 +152,7 @@ def _gains(machine: Hoist | Axis, bad: list[InputError]) -> Settings:
     return settings
 
 
-def _crossover(case: DesignCase) -> Settings:
+def _crossover(case: DesignCase) -> None:
     """A slider above the Bode plot that moves its crossover: kp, and ki with its square, so that the damping stays."""
     settings, rule = case.settings, rule_settings(case.machine)
     now = settings.kp / rule.kp
@@ -178,11 +160,8 @@ def _crossover(case: DesignCase) -> Settings:
     wanted = number(field, float(f"{now:.4g}"), "loop crossover")
     factor = wanted / now
     if abs(factor - 1.0) > 1e-3:
-        kp, ki = settings.GAINS
-        moved = desk.with_gains(settings, {kp: settings.kp * factor, ki: settings.ki * factor**2})
-        desk.set_controller(moved, case.machine)
+        desk.change(case.machine, {"kp": settings.kp * factor, "ki": settings.ki * factor**2})
         st.rerun()  # the gains stand in the side bar and are drawn already
-    return settings
 
 
 def rule_settings(machine: Hoist | Axis) -> Settings:
@@ -197,28 +176,23 @@ def gain_steps(name: str, rule: float) -> list[float]:
     return [0.0, *by_rule] if name == "kv" else by_rule
 
 
-def loops(case: DesignCase, motion: Motion) -> list[Member]:
-    """Every payload at every height. InputError for a height off the rail."""
-    said = machine_text(case.machine), case.settings.model_dump_json()
-    return _loops(said, case.payloads_kg, case.heights_m, motion, case)
+def _said(case: DesignCase) -> tuple[Any, ...]:
+    return machine_text(case.machine), case.settings.model_dump_json(), case.payloads_kg, case.heights_m
 
 
 # A resource rather than data: the records are frozen, so that nobody need have a copy.
-@st.cache_resource(max_entries=60, show_spinner=False)
-def _loops(
-    said: tuple[str, str], payloads_kg: tuple[float, ...], heights_m: tuple[float, ...], motion: Motion,
-    _case: DesignCase,
-) -> list[Member]:  # fmt: skip
-    points = operating_points(_case.machine, payloads_kg, heights_m, motion)
-    return family(_case.machine, _case.settings, points)
+@st.cache_resource(max_entries=60, show_spinner=False, hash_funcs={DesignCase: _said})
+def loops(case: DesignCase, motion: Motion) -> list[Member]:
+    """Every payload at every height. InputError for a height off the rail."""
+    points = operating_points(case.machine, case.payloads_kg, case.heights_m, motion)
+    return family(case.machine, case.settings, points)
 
 
 def _by_rule(case: DesignCase) -> DesignCase:
     """The same loop under the gains that a rule of thumb gives: the baseline of the numbers."""
     rule = rule_settings(case.machine)
     gains = {name: getattr(rule, name) for name in (*rule.GAINS, *(["kv_per_s"] if isinstance(rule, Cascade) else []))}
-    settings = case.settings.model_copy(update=gains)
-    return DesignCase(case.machine, settings, "by rule", case.payloads_kg, case.heights_m, None)
+    return replace(case, settings=case.settings.model_copy(update=gains), origin="by rule")
 
 
 def _numbers(case: DesignCase, members: Sequence[Member], before: Sequence[Member]) -> None:
@@ -229,25 +203,20 @@ def _numbers(case: DesignCase, members: Sequence[Member], before: Sequence[Membe
         return
     same = case.settings == _by_rule(case).settings
 
-    def one(what: str, new: float | None, old: float | None, unit: str, better: Literal["lower", "higher"]) -> Number:
-        by = None if new is None or old is None or same or not then.stable else new - old
-        return Number(what, new, unit, by, better)
-
-    def decibels(said: str) -> float | None:
-        first = said.partition("/")[0]
-        return float(first) if first[:1].isdigit() else None
-
-    slow, slow_before = (min(m.margins.bandwidth_hz for m in members_) for members_ in (members, before))
-    up, up_before = (decibels(report.gain_text(m)) for m in (now, then))
+    up, up_before = (report.gain_text(m).partition("/")[0] for m in (now, then))
+    slow, slow_before = (min(m.margins.bandwidth_hz for m in each) for each in (members, before))
+    known = not same and then.stable
+    up_by = float(up) - float(up_before) if known and up[:1].isdigit() and up_before[:1].isdigit() else None
     widgets.numbers(
         [
-            one("Largest Ms", now.ms, then.ms, "", "lower"),
-            one("Phase margin", now.phase_deg, then.phase_deg, "°", "higher"),
-            one("Gain margin", up, up_before, "dB", "higher"),
-            one("Delay margin", 1e3 * now.delay_s, 1e3 * then.delay_s, "ms", "higher"),
-            one("Slowest bandwidth", slow, slow_before, "Hz", "higher"),
+            Number("Largest Ms", now.ms, "", now.ms - then.ms if known else None, "lower"),
+            Number("Phase margin", now.phase_deg, "°", now.phase_deg - then.phase_deg if known else None, "higher"),
+            Number("Gain margin", float(up) if up[:1].isdigit() else None, "dB", up_by, "higher"),
+            Number("Delay margin", 1e3 * now.delay_s, "ms", 1e3 * (now.delay_s - then.delay_s) if known else None,
+                   "higher"),
+            Number("Slowest bandwidth", slow, "Hz", slow - slow_before if known else None, "higher"),
         ]
-    )
+    )  # fmt: skip
     rule = "" if same else f"; below, the difference to gains {usual_settings(case.machine)[1].replace(': ', ', ')}"
     over = "Of the one loop" if len(members) == 1 else f"The least of each over the {len(members)} loops"
     st.caption(f"{over}{rule}.")
@@ -270,22 +239,20 @@ def _tune(case: DesignCase, goal: Goal, weights: Weights, also: Sequence[str]) -
         stop.empty()
         problem(error)
         return
-    session.put(TUNED, TunedCase(case, tuned, weights, machine_text(case.machine)))
-    desk.set_controller(tuned.winner.settings, case.machine)
+    session.put(TUNED, (case, tuned, weights))
+    desk.change(case.machine, {"controller": tuned.winner.settings.model_dump()})
     st.rerun()
 
 
-def _tuned_before(case: DesignCase) -> None:
+def _tuned_before(machine: Hoist | Axis) -> None:
     """What the last tuning found."""
-    last = st.session_state.get(TUNED)
-    if not isinstance(last, TunedCase):
+    if not (last := session.get(TUNED, tuple, ())):
         return
+    case, tuned, weights = last
     with st.expander("What the tuning found", expanded=True, icon=":material/tune:"):
-        if last.machine != machine_text(case.machine):
+        if machine_text(case.machine) != machine_text(machine):
             st.caption("Found for another machine or drive:")
-        st.markdown(plain(" ".join(tuning_report.sentences(last.case, last.tuned, last.weights))))
-        table(tuning_report.table(last.tuned))
-        st.download_button(
-            "Controller block for scenarios", tuning_report.controller_text(last.tuned.winner.settings),
-            file_name="controller.yaml", mime="application/yaml", icon=":material/download:", on_click="ignore",
-        )  # fmt: skip
+        st.markdown(plain(" ".join(tuning_report.sentences(case, tuned, weights))))
+        table(tuning_report.table(tuned))
+        block = tuning_report.controller_text(tuned.winner.settings)
+        widgets.downloads("loop", [("Controller block for scenarios", block, "controller.yaml", "application/yaml")])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import streamlit as st
@@ -73,24 +74,23 @@ def _chosen() -> list[Shown]:
     # Several runs may be alike in payload and reference, where a sweep varied something else.
     if len(names) < len(result.runs):
         names = {run_id: run_id for run_id in result.runs}
-    name = st.selectbox("Run of the study", list(names), key="machine study run")
-    beside = st.selectbox("Beside it", [ALONE, *(n for n in names if n != name)], key="machine study beside")
-    both = [name] if beside == ALONE else [name, beside]
+    both = _one_or_two("Run of the study", list(names), "machine study run", "machine study beside")
     return [Shown(f"{study}, {run}", result.study.machine, result.runs[names[run]]) for run in both]
+
+
+def _one_or_two(words: str, names: Sequence[str], key: str, beside: str) -> list[str]:
+    """One of the names, and another that is seen beside it."""
+    name = st.selectbox(words, names, key=held(key, names[0], names), format_func=label)
+    others = [ALONE, *(other for other in names if other != name)]
+    other = st.selectbox("Beside it", others, key=held(beside, ALONE, others), format_func=label)
+    return [name] if other == ALONE else [name, other]
 
 
 def _quick() -> list[Shown]:
     """The move that Study asks for, at one payload, under one reference or two. InputError where it fails."""
     machine = hoist_of_session("machine machine")
     payload = st.slider("Payload (kg)", 0, 12000, step=250, key=held("machine payload", 4500))
-    kinds = list(planned_kinds())
-    reference = st.selectbox("Reference", kinds, key=held("machine reference", kinds[0]), format_func=label)
-    others = [ALONE, *(kind for kind in kinds if kind != reference)]
-    beside = st.selectbox(
-        "Beside it", others, key=held("machine beside", ALONE, others),
-        format_func=lambda kind: kind if kind == ALONE else label(kind),
-    )  # fmt: skip
-    both = [reference] if beside == ALONE else [reference, beside]
+    both = _one_or_two("Reference", list(planned_kinds()), "machine reference", "machine beside")
     asked = {"payloads_kg": (float(payload),), "references": tuple(both), "plant": "lumped"}
     result = results(changed(current(machine).scenario, asked), machine)
     rows = {row.reference: row for row in result.rows}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
@@ -14,7 +13,7 @@ from workbench.core.names import unit_of, words_of
 from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import hoist_of_session
 from workbench.dashboard.plant import PlantProcess, Wanted
-from workbench.dashboard.widgets import Number, held, plain, problem
+from workbench.dashboard.widgets import Number, guarded, held, plain, problem
 from workbench.effects import find, ranges_of
 from workbench.machines import HOIST, Hoist
 from workbench.references import Limits, planned_kinds
@@ -57,11 +56,10 @@ AMOUNTS = (
 
 def show() -> None:
     """Draws the page."""
-    with st.sidebar, widgets.guarded():
+    with st.sidebar, guarded():
         machine = _side_bar()
         commands = st.container()
-    plant = present()
-    if plant is None:
+    if (plant := present()) is None:
         st.markdown("#### A plant in real time")
         st.markdown(
             "Starts the machine's plant in a process of its own on this computer, for a controller or PLC at the other "
@@ -70,30 +68,19 @@ def show() -> None:
         )
         return
     try:
-        greeting = plant.greeting()
+        waits = st.empty()
+        while (greeting := plant.greeting(LOOKS_EVERY_S)) is None:  # at the next word a press of Stop is heard
+            waits.info("The plant's step is compiled; the first time on a computer that takes a while.",
+                       icon=":material/hourglass_top:")  # fmt: skip
+        waits.empty()
     except InputError as error:
         put_away()
         problem(error)
         return
-    if greeting is None:
-        _compiles()
-        return
-    with commands, widgets.guarded():
+    with commands, guarded():
         _client(plant, machine)
         _faults(plant, greeting["points"], machine)
     _served(greeting, machine)
-
-
-@st.fragment(run_every=1.0)
-def _compiles() -> None:
-    """Until the plant has said that it is there, or why not."""
-    st.info("The plant's step is compiled; the first time on a computer that takes a while.",
-            icon=":material/hourglass_top:")  # fmt: skip
-    waits = False
-    with suppress(InputError):
-        waits = (plant := present()) is not None and plant.greeting() is None
-    if not waits:
-        st.rerun()
 
 
 def present() -> PlantProcess | None:
@@ -173,17 +160,12 @@ def _client(plant: PlantProcess, machine: Hoist) -> None:
 
 
 def _ask(plant: PlantProcess, method: str, *arguments: Any) -> None:
-    """What is refused stands on the page until something is taken."""
+    """Also a callback, which runs before the page. What is refused stands on the page until something is taken."""
     session.put(PROBLEM, None)
     try:
         plant.ask(method, *arguments)
     except InputError as error:
         session.put(PROBLEM, error)
-
-
-def _set(plant: PlantProcess, values: Mapping[str, float], words: str) -> None:
-    """A callback: it runs before the page, which then shows what became of it."""
-    _ask(plant, "order", {"set": values}, words)
 
 
 def _faults(plant: PlantProcess, points: list[str], machine: Hoist) -> None:
@@ -193,12 +175,12 @@ def _faults(plant: PlantProcess, points: list[str], machine: Hoist) -> None:
         left, right = st.columns([1.0, 1.0], vertical_alignment="bottom")
         given = left.number_input(words, 0.0, most, step=step, key=held(f"plant fault {point}", value), format="%g")
         said = f"{words.partition(' (')[0].lower()} {given:g} {unit_of(point)}"
-        right.button(button, on_click=_set, args=(plant, {point: given}, said), key=f"plant do {point}",
-                     width="stretch")  # fmt: skip
+        right.button(button, on_click=_ask, args=(plant, "order", {"set": {point: given}}, said),
+                     key=f"plant do {point}", width="stretch")  # fmt: skip
 
     def switch(point: str, words: str) -> None:
         on = bool(st.session_state[f"plant fault {point}"])
-        _set(plant, {point: float(on)}, words.lower() if on else f"{words.lower()}: no more")
+        _ask(plant, "order", {"set": {point: float(on)}}, words.lower() if on else f"{words.lower()}: no more")
 
     for column, (point, words) in zip(st.columns(2), SWITCHES.items(), strict=True):
         column.toggle(words, key=held(f"plant fault {point}", False), on_change=switch, args=(point, words))
@@ -206,7 +188,7 @@ def _faults(plant: PlantProcess, points: list[str], machine: Hoist) -> None:
 
     def reset() -> None:
         st.session_state.update({f"plant fault {point}": False for point in SWITCHES})
-        _set(plant, {"reset": 1}, "reset")
+        _ask(plant, "order", {"set": {"reset": 1}}, "reset")
 
     st.button("Reset", icon=":material/restart_alt:", on_click=reset, key="plant reset", width="stretch",
               help="Hanging still at the start, without faults; effects vanish.")  # fmt: skip
@@ -214,35 +196,33 @@ def _faults(plant: PlantProcess, points: list[str], machine: Hoist) -> None:
 
 def _effects(plant: PlantProcess, points: list[str], machine: Hoist) -> None:
     """The effects that the plant has, with their parameters."""
-    own = [point.split(".") for point in points if point.startswith("effects.")]
-    if not own:
+    names = list(dict.fromkeys(point.split(".")[1] for point in points if point.startswith("effects.")))
+    if not names:
         return
-    names = list(dict.fromkeys(name for _, name, _ in own))
     name = st.selectbox("Effect", names, key="plant effect", format_func=lambda id_: id_.replace("_", " "))
     effect = find(name, HOIST.plant.kind)
     st.caption(effect.meaning)
-    ranges = {ranged.name: ranged for ranged in ranges_of(effect, machine)}
     values, gone = {}, {}
-    for parameter in [parameter for _, of, parameter in own if of == name]:
-        point, ranged, unit = f"effects.{name}.{parameter}", ranges[parameter], unit_of(parameter)
-        words = f"{words_of(parameter)} ({unit})" if unit else words_of(parameter)
-        values[point] = st.number_input(
-            words[0].upper() + words[1:], value=ranged.start, step=abs(ranged.scale) or None, key=f"plant {point}",
-            format="%.4g",
-        )  # fmt: skip
+    for ranged in ranges_of(effect, machine):
+        point, unit = f"effects.{name}.{ranged.name}", unit_of(ranged.name)
+        words = f"{words_of(ranged.name).capitalize()} ({unit})".removesuffix(" ()")
+        step = abs(ranged.scale) or None
+        values[point] = st.number_input(words, value=ranged.start, step=step, key=f"plant {point}", format="%.4g")
         if ranged.vanishes_at is not None:
             gone[point] = ranged.vanishes_at
     said, (left, right) = name.replace("_", " "), st.columns(2)
-    left.button("Apply", on_click=_set, args=(plant, values, said), key="plant effect do", width="stretch")
+    left.button("Apply", on_click=_ask, args=(plant, "order", {"set": values}, said), key="plant effect do",
+                width="stretch")  # fmt: skip
     if gone:
-        right.button("Take away", on_click=_set, args=(plant, gone, f"{said}: no more"), key="plant effect off",
-                     width="stretch")  # fmt: skip
+        right.button("Take away", on_click=_ask, args=(plant, "order", {"set": gone}, f"{said}: no more"),
+                     key="plant effect off", width="stretch")  # fmt: skip
 
 
 # ---- what it shows ------------------------------------------------------------------------------------------------
 
 
 def _served(greeting: Mapping[str, Any], machine: Hoist) -> None:
+    """The address, what is seen live, what a client needs to know."""
     what = st.session_state[STARTED][1]
     address = ADDRESSES[what.protocol if isinstance(what, Wish) else "udp"].format(port=greeting["port"])
     st.markdown(f"#### {plain(greeting['name'])} · `{address}`")
@@ -262,13 +242,10 @@ def _served(greeting: Mapping[str, Any], machine: Hoist) -> None:
 @st.fragment(run_every=LOOKS_EVERY_S)
 def _live(machine: Hoist) -> None:
     """The part that is drawn anew while the plant runs."""
-    plant = present()
-    try:
-        seen = plant.ask("seen") if plant is not None else {}
-    except InputError as error:
-        problem(error)
-        return
-    if not seen or not seen["now"]:
+    seen: dict[str, Any] = {}
+    with guarded(stop=False):
+        seen = plant.ask("seen") if (plant := present()) is not None else {}
+    if not seen.get("now"):
         return
     now, pace = seen["now"], seen["status"]["pace"]
     with st.container(horizontal=True, horizontal_alignment="distribute"):  # one under the other where it is narrow

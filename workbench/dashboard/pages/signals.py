@@ -17,7 +17,7 @@ from workbench.dashboard import session, widgets
 from workbench.dashboard.chosen import chosen_campaign
 from workbench.dashboard.widgets import guarded, held, plain, text
 from workbench.logs import Campaign
-from workbench.logs.signal_files import FORMS, Labelled
+from workbench.logs.signal_files import Labelled
 from workbench.view.signals import Stretch, browser, start_of_move
 
 WHOLE, RAMP = "whole runs", "start of the first move"
@@ -141,11 +141,10 @@ def _stretches(runs: Sequence[Run]) -> list[Stretch]:
     what = st.segmented_control("Stretch", (WHOLE, RAMP), key=held("signals stretch", WHOLE), required=True,
                                 label_visibility="collapsed", width="stretch")  # fmt: skip
     if what == RAMP:
-        starts = [(run, start_of_move(run)) for run in runs]
-        still = [run.name for run, start in starts if start is None]
-        if still:
+        starts = {run.name: start_of_move(run) for run in runs}
+        if still := [name for name, start in starts.items() if start is None]:
             st.caption(plain(f"Not shown, for nothing moves in them: {', '.join(still)}."))
-        return [start for _, start in starts if start is not None]
+        return [start for start in starts.values() if start is not None]
     end = max(float(run.time_s[-1]) for run in runs)
     begin = min(float(run.time_s[0]) for run in runs)
     low, high = (
@@ -170,11 +169,7 @@ def _take_away(campaign: Campaign, stretches: Sequence[Stretch], signals: Sequen
         ]
 
     with st.container(horizontal=True):
-        files = [
-            (f"Signals ({ending})", lambda write=write: write(labelled()), f"{campaign.name}.{ending}", kind)
-            for ending, (write, kind) in FORMS.items()
-        ]
-        widgets.downloads("signals file", files)
+        widgets.downloads("signals file", widgets.signal_files(campaign.name, labelled))
 
 
 def part_of(stretch: Stretch, signals: Sequence[str]) -> Run:

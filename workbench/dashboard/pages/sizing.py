@@ -7,7 +7,6 @@ from typing import Any, cast
 
 import streamlit as st
 
-from workbench.core.errors import InputError
 from workbench.core.yaml_strict import dumps, loads, validate
 from workbench.dashboard import desk, jobs, session, widgets
 from workbench.dashboard.chosen import hoist_of_session
@@ -44,12 +43,10 @@ def show() -> None:
         inputs: dict[str, str | Path] = {SIZE: text, SCENARIO: desk.scenario_file(scenario, machine)}
         if asked["motors"] == OWN:
             inputs[OWN] = session.workspace() / OWN
-        try:
+        with guarded(stop=False):
             arguments = {"file": f"{INPUTS}/{SIZE}"}
             jobs.start(KIND, f"{__name__}:work", arguments, session.new_work_folder(), scenario.name, inputs)
-        except InputError as error:
-            widgets.problem(error)
-    own = jobs.jobs_of(session.work_folder(), KIND)[:1]
+    own = session.own_jobs(KIND)[:1]
     if not own:
         st.info("Nothing is sized yet.", icon=":material/straighten:")
     elif jobs.poll(own[0]).state == "done":

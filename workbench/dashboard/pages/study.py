@@ -5,11 +5,9 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
 import streamlit as st
 
 from workbench.core.errors import InputError
@@ -20,7 +18,6 @@ from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import session_machine
 from workbench.dashboard.pages import compare
 from workbench.dashboard.widgets import Number, chart, fold, guarded, held, plain, problem, table, text
-from workbench.logs.signal_files import FORMS
 from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
 from workbench.machines.files import machine_text
 from workbench.metrics import View, columns, shown_in
@@ -82,7 +79,8 @@ def show() -> None:
     _take_away(result)
     with guarded():
         _further(scenario, machine, result, runs)
-        if (depends := on_damping(scenario, machine)) is not None:
+        said = f"{scenario.model_dump_json()} {machine_text(machine)}"
+        if (depends := on_damping(said, scenario, machine)) is not None:
             st.caption(plain(depends))
 
 
@@ -100,42 +98,20 @@ def results(scenario: Scenario, machine: Hoist | Axis) -> StudyResult:
     return _run(plan_study(scenario, machine))
 
 
-def beside_payloads(scenario: Scenario, machine: Hoist) -> StudyResult:
-    """The same at payloads from none to the heaviest."""
-    most = max(9000.0, *(scenario.payloads_kg or (0.0,)))
-    payloads = [most * k / (POINTS - 1) for k in range(POINTS)]
-    return _run(over_payload(changed(scenario, LUMPED), machine, payloads))
-
-
-def beside_ramps(scenario: Scenario, machine: Hoist | Axis) -> Sequence[Row]:
-    """Other accelerations and jerks at the heaviest payload; the trapezoid has accelerations only."""
-    limits, rows = scenario.limits.given(), list[Row]()
-    acceleration, jerk = (limits.get(name, 0.0) for name in ("acceleration_m_s2", "jerk_m_s3"))
-    accelerations = [float(f"{acceleration * k:.3g}") for k in RAMPS if acceleration]  # as a sentence can say it
-    jerks = [float(f"{jerk * k:.3g}") for k in JERKS if jerk]
-    for kinds, other in ((("trapezoid",), jerks[3:4]), (("ruckig",), jerks)):
-        asked = changed(scenario, {"references": kinds} | LUMPED)
-        rows += _run(over_ramps(asked, machine, accelerations, other)).rows
-    return rows
-
-
-def _run(study: Study) -> StudyResult:
-    return _cached(f"{study.scenario_hash} {' '.join(columns())}", study.machine_hash, study)
+def _said(study: Study) -> tuple[str, ...]:
+    return study.scenario_hash, study.machine_hash, *columns()
 
 
 # Resources rather than data: the records are frozen, so that nobody need have a copy.
-@st.cache_resource(max_entries=KEPT, show_spinner="Simulating")
-def _cached(scenario: str, machine: str, _study: Study) -> StudyResult:
-    return run_study(_study)
-
-
-def on_damping(scenario: Scenario, machine: Hoist | Axis) -> str | None:
-    """How far the answer depends on the damping assumed for wire or coupling; None where its runs fail."""
-    return _on_damping(scenario.model_dump_json(), machine_text(machine), scenario, machine)
+@st.cache_resource(max_entries=KEPT, show_spinner="Simulating", hash_funcs={Study: _said})
+def _run(study: Study) -> StudyResult:
+    return run_study(study)
 
 
 @st.cache_resource(max_entries=200, show_spinner=False)
-def _on_damping(said: str, machine: str, _scenario: Scenario, _machine: Hoist | Axis) -> str | None:
+def on_damping(said: str, _scenario: Scenario, _machine: Hoist | Axis) -> str | None:
+    """How far the answer depends on the damping assumed for wire or coupling; None where its runs fail. said: both as
+    text."""
     return damping_sentence(_scenario, _machine)
 
 
@@ -168,7 +144,7 @@ def _ran(asked: desk.Desk, machine: Hoist | Axis, bad: Sequence[InputError]) -> 
 
 def _head(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> None:
     """The study's name, the button that keeps it for Compare, its files to save."""
-    known = compare.is_kept(scenario, machine)
+    known = any((study.scenario, study.machine) == (scenario, machine) for study in compare.kept().values())
     with st.container(horizontal=True, horizontal_alignment="distribute", vertical_alignment="center"):
         st.markdown(f"##### {plain(scenario.name)} · {plain(result.study.machine.name)}", width="content")
         with st.container(horizontal=True, width="content"):
@@ -285,27 +261,36 @@ def _further(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, run
     titles = [*([PLANE, PEAKS] if hoist and runs else []), LIMITS]
     if not (part := fold(", ".join(titles), "further", "insights")).open:
         return
-    for title, tab in zip(titles, part.tabs(titles, key=FIGURE, on_change="rerun"), strict=True):
-        if not tab.open:
-            continue
-        with tab:
+    with part:
+        for title in widgets.tabs(titles, FIGURE):
             if title == PLANE:
                 figure = view.plane(runs, result.study.machine, 460)
                 chart(figure, "study plane", "Torque over speed of one motor with continuous and peak envelope")
             elif title == PEAKS:
-                figure = view.peaks_figure(beside_payloads(scenario, cast(Hoist, machine)))
+                most = max(9000.0, *(scenario.payloads_kg or (0.0,)))
+                payloads = [most * k / (POINTS - 1) for k in range(POINTS)]
+                lumped = over_payload(changed(scenario, LUMPED), cast(Hoist, machine), payloads)
+                figure = view.peaks_figure(_run(lumped))
                 chart(figure, "study payload", "Torque peak over payload for each reference")
             else:
                 _ramps(scenario, machine, result)
 
 
 def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> None:
-    """The front of move time and peak over other limits."""
-    rows = [row for row in beside_ramps(scenario, machine) if row.ok]
-    if not rows:
+    """The front of move time and peak over other accelerations and jerks, at the heaviest payload; the trapezoid has
+    accelerations only."""
+    given, made = scenario.limits.given(), list[Row]()
+    accelerations, jerks = (
+        [float(f"{given[name] * k:.3g}") for k in steps if given.get(name)]  # as a sentence can say it
+        for name, steps in (("acceleration_m_s2", RAMPS), ("jerk_m_s3", JERKS))
+    )
+    for kind, others in (("trapezoid", jerks[3:4]), ("ruckig", jerks)):
+        asked = changed(scenario, {"references": (kind,)} | LUMPED)
+        made += _run(over_ramps(asked, machine, accelerations, others)).rows
+    if not (rows := [row for row in made if row.ok]):
         return
-    judged, axes, limits = metrics_of(rows), swept_axes(rows), scenario.limits.model_dump()
-    heaviest = max(row.payload_kg for row in result.rows)
+    judged, axes, heaviest = metrics_of(rows), swept_axes(rows), max(row.payload_kg for row in result.rows)
+    limits = scenario.limits.model_dump()
     own = {name: limits[name.rpartition(".")[2]] for axis in axes for name in axis.columns}
     # The ramps' runs are the lumped model's: a front would else lay two models side by side.
     here = result.rows if scenario.plant == "lumped" else []
@@ -316,34 +301,15 @@ def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> No
     chart(figure, "study pareto", f"{what} over accelerations and jerks")
 
 
-def forces_of(run: Run) -> list[str]:
-    """The forces that the multi-body machine alone has, in the run's order."""
-    lumped = {signal.name for signal in HOIST.plant.signals}
-    return [name for name in run.signals if name.startswith("force_") and name not in lumped]
-
-
-def force_table(runs: Sequence[tuple[str, Run]]) -> Table:
-    """The largest force either way, a row a roller or joint, a column a reference. runs: (reference, run)."""
-    kinds = dict.fromkeys(kind for kind, _ in runs)
-    rows = []
-    for name in dict.fromkeys(name for _, run in runs for name in forces_of(run)):
-        row = [words_of(name).removeprefix("force ")]
-        for kind in kinds:
-            forces = [run[name] for other, run in runs if other == kind and name in run]
-            largest = [float(force[np.argmax(np.abs(force))]) for force in forces]
-            row.append(text(1e-3 * max(largest, key=abs)) if largest else "–")
-        rows.append(row)
-    heads = [words("roller or joint"), *(Column(label(kind), "kN") for kind in kinds)]
-    return Table(heads, rows, "The largest of all payloads, with its sign; a pin's force has none.")
-
-
 def _forces(runs: Sequence[tuple[str, Run]]) -> None:
-    """Of rollers and joints; nothing where the study ran on the lumped machine, which has none."""
-    runs = [(kind, run) for kind, run in runs if forces_of(run)]
-    if not runs:
+    """Of rollers and joints; nothing where the study ran on the lumped machine, which has none. The table: the largest
+    force either way, a row a roller or joint, a column a reference."""
+    lumped = {signal.name for signal in HOIST.plant.signals}
+    names = [name for name in (runs[0][1].signals if runs else ()) if name.startswith("force_") and name not in lumped]
+    if not names:
         return
     with st.expander("Forces of rollers and joints", expanded=True, icon=":material/conversion_path:"):
-        names, payloads = forces_of(runs[0][1]), sorted({run.payload_kg for _, run in runs})
+        payloads = sorted({run.payload_kg for _, run in runs})
         left, right = st.columns([1.0, 2.2])
         payload = left.selectbox(
             "Payload", payloads, len(payloads) - 1, format_func=lambda kg: f"{kg:g} kg", key="study forces payload"
@@ -356,7 +322,15 @@ def _forces(runs: Sequence[tuple[str, Run]]) -> None:
         if chosen:
             figure = browser([Stretch.whole(run) for _, run in mine], chosen, [kind for kind, _ in mine])
             chart(figure, "study forces", "Forces of rollers and joints over time")
-        table(force_table(runs))
+        of_kind: dict[str, list[Run]] = {}
+        for kind, run in runs:
+            of_kind.setdefault(kind, []).append(run)
+        rows = []
+        for name in names:  # of the least and the largest the one that is further from zero
+            ends = [[end for run in own for end in (run[name].min(), run[name].max())] for own in of_kind.values()]
+            rows.append([words_of(name).removeprefix("force "), *(text(1e-3 * max(own, key=abs)) for own in ends)])
+        heads = [words("roller or joint"), *(Column(label(kind), "kN") for kind in of_kind)]
+        table(Table(heads, rows, "The largest of all payloads, with its sign; a pin's force has none."))
 
 
 def _take_away(result: StudyResult) -> None:
@@ -364,20 +338,14 @@ def _take_away(result: StudyResult) -> None:
     name = result.study.scenario.name
     # Taken here: Streamlit calls the function of a download in a thread that belongs to no session.
     folder = session.workspace()
+
+    def report() -> bytes:
+        with tempfile.TemporaryDirectory(dir=folder) as own:  # each click its own: two may come at once
+            view.save_study_page(result, file := Path(own) / "study.html")
+            return file.read_bytes()
+
     if not (part := fold("Signals and report", "signals", "download")).open:
         return
     with part, st.container(horizontal=True):
-        signals = [
-            (f"Signals ({ending})", lambda write=write: write(labelled_runs(result)), f"{name}.{ending}", kind)
-            for ending, (write, kind) in FORMS.items()
-        ]
-        report = ("Report", partial(report_of, result, folder), f"{name}.html", "text/html")
-        widgets.downloads("study", [*signals, report])
-
-
-def report_of(result: StudyResult, folder: Path) -> bytes:
-    """The report's page. folder: a private one of the session."""
-    with tempfile.TemporaryDirectory(dir=folder) as own:  # each click its own: two may come at once
-        file = Path(own) / "study.html"
-        view.save_study_page(result, file)
-        return file.read_bytes()
+        files = widgets.signal_files(name, lambda: labelled_runs(result))
+        widgets.downloads("study", [*files, ("Report", report, f"{name}.html", "text/html")])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import math
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,7 +13,7 @@ import streamlit as st
 
 from workbench.core.errors import InputError
 from workbench.dashboard import chosen, jobs, session, widgets
-from workbench.dashboard.jobs import VIEW, Job, Teller
+from workbench.dashboard.jobs import VIEW, Teller
 from workbench.dashboard.widgets import Number, chart, guarded, held, plain, points, problem, table
 from workbench.effects import check
 from workbench.identify.identify import Identification, identify
@@ -21,19 +22,12 @@ from workbench.machines import load_machine, of_kind, studied
 from workbench.machines.files import machine_text
 from workbench.simulate.multibody_loop import check_multibody
 from workbench.simulate.replay import ReplayResult, replay_runs
-from workbench.study.labels import field_label
 from workbench.view import identify as identify_report
 from workbench.view import replay as report
-from workbench.view.identify import Shift
-from workbench.view.numbers import with_error
 from workbench.view.page import Section
 from workbench.view.words import words_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from plotly.graph_objects import Figure
-
     from workbench.simulate.models import ModelsCompared
 
 OWN = "the campaign's own"
@@ -52,24 +46,20 @@ def show() -> None:
     # What decides the numbers: the samples by identity, the machine by value.
     question = (tuple(id(run) for run in campaign.runs), machine_text(campaign.machine))
     with guarded():
-        known = session.get(REPLAYED, tuple, ())
-        if not known or known[0] != question:
-            with st.spinner("Replaying the measured input"):
-                # The campaign is kept with it, so that no other run can come to have the identity of one of these.
-                known = (question, replay_runs(campaign.machine, campaign.runs), campaign)
-            session.put(REPLAYED, known)
+        with st.spinner("Replaying the measured input"):
+            # The campaign is kept with it, so that no other run can come to have the identity of one of these.
+            made = lambda: (replay_runs(campaign.machine, campaign.runs), campaign)  # noqa: E731
+            result, _ = session.once(REPLAYED, question, made)
         if wanted:
             with st.spinner("Fitting friction, masses and sensors to the runs"):
                 found = identify(campaign, date=datetime.now(UTC).isoformat(timespec="seconds"))
                 session.put(FOUND, (question, found))
-    result: ReplayResult = known[1]
     last = session.get(FOUND, tuple, ())
     identified: Identification | None = last[1] if last and last[0] == question else None
-    machine, now, before = campaign.machine, result, None
+    machine, now, before, remedy = campaign.machine, result, None, f"Identify fits the values. {GAP}"
     if identified is not None:
-        now, before = identified.after, result
+        now, before, remedy = identified.after, result, GAP
     _numbers(campaign, now, before)
-    remedy = GAP if identified is not None else f"Identify fits the values. {GAP}"
     st.markdown(plain(" ".join(report.sentences(machine, now, remedy))))
     widgets.notes(campaign.all_notes)
     if identified is not None:
@@ -125,43 +115,15 @@ def _identified(identified: Identification) -> None:
         widgets.downloads("validate download", [file], "stretch")
     left, right = widgets.beside("identified")
     with left:
-        chart(_estimates(identified), "validate estimates", "Fitted values with error bars and tolerances")
+        fitted = identify_report.estimates(identified.fit)
+        chart(fitted, "validate estimates", "Fitted values with error bars and tolerances")
     with right:
         law = identify_report.friction(identified).update_layout(height=470, title_text="")
         chart(law, "validate friction", "Law of friction, nominal and identified, with the log's points")
     points(identify_report.sentences(identified, "the page Gap names what"))
     with st.expander("Values, standard errors, correlations"):
         table(identify_report.table(identified.fit))
-        names = [free.key for free in identified.fit.free]
-        matrix = identify_report.correlation_matrix(names, identified.fit.correlation)
-        chart(matrix, "validate correlation", "Correlations of the fit")
-
-
-def _estimates(identified: Identification) -> Figure:
-    """In tolerances where every value has one, as a hoist's usual fit does; else in per cent of the nominal value."""
-    fit = identified.fit
-    in_tolerances = all(free.prior_std is not None for free in fit.free)
-    drawn = []
-    for free, value, error in zip(fit.free, fit.value, fit.std_error, strict=True):
-        if not in_tolerances and not free.nominal:
-            continue
-        unit, shift, spread = 0.01 * abs(free.nominal), value - free.nominal, error
-        if in_tolerances:
-            unit = free.scale * (free.prior_std or 1.0)
-            if free.logarithmic:  # it moves by factors: its distance is that of the logarithms
-                shift, spread = math.log(value / free.nominal), error / value
-        name, said = in_words(free.key, value, error)
-        drawn.append(Shift(name, shift / unit, spread / unit, said))
-    unit_, tolerance = ("tolerances", 1.0) if in_tolerances else ("% of nominal", None)
-    return identify_report.estimates(drawn, unit_, tolerance)
-
-
-def in_words(key: str, value: float, error: float) -> tuple[str, str]:
-    """What a value is called, and it with its error and unit."""
-    label = field_label(f"machine.{key}")
-    prefix, scale = ("G", 1e-9) if label.unit == "Pa" else ("", 1.0)
-    words = label.words.replace("coulomb", "Coulomb").replace("youngs", "Young's")
-    return words, f"{' ± '.join(with_error(scale * value, scale * error))} {prefix}{label.unit}".strip()
+        chart(identify_report.correlations(identified), "validate correlation", "Correlations of the fit")
 
 
 # ---- both models ----------------------------------------------------------------------------------------------------
@@ -186,9 +148,8 @@ def work(out: Path, tell: Teller, folder: str, name: str, runs: Sequence[str], m
             raise InputError(f"is {of_kind(campaign.machine)}; the multi-body machine is a hoist")
         picked = [run for run in campaign.runs if run.name in runs]
         told = iter(range(len(picked)))
-        return compare_models(
-            hoist, picked, progress=lambda of: tell(f"run {of} on both models", next(told), len(picked))
-        )
+        said = lambda of: tell(f"run {of} on both models", next(told), len(picked))  # noqa: E731
+        return compare_models(hoist, picked, progress=said)
 
     jobs.write_view(section_of(write_models(compared, name, out)), out.parent / VIEW)
 
@@ -204,7 +165,7 @@ def _both_models(campaign: Campaign) -> None:
         "runs": [run.name for run in campaign.runs],
         "machine": machine_text(campaign.machine),
     }
-    own = jobs.jobs_of(session.work_folder(), MODELS)
+    own = session.own_jobs(MODELS)
     job = next((job for job in own if asked.items() <= job.arguments.items()), None)
     running = job is not None and not jobs.poll(job).ended
     if button.button("Compare models", width="stretch", key="validate models", disabled=running):
@@ -224,25 +185,17 @@ def _both_models(campaign: Campaign) -> None:
             "It takes some seconds a run, in a process of its own."
         )
     elif jobs.poll(job).state == "done":
-        try:
-            _models(job, jobs.read_view(Section, job))
-        except InputError as error:
-            problem(error)
+        with guarded(stop=False):
+            section, name = jobs.read_view(Section, job), re.sub(r"[^\w-]", "_", job.title)
+            points(section.sentences)
+            for shown in section.tables:
+                table(shown)
+            widgets.figures(section.figures, f"validate models {job.id}")
+            with st.container(horizontal=True):
+                files = [
+                    (words, job.file(f"result/{file}").read_bytes(), f"{name}-{file}", kind)
+                    for words, file, kind in MODEL_FILES
+                ]
+                widgets.downloads("validate models download", files)
     else:
         jobs.cards([job])
-
-
-def _models(job: Job, section: Section) -> None:
-    """Sentences, table and figures of the report, and its files."""
-    import plotly.graph_objects as go
-
-    points(section.sentences)
-    for shown in section.tables:
-        table(shown)
-    for number, (figure, note) in enumerate(section.figures):
-        chart(go.Figure(figure), f"validate models {job.id} {number}", note)
-        st.caption(plain(note))
-    name = "".join(c if c.isalnum() or c in "-_" else "_" for c in job.title)
-    with st.container(horizontal=True):
-        files = [(words, job.file(f"result/{f}").read_bytes(), f"{name}-{f}", kind) for words, f, kind in MODEL_FILES]
-        widgets.downloads("validate models download", files)

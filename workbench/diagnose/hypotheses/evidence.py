@@ -9,7 +9,8 @@ parameter costs ln(n) (G. Schwarz, Annals of Statistics 6, 1978), n independent 
 
 A score weighs what a hypothesis explains as if all that is left were noise and a random model error. Two discounts are
 taken off what the data give, none off what the tolerances say: an effect may be of the form of the machine's own
-model error (`beyond_model_error`), and a second effect may only mend the first one's inexact law (`inexact`).
+model error (`beyond_model_error`), and beside a play it may only mend when the teeth meet (`inexact`). Whether a
+further effect only mends the law of the others is asked of the answer (`verdict/free_law.py`).
 """
 
 from __future__ import annotations
@@ -119,11 +120,10 @@ def only_mends(problem: Problem, effect: str) -> bool:
     return problem.struck and _is_lag(problem, effect)
 
 
-def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score, law: float | None = None) -> float:
-    """The gain that a further effect could have by correcting the inexact law of this fit: `law` of what the fit
-    explains, as rms, SECOND by default; BESIDE_PLAY where that is a play with its impacts."""
-    off = settings.SECOND if law is None else law
-    off = settings.BESIDE_PLAY if problem.struck and PLAY in fit.effects else off
+def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score, law: float = 0.0) -> float:
+    """The gain that another effect could have by correcting the inexact law of this fit: `law` of what the fit
+    explains, as rms; BESIDE_PLAY where that is a play with its impacts."""
+    off = settings.BESIDE_PLAY if problem.struck and PLAY in fit.effects else law
     return off**2 * explained(problem, near, fit, score)
 
 

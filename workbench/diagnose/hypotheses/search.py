@@ -152,7 +152,7 @@ def searched(
     search.hear_impacts()
     result = search.causes(1 if quick else most_effects, FEW, LARGE)  # enough to tell the sizes, in most campaigns
     if quick:
-        return search.exact(result)
+        return search.exact(result, 1)
     fits: Sequence[Fitted] = [result.base, *result.fits.values()]
     left, whole = MOST_SIZES, False
     while True:
@@ -161,10 +161,10 @@ def searched(
             search, left, resized = search.with_sizes(sizes), left - 1, True
             fits = search.leaders_again(fits)
         if whole and not resized:
-            return search.exact(result)
+            return search.exact(result, most_effects)
         result, whole = search.causes(most_effects, REFITTED, 0.0), True
         if not search.found:  # the default sizes have served
-            return search.exact(result)
+            return search.exact(result, most_effects)
         fits = [result.base, *result.fits.values()]
 
 
@@ -276,8 +276,8 @@ class Search:
                 break
         return result
 
-    def exact(self, result: SearchResult) -> SearchResult:
-        """The result with what counts refitted at every sample of the logs."""
+    def exact(self, result: SearchResult, most: int) -> SearchResult:
+        """The result with what counts refitted at every sample of the logs. most: effects at once."""
         if not self.problem.thin:
             return result
         problem = self.problem.exact()
@@ -292,13 +292,32 @@ class Search:
                 counts |= {max(combinations(names, size - 1), key=lambda part: evidence.get(part, -math.inf))}
         near = result.within_tolerances
         base = again(result.base)
-        return replace(
+        found = replace(
             result,
             problem=problem,
             base=base,
             within_tolerances=base if near is result.base else again(near),
             fits={names: again(fit) if names in counts else fit for names, fit in result.fits.items()},
         )
+        return self._beside_waves(found, most)
+
+    def _beside_waves(self, result: SearchResult, most: int) -> SearchResult:
+        """The result with the waves of a motor's turn sought beside the leading hypothesis at every sample of the logs:
+        between the samples simulated such a turn may pass, and its wave looks like a slower one, or like none."""
+        search = copy(self)
+        search.problem, search.fits, search.scanned = result.problem, dict(result.fits), ()
+        leading = next((w for w in search.weighed(result) if not w.rival), None)
+        if leading is None or len(leading.names) >= most:
+            return result
+        turning = [e for e in self.effects.values() if any(r.scan == "order" for r in self._ranges(e))]
+        signatures = search._signatures([e for e in turning if self._new_to(leading.names, e.id)], leading.fit)
+        for name, promise in search._promised(leading.fit, signatures).items():
+            if search._worth(leading.fit, promise) > settings.calibration()["pair"] - SLACK:
+                names = tuple(sorted((*leading.names, name)))
+                search.fits.pop(names, None)
+                search._try(names, lambda promise=promise: search._fit_with(leading.fit, promise))  # type: ignore[misc]
+                search._finish(result.base, [names])
+        return search._found(result.base, result.within_tolerances, result.signatures)
 
     def leaders_again(self, found: Sequence[Fitted]) -> list[Fitted]:
         """The likeliest of the fits of a search with other sizes, refitted with these."""
@@ -398,7 +417,7 @@ class Search:
             name
             for k, name in enumerate(order)
             if k < ALWAYS or name in strained or (k < refitted and promised[name].evidence > HOPELESS)
-            or self._worth_alone(near, promised[name]) > 0.0
+            or self._worth(near, promised[name]) > 0.0
         ]  # fmt: skip
         order = [name for name in order if (name,) not in self.fits]
         for k, name in enumerate(order):
@@ -547,7 +566,7 @@ class Search:
             again = self._signatures([e for e in self.effects.values() if self._new_to(w.names, e.id)], leader)
             inexactly = inexact(self.problem, result.within_tolerances, leader, w.score)
             added = [
-                (self._worth_beside(leader, promise, inexactly), promise)
+                (self._worth(leader, promise, inexactly), promise)
                 for promise in self._promised(leader, again).values()
                 if promise.evidence > 0.0 and promise.gain > least * leader.chi2
             ]
@@ -572,16 +591,6 @@ class Search:
     def weighed(self, result: SearchResult) -> tuple[Weighed, ...]:
         """All fits so far, as the verdict weighs them."""
         return weigh(self.problem, result.base, result.within_tolerances, self.fits, self.rivals)[0]
-
-    def _worth_beside(self, leader: Fitted, promise: Promise, least: float) -> float:
-        """The evidence that a further effect adds to a leader, by its linear estimate. least: the gain that the
-        leader's inexact law alone could give."""
-        left = self._beside(leader, promise)
-        if not np.all(np.isfinite(left)):
-            return -math.inf
-        data = discounted(self.problem, (promise.signature.effect.id,), promise.data, leader.residual, left)
-        paid = promise.gain - promise.evidence
-        return promise.gain - promise.data + beyond(data, least) - paid
 
     def _drop(self, base: Fitted) -> None:
         """Refit each effect of the leading pair alone, started from the pair: a pair needs both effects to earn their
@@ -653,12 +662,13 @@ class Search:
         data = likeliest(self.problem, at.residual)[0] - value
         return discounted(self.problem, (promise.signature.effect.id,), data, at.residual, left, sizes, not at.effects)
 
-    def _worth_alone(self, near: Fitted, promise: Promise) -> float:
-        """The evidence of one effect by its linear estimate, less what may be model error: what relieves the tolerances
-        counts beside effects that take much of a remainder."""
+    def _worth(self, at: Fitted, promise: Promise, least: float = 0.0) -> float:
+        """The evidence that one more effect adds to a fit by its linear estimate, less what may be model error: what
+        relieves the tolerances counts beside effects that take much of a remainder. least: the gain that the fit's
+        inexact law alone could give."""
         if promise.evidence <= 0.0:
             return promise.evidence
-        return promise.evidence - promise.data + self._beyond(near, promise)
+        return promise.evidence - promise.data + beyond(self._beyond(at, promise), least)
 
     def _beside(self, at: Fitted, promise: Promise) -> Array:
         """(samples,) what a fit leaves beside a promised effect, its own parameters refitted linearly; not finite where

@@ -16,7 +16,6 @@ MOST_EFFECTS = 5  # that are looked for at once
 
 # Evidence
 NOISE_KNOWN = 0.15  # of an axis' noise, rms: what is told of it by its log, which is all that is known of it
-SECOND = 0.06  # of what the first effect explains, rms: the smallest second one
 LAW = 0.15  # of what a law explains, rms: so far a real machine is off the simpler law; EMPS 0.1 off viscous friction
 DECISIVE = 12.0  # evidence within which another hypothesis is as good, listed or not
 SIMPLER = 0.05  # of its evidence: a simpler law that lacks no more of it is alike
@@ -24,16 +23,15 @@ NUISANCE = 3.0  # standard deviations of a tolerance or an effect's nuisance amo
 
 # Impacts of a play
 IMPACTS = 150.0  # evidence of a play where impacts come again: no other effect has them, and no fit looks at them
-BESIDE_PLAY = 0.3  # as SECOND, where the first is a play: when its teeth meet is foretold to some milliseconds only
+BESIDE_PLAY = 0.3  # as LAW, of a play beside another cause: when its teeth meet is foretold to some milliseconds only
 LAGS = 0.1  # of the energy that a play takes: what a lag leaves of it that made the impacts itself; a play has left 0.2
 
 # A law that holds
 VARIES = 0.08  # share: a true cause has shown 0.076 at most (a lag), mimics 0.09 and more
 RESTS = 0.25  # rest: 0.2 at most, and 0.4 and more
 FORETOLD = 0.1  # of what is left: so much a curve, a change of amount or the base parameters take up by chance
-UNDONE = 0.4  # logarithm of energies: as far two causes undo each other by chance; of 30 true pairs two did by 0.5
 SMOOTHED = 0.2  # of a filter's lag: as far the delays of two causes agree by chance in one of ten
-HALF = 0.5  # of the best one's evidence: what a part of it has to have
+HALF = 0.5  # of the best one's evidence: what a part of it needs; of the energy of several shares: their sum
 
 # An unknown cause
 BY_CHANCE = {False: 2.0, True: 1.0}  # standard deviations by which tolerances are stretched by chance: more without a

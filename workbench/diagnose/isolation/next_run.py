@@ -225,7 +225,7 @@ def separation(true: Fitted, rival: Fitted, lines: Sequence[tuple[Line, Line]]) 
 
 
 def _why(problem: Problem, fits: Sequence[Fitted], best: Offer, now: float, settled: float) -> str:
-    names = [" with ".join(fit.effects) or "no effect" for fit in fits]
+    names = [" with ".join(fit.effects) or "a machine without an effect" for fit in fits]
     rivals = names[1] if len(names) == 2 else f"{', '.join(names[1:-1])} and {names[-1]}"
     load = f"a run with {best.planned.payload_kg:g} kg" if kind_of(problem.machine).payload else "a run"
     signals = f" and with {' and '.join(best.signals)} logged" if best.signals else ""

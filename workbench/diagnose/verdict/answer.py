@@ -83,9 +83,10 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One row of the ranking. twins: what differs from it in name only; the probability is of all."""
+    """One row of the ranking. twins: what differs from it in name only; the probability is of all. verdict: "missed"
+    beside an answer of no gap or of an unknown cause: a listed effect that no fit has found, whichever it is."""
 
-    verdict: VerdictWord
+    verdict: VerdictWord | Literal["missed"]
     effects: Names
     probability: float
     twins: tuple[Names, ...] = ()
@@ -145,19 +146,21 @@ def rank(
     answer = _rows(evidence, _shares(evidence, x, numbers), groups)[0]
     if x < 0.0:
         x *= numbers["surer"]
-    rows = _rows(evidence, _with_misses(_shares(evidence, x, numbers), numbers), groups)
+    rows = _rows(evidence, _with_misses(_shares(evidence, x, numbers), numbers, answer.verdict == "named"), groups)
     first = next(row for row in rows if (row.verdict, row.effects) == (answer.verdict, answer.effects))
     return (first, *sorted((row for row in rows if row is not first), key=lambda row: -row.probability))
 
 
 def shared(ranking: Sequence[Hypothesis], alike: Names, most: float = 0.5) -> tuple[Hypothesis, ...]:
     """The ranking where the runs cannot tell the answer from others: its probability is `most` at the most. What it
-    gives up goes to the hypotheses with effects of `alike`; where none is ranked, to all others, in proportion."""
+    gives up goes to the hypotheses with effects of `alike`; where none is ranked, they are unlisted, and an unknown
+    cause has it; without any, all others in proportion."""
     first, *rest = ranking
     surplus = first.probability - most
     if surplus <= 0.0 or not rest:
         return tuple(ranking)
-    heirs = [k for k, row in enumerate(rest) if set(row.effects) & set(alike)] or list(range(len(rest)))
+    heirs = [k for k, row in enumerate(rest) if set(row.effects) & set(alike)]
+    heirs = heirs or [k for k, row in enumerate(rest) if row.verdict == "unknown" and alike] or list(range(len(rest)))
     total = sum(rest[k].probability for k in heirs)
     for k in heirs:
         share = rest[k].probability / total if total > 0.0 else 1.0 / len(heirs)
@@ -178,6 +181,7 @@ class _Shares:
     no_gap: float
     unknown: float
     named: Array
+    missed: float = 0.0
 
 
 def _shares(evidence: Sequence[tuple[Names, float]], x: float, numbers: Mapping[str, float]) -> _Shares:
@@ -193,17 +197,18 @@ def _shares(evidence: Sequence[tuple[Names, float]], x: float, numbers: Mapping[
     return _Shares(float(shares[0]), unknown + rivals, np.where(listed, shares[1:], 0.0))
 
 
-def _with_misses(shares: _Shares, numbers: Mapping[str, float]) -> _Shares:
-    """What is stated: of no gap and of an unknown cause less, for so many of them are a listed cause that the fits have
-    missed. What they lose goes to the hypotheses in proportion."""
+def _with_misses(shares: _Shares, numbers: Mapping[str, float], named: bool) -> _Shares:
+    """What is stated: of no gap and of an unknown cause less, for so many of such answers are a listed cause that the
+    fits have missed. Which one, they do not say: it is a row of its own. Beside a named answer it is shared by the
+    hypotheses in proportion."""
     total = float(np.sum(shares.named))
     if total <= 0.0:
         return shares
-    no_gap, unknown = (
-        (1.0 - numbers["missed_no_gap"]) * shares.no_gap,
-        (1.0 - numbers["missed_unknown"]) * shares.unknown,
-    )
-    return _Shares(no_gap, unknown, shares.named * (1.0 - no_gap - unknown) / total)
+    no_gap = (1.0 - numbers["missed_no_gap"]) * shares.no_gap
+    unknown = (1.0 - numbers["missed_unknown"]) * shares.unknown
+    if named:
+        return _Shares(no_gap, unknown, shares.named * (1.0 - no_gap - unknown) / total)
+    return _Shares(no_gap, unknown, shares.named, shares.no_gap - no_gap + shares.unknown - unknown)
 
 
 def _rows(
@@ -220,6 +225,7 @@ def _rows(
             together[first] = together.get(first, 0.0) + float(share)
     rows = [Hypothesis("no_gap", (), shares.no_gap), Hypothesis("unknown", (), shares.unknown)]
     rows += [Hypothesis("named", names, share, others.get(names, ())) for names, share in together.items()]
+    rows += [Hypothesis("missed", (), shares.missed)] if shares.missed > 0.0 else []
     total = {"no_gap": shares.no_gap, "unknown": shares.unknown, "named": sum(together.values())}
     word = max(total, key=lambda verdict: total[verdict])
     rows.sort(key=lambda row: (row.verdict != word, -row.probability))

@@ -18,6 +18,9 @@ function of w itself, as a level of friction is of the speed, would else be give
 A level each way is no law of w at all, but what friction or an offset is declared as: of a machine that leaves itself
 laws of its own, f is without it.
 
+Beside other causes f is one more that was chosen of many, and pays for that as a listed one does. So whatever the form
+of what an inexact law of theirs leaves, the next cause is credited with what it gains beside that alone.
+
 A true cause leaves less for f to take, or something that f cannot take, and is worth much. Several effects that only
 imitate one law together (a bent sensor by gain, offset and friction with the load) are worth less than nothing.
 """
@@ -49,7 +52,8 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     """
     less, rms = less or base, base.rms(problem.inputs)
     sized, more = problem.with_model_error(cause.score.sizes), len(cause.names) - max(len(less.effects), 1)
-    paid = cost(problem, len(cause.fit.z) - len(less.z)) + settings.calibration()["pair"] * more
+    pair = settings.calibration()["pair"]
+    paid, price = cost(problem, len(cause.fit.z) - len(less.z)) + pair * more, pair if less.effects else 0.0
     alone, beside = (Projection.of(sized, fit) for fit in (less, cause.fit))
     added = [(name,) for name in cause.names if name not in less.effects]
     own, _ = np.linalg.qr(alone.clean(parts_of(problem, cause.fit, added).T))
@@ -60,7 +64,7 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
         if level:
             rows[:, :-1] -= own @ (own.T @ rows[:, :-1])
         there, here = np.column_stack([beside.clean(shape), beside.residual]), rows - own @ (own.T @ rows)
-        one, *both = (score(each[:, :-1], each[:, -1], roots, rms) for each in (rows, there, here))
+        one, *both = (score(each[:, :-1], each[:, -1], roots, rms, price) for each in (rows, there, here))
         least = min(least, (one - min(both) - paid, label))
     return least
 
@@ -95,9 +99,9 @@ def _root(correlation: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def score(columns: Array, residual: Array, roots: list[Array], rms: float) -> float:
+def score(columns: Array, residual: Array, roots: list[Array], rms: float, price: float = 0.0) -> float:
     """Of a law with these columns (rows, k), whitened and clean as the residual (rows,) is, up to what all fits have:
-    on average over its lengths and sizes, for the likelihood is an average over what nobody knows."""
+    on average over its lengths and sizes, which nobody knows, and at its `price`; or without it."""
     gram, pull, fallen = columns.T @ columns, columns.T @ residual, []
     for root in roots:
         values, vectors = np.linalg.eigh(root.T @ gram @ root)
@@ -106,4 +110,5 @@ def score(columns: Array, residual: Array, roots: list[Array], rms: float) -> fl
             variance = (size * rms) ** 2
             spread = 1.0 + variance * np.maximum(values, 0.0)
             fallen.append(float(np.sum(variance * energy / spread - np.log(spread))))
-    return float(residual @ residual) - 2.0 * float(logsumexp(0.5 * np.array(fallen)) - np.log(len(fallen)))
+    mean = float(logsumexp(0.5 * np.array(fallen))) - np.log(len(fallen))
+    return float(residual @ residual) - max(2.0 * mean - price, 0.0)

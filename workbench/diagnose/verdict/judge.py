@@ -92,7 +92,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         held, score = best.fit, best.score
     floor = math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
     left, share = left_of(problem, near, held, floor)
-    signs = signs_of(problem, search.base, held, score, left, share)
+    signs = signs_of(problem, held, score, left, share)
     if stands:
         signs["left"] = 0.0  # what an established cause leaves is a remainder
     vetoes = vetoes_of(problem, near, weighed, best)
@@ -224,8 +224,9 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     last, more = w.names[-1], w.fit.chi2 / max(near.chi2, 1e-300) - 1.0  # as weighed: near standstill no law is exact
     if more > 0.0 and not (problem.struck and PLAY in w.names):  # what a play leaves are the rebounds
         return Constancy(last, "residual", more)
-    if (undone := cancellation(problem, w.fit, len(near.z))) > settings.UNDONE or smooths(problem, w.fit):
-        return Constancy(last, OTHER, max(undone, settings.UNDONE))
+    undone = cancellation(problem, w.fit, len(near.z))
+    if undone > -math.log(settings.HALF) or smooths(problem, w.fit):
+        return Constancy(last, OTHER, max(undone, -math.log(settings.HALF)))
     return Constancy(last, BOUND, 1.0) if _on_bound(w.fit, len(near.z)) else None
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.evidence import PLAY, Score, explained
+from workbench.diagnose.hypotheses.evidence import PLAY, Score
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of, logarithmic_of
 from workbench.diagnose.hypotheses.held_out import folds_by_run
@@ -37,10 +37,10 @@ HEAVIEST = 12.0  # logarithm of the tolerances' weight: nothing is left of any d
 HALVED = 40  # times
 
 
-def signs_of(problem: Problem, near: Fitted, held: Fitted, score: Score, left: Left, share: float) -> dict[str, float]:
+def signs_of(problem: Problem, held: Fitted, score: Score, left: Left, share: float) -> dict[str, float]:
     """What speaks for a cause that no hypothesis holds, each 0 where nothing does.
 
-    near: the fit without effects; held: of the answer, which explains `share` of the gap's energy. left: the logarithm
+    held: the fit of the answer, which explains `share` of the gap's energy. left: the logarithm
     of the model error that it needs, over the default, in full where it leaves MUCH of that energy, less where less;
     prior: the distance of the base parameters from nominal beyond chance and beyond what an inexact effect explains, in
     standard deviations above BY_CHANCE (see `tolerance_excess`).
@@ -51,10 +51,7 @@ def signs_of(problem: Problem, near: Fitted, held: Fitted, score: Score, left: L
     if held.effects:  # an inexact law bends the base parameters, and so does a remainder
         open_share = min((1.0 - share) / MUCH, 1.0)
         noise = problem.noise / max(held.rms(problem.inputs), 1e-300)
-        bent = (
-            settings.SECOND**2 * explained(problem, near, held, score)
-            + settings.FORETOLD * max(1.0 - noise**2, 0.0) * held.chi2
-        )
+        bent = settings.FORETOLD * max(1.0 - noise**2, 0.0) * held.chi2
     return {
         "left": open_share * _unexplained(problem, held, left, score.excess),
         "prior": max(tolerance_excess(problem, held, bent) - settings.BY_CHANCE[bool(held.effects)], 0.0),
