@@ -292,12 +292,15 @@ def sizes_of(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Sizes:
 
 def _where_it_went(r: Ranged, machine: Hoist | Axis, runs: Sequence[Run]) -> Ranged:
     """Where the log says where a machine is, its zero may lie anywhere: a place along its way is looked for where
-    its runs have been. A wave is one that comes again on that way: of less than WAVES, nobody can say so."""
+    its runs have been. A wave is one that comes again on that way: of less than WAVES, nobody can say so; and it has
+    one phase in all runs that log where they are."""
     kind = kind_of(machine)
-    if r.scan not in ("position", "order") or not kind.moved.placed_by_log:
+    if r.scan not in ("position", "order", "phase") or not kind.moved.placed_by_log:
         return r
     position = kind.plant.positions[kind.plant.placed]
     been = [run[position] for run in runs if position in run]
+    if r.scan == "phase":
+        return replace(r, per_run=r.per_run and (len(been) < len(runs) or not runs))
     low, high = min(map(np.min, been), default=0.0), max(map(np.max, been), default=0.0)
     if not high > low:
         return r
