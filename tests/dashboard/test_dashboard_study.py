@@ -253,3 +253,19 @@ def test_the_command_serves_on_localhost_from_any_folder_and_ends_its_server(tmp
         assert opened.read_text(encoding="utf-8").strip() == f"http://127.0.0.1:{port}"
     with socket.socket() as after:
         assert after.connect_ex(("127.0.0.1", port)) != 0
+
+
+# Drawn in a process of its own, as a first visit does; what pandas costs is a third of the imports before it.
+_DRAWN = """
+import sys
+from tests.support.dashboard_app import figures, page
+app = page("Study").run()
+assert not app.exception and len(figures(app)) == 2
+heavy = ("pandas", "matplotlib", "control", "exudyn", "pymodbus", "asyncua", "scipy.stats", "scipy.signal")
+print([name for name in heavy if name in sys.modules])
+"""
+
+
+def test_the_first_page_imports_nothing_heavy_that_it_does_not_show():
+    done = subprocess.run([sys.executable, "-c", _DRAWN], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"

@@ -204,6 +204,14 @@ def test_the_jacobian_is_the_slope(hoist: Problem):
     assert some == pytest.approx(base, abs=0.02 * hoist.noise)  # lanes that differ in time take other steps
 
 
+def test_where_every_sample_counts_it_does_for_each_setting(hoist: Problem):
+    exact, settings = hoist.exact(), [{}, {"m_c": 8200.0}, {"F_up": 7000.0}, {"E": 1.05e11}]
+    together, alone = exact.residuals(settings), np.concatenate([exact.residuals([setting]) for setting in settings])
+    off = [rms(a - b) for a, b in zip(together, alone, strict=True)]
+    assert max(off) < 0.01 * hoist.noise
+    assert rms(hoist.residuals([{}])[0] - alone[0]) > 3.0 * max(off)  # the thinned samples do not show it
+
+
 def test_the_dead_lines_tension_stands_behind_the_torque_on_its_scale():
     runs = [add_tension(run, seed) for seed, run in enumerate(hoist_runs(default_hoist()))]
     problem = Problem(default_hoist(), runs)

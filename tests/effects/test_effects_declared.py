@@ -6,10 +6,12 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.support.effect_machines import MACHINES
 from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.effects import (
     Effect,
     Parameter,
@@ -74,6 +76,18 @@ def test_bounds_scale_and_start_grow_with_the_machine(kind, name):
     for amount in ranges_of(find(name, kind), machine):
         assert amount.lowest <= amount.start <= amount.highest and amount.scale > 0.0
         assert amount.symbol == f"{name}__{amount.name}"
+
+
+def test_a_ripple_has_one_phase_in_all_runs_that_log_where_they_are():
+    """Else its own in each: a hoist's start height, and an axis that logs speeds, leave the motor's angle open."""
+    t = np.linspace(0.0, 1.0, 5)
+    placed, moved = ([Run("a", t, {name: 9.0 * t, "torque_nm": t})] * 2 for name in ("angle_rad", "speed_rad_s"))
+    for kind, runs, own in (
+        ("axis-rotary", placed, False), ("axis-rotary", moved, True), ("axis-rotary", [placed[0], moved[1]], True),
+        ("axis-rotary", [], True), ("hoist", [], True),
+    ):  # fmt: skip
+        ranges = ranges_of(find("torque_ripple", kind), MACHINES[kind], runs)
+        assert [r.per_run for r in ranges if r.scan == "phase"] == [own], (kind, runs)
 
 
 @pytest.mark.parametrize(

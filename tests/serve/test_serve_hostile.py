@@ -13,27 +13,17 @@ import pytest
 
 from benchmarks.attack.packets import attack
 from benchmarks.serve import Client, Served, command_packet, state_in
+from tests.serve.test_serve import BITS, HOIST, Hand
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
-from workbench.machines import default_hoist, save_machine
+from workbench.machines import save_machine
 from workbench.serve import tcp
 from workbench.serve.plant import LivePlant
 from workbench.serve.serve import Wish
-from workbench.serve.session import FLAGS, MOST_BEHIND_S, Session
+from workbench.serve.session import MOST_BEHIND_S, Session
 from workbench.serve.udp import BYTE_ORDER, SILENT_S
 
-HOIST = default_hoist()
-BITS = {name: 1 << i for i, (name, _) in enumerate(FLAGS)}
 TOKEN = "winch-7-bench"
-
-
-class Hand:
-    """A clock that is set by hand."""
-
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def session_of(payload_kg: float = 4500.0, clock: Hand | None = None, said: list[str] | None = None) -> Session:

@@ -117,3 +117,25 @@ def test_a_load_on_its_coupling_swings_at_its_own_frequency_after_the_motor_has_
     free = np.sqrt(20.0 * (1 / 0.002 + 1 / 0.003)) / (2.0 * np.pi)
     held = np.sqrt(20.0 / 0.003) / (2.0 * np.pi)
     assert 0.95 * held < measured < free
+
+
+@pytest.mark.parametrize("distance", [1e-9, 1e-8, 1e-7, 1e-6])
+def test_friction_that_builds_up_over_next_to_no_distance_is_friction_that_jumps(distance):
+    """Below what a step of a millisecond resolves too: there the bristles' own equation has no stable step."""
+    light = with_values(emps(), {"mass_kg": 5.0})
+    settings = CASCADE.model_copy(update={"kp": CASCADE.kp / 19.0, "ki": CASCADE.ki / 19.0})
+    bristles = light.model_copy(update={"allowances": {"presliding": {"distance_m": distance}}})
+    jumps, builds_up = (followed(axis, settings, there_and_back()).metrics for axis in (light, bristles))
+    assert builds_up["peak_force_n"] == pytest.approx(jumps["peak_force_n"], rel=0.05)
+    assert builds_up["tracking_error_max_m"] == pytest.approx(jumps["tracking_error_max_m"], rel=0.5)
+
+
+@pytest.mark.parametrize("mass_kg", [0.6, 5.0, 95.0])
+def test_shorter_steps_tell_nothing_else(mass_kg):
+    """The lighter the axis, the more sharply its friction turns over: of 0.6 kg within 3 microseconds."""
+    share = mass_kg / 95.1089
+    axis = with_values(emps(), {"mass_kg": mass_kg})
+    settings = CASCADE.model_copy(update={"kp": CASCADE.kp * share, "ki": CASCADE.ki * share})
+    usual, finer = (followed(axis, settings, there_and_back(), step_s=step).metrics for step in (1e-3, 2e-5))
+    for name in ("peak_force_n", "rms_force_n", "tracking_error_max_m", "tracking_error_rms_m"):
+        assert usual[name] == pytest.approx(finer[name], rel=0.01), name

@@ -53,22 +53,32 @@ def test_the_driven_simulation_gives_back_the_torque_of_the_closed_loop(runs):
 
 
 def test_every_part_of_the_effects_predicts_what_the_whole_does(runs):
-    """Every effect at work alone: in the smallest part that has it, and with none left out."""
+    """Every effect at work alone: in the smallest part that has it, and with none left out. Each run alone, for runs
+    that are simulated together take the same steps, and rounding may halve one of them."""
     active = searchable(MACHINE, runs)
-    whole = InverseSimulation(MACHINE, runs, 1.7, active)
-    by_parts = InverseSimulation(MACHINE, runs, 1.7, active, parts(MACHINE, runs))
     at_work: list[dict[str, float]] = [{}]
     for effect in effects_for("hoist").values():
         if not effect.on_sensor:
             at_work.append({r.symbol: r.start for r in ranges_of(effect, MACHINE, runs)})
     needed = set()
-    for values in at_work:
-        sets = [[changed(p, values) for p in whole.base]]
-        tables = [np.array([[vars(p)[symbol]] for symbol in whole.symbols]) for p in sets[0]]
-        needed.add(int(by_parts.parts_needed(tables)[0]))
-        for (full, _), (part, _) in zip(whole.predict(sets)[0], by_parts.predict(sets)[0], strict=True):
+    for run in runs:
+        whole = InverseSimulation(MACHINE, [run], 1.7, active)
+        by_parts = InverseSimulation(MACHINE, [run], 1.7, active, parts(MACHINE, runs))
+        for values in at_work:
+            sets = [[changed(p, values) for p in whole.base]]
+            table = np.array([[vars(sets[0][0])[symbol]] for symbol in whole.symbols])
+            needed.add(int(by_parts.parts_needed([table])[0]))
+            (full, _), (part, _) = whole.predict(sets)[0][0], by_parts.predict(sets)[0][0]
             assert part == pytest.approx(full, abs=1e-9 * np.max(np.abs(full)))
     assert needed == {0, 1, 2}
+
+
+def test_runs_that_are_simulated_together_are_what_each_one_is_alone(runs):
+    together = InverseSimulation(MACHINE, runs, 1.7).balances()
+    for run, balance in zip(runs, together, strict=True):
+        (alone,) = InverseSimulation(MACHINE, [run], 1.7).balances()
+        assert balance.predicted == pytest.approx(alone.predicted, abs=1e-4 * np.max(np.abs(alone.predicted)))
+        assert balance.states == pytest.approx(alone.states, abs=1e-4 * np.max(np.abs(alone.states)))
 
 
 def test_a_force_that_the_model_lacks_shows_in_the_residual_with_its_size(runs):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,14 @@ from workbench.core.run import Run
 from workbench.machines import Hoist, default_hoist, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import LoopCase, simulate_loop
-from workbench.study.consequences import Consequences, as_json, consequences_of, consequences_table, small_study
+from workbench.study.consequences import (
+    Consequences,
+    _sentences,
+    as_json,
+    consequences_of,
+    consequences_table,
+    small_study,
+)
 from workbench.study.load import load_study
 from workbench.study.run import run_study
 
@@ -71,6 +79,16 @@ def test_gearbox_inertia_adds_its_torque_to_the_peak(heavier: Consequences):
         more = row.after["peak_torque_motor_nm"] - row.before["peak_torque_motor_nm"]
         assert more == pytest.approx(0.3 * alpha / 2.0, rel=0.15)
         assert row.percent("peak_torque_motor_nm") == pytest.approx(100.0 * more / row.before["peak_torque_motor_nm"])
+
+
+def test_what_was_nothing_goes_from_nothing_and_no_percentage_is_told_of_it(heavier: Consequences):
+    name = "peak_torque_motor_nm"
+    first, *others = heavier.rows
+    idle = replace(first, before=replace(first.before, metrics={**first.before.metrics, name: 0.0}))
+    sentences = _sentences(replace(heavier, rows=(idle, *others)), HEAVIER)
+    (of_peak,) = [sentence for sentence in sentences if "goes from 0 to" in sentence]
+    assert f"{first.after[name]:.3g} N m at" in of_peak
+    assert not any("nan" in sentence for sentence in sentences)
 
 
 def test_a_row_is_the_run_of_the_closed_loop(heavier: Consequences):

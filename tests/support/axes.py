@@ -50,10 +50,10 @@ def there_and_back(kind: str = "ruckig", by: float = 0.2, limits: Limits = LIMIT
     return plan_motion(kind, steps, 0.0, limits, (-np.inf, np.inf), 0.2, settle_s)
 
 
-def followed(machine: Axis, settings: Any, plan: Plan, record_every: int = 1) -> LoopResult:
+def followed(machine: Axis, settings: Any, plan: Plan, record_every: int = 1, step_s: float = 0.001) -> LoopResult:
     """The machine under a cascade along a plan."""
     profile = plan.sample(settings.sample_time_s)
     assert kind_of(machine).looped.position_loop
     case = LoopCase("run", machine, 0.0, 0.0, settings, profile.speed_m_s, position_reference=profile.position_m)
-    (result,) = simulate_loop([case], record_every=record_every)
+    (result,) = simulate_loop([case], record_every=record_every, step_s=step_s)
     return result

@@ -106,9 +106,8 @@ def usual_desk(machine: Hoist | Axis) -> Desk:
     kind = kind_of(machine)
     if kind.payload:
         loop = (2.5, 1.0)
-        gains = rigid_gains(shaft_inertia_kg_m2(cast(Hoist, machine)), *loop)
-        controller = START.controller.model_copy(update=dict(zip(START.controller.GAINS, gains, strict=True)))
-        return desk_of(changed(START, {"controller": controller.model_dump()}), machine, loop)
+        kp, ki = rigid_gains(shaft_inertia_kg_m2(cast(Hoist, machine)), *loop)
+        return desk_of(edited(START, machine, {"kp": kp, "ki": ki}), machine, loop)
 
     def short(value: float) -> float:
         return float(f"{value:.2g}")
@@ -179,13 +178,23 @@ def opened(scenario: Scenario, machine: Hoist | Axis) -> Scenario:
     for key in ("sweep", "sample"):
         if getattr(scenario, key) is not None:
             raise InputError("is a batch of runs; run it on the page Batches, or take it out", place=key)
-    kind = kind_of(machine)
-    unit = kind.moved.unit
+    kind, unit = kind_of(machine), kind_of(machine).moved.unit
     if not kind.payload and not isinstance(scenario.controller, Cascade):
         raise InputError(f"is a hoist's; {of_kind(machine)} takes kind: cascade", place="controller")
     if scenario.start is None or not scenario.moves or (kind.payload and scenario.payloads_kg is None):
         raise InputError(f"expected {'payloads_kg, ' * bool(kind.payload)}{key_in(unit, 'start_position_m')} and moves")
-    up, down = (_limits(scenario.limits, way, unit, 0.8 if kind.payload else None) for way in ("hoisting", "lowering"))
+
+    def limits(way: str) -> dict[str, float]:
+        """Of one direction; where none is given the jerk is one and a half ramps' worth, of a hoist 0.8 m/s³."""
+        given = scenario.limits.given() | getattr(scenario.limits, way).given()
+        for name in ("speed", "acceleration"):
+            if LIMITS[name] not in given:
+                place = f"limits.{key_in(unit, LIMITS[name])}"
+                raise InputError("is missing; expected a positive number", place=place)
+        usual = float(f"{1.5 * given[LIMITS['acceleration']] ** 2 / given[LIMITS['speed']]:.2g}")
+        return {key_in(unit, key): given.get(key, 0.8 if kind.payload else usual) for key in LIMITS.values()}
+
+    up, down = limits("hoisting"), limits("lowering")
     signals = START.outputs if kind.payload else THINNED
     return changed(
         scenario,
@@ -195,24 +204,6 @@ def opened(scenario: Scenario, machine: Hoist | Axis) -> Scenario:
             "outputs": signals if scenario.outputs.signals == "none" else scenario.outputs,
         },
     )
-
-
-def _limits(block: LimitsBlock, way: str, unit: str, jerk: float | None) -> dict[str, float]:
-    """Of one direction. jerk: where a scenario of trapezoids gives none; else one and a half ramps' worth."""
-    given = block.given() | getattr(block, way).given()
-    for name in ("speed", "acceleration"):
-        if LIMITS[name] not in given:
-            place = f"limits.{key_in(unit, LIMITS[name])}"
-            raise InputError("is missing; expected a positive number", place=place)
-    usual = jerk or float(f"{1.5 * given[LIMITS['acceleration']] ** 2 / given[LIMITS['speed']]:.2g}")
-    return {key_in(unit, key): given.get(key, usual) for key in LIMITS.values()}
-
-
-def fastest_m_s(machine: Hoist) -> float:
-    """What the motor's nominal speed allows, rounded down to what the slider shows."""
-    motor = machine.motor.nominal_speed_rad_s
-    allowed = allowed_carriage_speed_m_s(motor, machine.gearbox.ratio, machine.winch.drum_diameter_m)
-    return max(int(allowed * 100.0) / 100.0, min(allowed, 0.1))
 
 
 def fields_of(machine: Hoist | Axis, scenario: Scenario, start: float | None = None) -> dict[str, Field]:
@@ -226,7 +217,9 @@ def fields_of(machine: Hoist | Axis, scenario: Scenario, start: float | None = N
         called = "… that knows the wire (–)" if name == "wire" else f"Feed-forward of {name} (–)"
         fields[f"ff {name}"] = Field(called, ("controller", "feed_forward", name), 0.0, 1.0, 0.05)
     if (hoist := studied(machine)) is not None and kind.payload:
-        low, high = hoist.rail.lowest_position_m, hoist.highest_position_m
+        low, high, motor = hoist.rail.lowest_position_m, hoist.highest_position_m, hoist.motor.nominal_speed_rad_s
+        allowed = allowed_carriage_speed_m_s(motor, hoist.gearbox.ratio, hoist.winch.drum_diameter_m)
+        fastest = max(int(allowed * 100.0) / 100.0, min(allowed, 0.1))  # rounded down to what the slider shows
         up = high - (scenario.start or 0.0 if start is None else start)
         fields |= {
             "start": Field("Start height (m)", at, low, high - ROOM_M, 0.5),
@@ -237,7 +230,7 @@ def fields_of(machine: Hoist | Axis, scenario: Scenario, start: float | None = N
             "ki": Field("ki (N m/rad)", ki, 0.0, 600.0, 1.0, "%.4g", most=1e6),
         }
         hoisting = "hoisting " * bool(scenario.limits.lowering.given())
-        ranges = {"speed": (fastest_m_s(hoist), 0.01, None, ""), "acceleration": (1.5, 0.05, 20.0, ""),
+        ranges = {"speed": (fastest, 0.01, None, ""), "acceleration": (1.5, 0.05, 20.0, ""),
                   "jerk": (5.0, 0.1, 1e3, "The trapezoid has none.")}  # fmt: skip
         for before, way, block in (("", hoisting, ()), ("down ", "lowering ", ("lowering",))):
             for (name, (top, step, most, tip)), per in zip(ranges.items(), ("m/s", "m/s²", "m/s³"), strict=True):
@@ -513,11 +506,8 @@ def shipped_as(machine: Hoist | Axis) -> str | None:
 def scenario_file(scenario: Scenario, machine: Hoist | Axis, file: str = "") -> str:
     """The scenario as YAML. A hoist's own values are in it; an axis is named, by `file` where it does not ship."""
     if kind_of(machine).payload:
-        return standalone_text(scenario, cast(Hoist, machine))
-    data: dict[str, Any] = scenario.model_dump(mode="json", exclude={"extends"}, exclude_none=True)
-    data["machine"] = shipped_as(machine) or file or f"{scenario.name}_machine.yaml"
-    data["limits"] = {key: value for key, value in data["limits"].items() if value != {}}
-    return dumps({key: value for key, value in data.items() if value not in ({}, "")})
+        return standalone_text(scenario, machine)
+    return standalone_text(scenario, machine, shipped_as(machine) or file or f"{scenario.name}_machine.yaml")
 
 
 def files_of(scenario: Scenario, machine: Hoist | Axis) -> list[tuple[str, str, str]]:

@@ -72,6 +72,7 @@ class PlantProcess:
     def __init__(self, machine: Hoist, what: Wish | int) -> None:
         if sum(plant.alive for plant in _running) >= MOST_IN_ALL:
             raise InputError("this computer already serves the plants of others; try again in a while")
+        self.machine, self.what = machine, what
         self._line, other_end = multiprocessing.Pipe()
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "workbench.dashboard.plant", str(other_end.fileno())],

@@ -13,9 +13,9 @@ import logging
 import re
 import sys
 import threading
-from collections.abc import MutableMapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import streamlit as st
@@ -111,7 +111,13 @@ class Guard:
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message = self._with_headers(message, is_file="/media/" in str(scope["path"]))
+                own = {name for name, _ in self.headers}
+                kept = [pair for pair in message.get("headers", []) if pair[0].lower() not in own]
+                is_page = any(name.lower() == b"content-type" and said.startswith(b"text/html") for name, said in kept)
+                # The browser fetches the library while the script still computes what is to be drawn. A report that is
+                # downloaded is HTML too and needs none.
+                ahead = [self.ahead] if is_page and "/media/" not in str(scope["path"]) else []
+                message = {**message, "headers": [*kept, *self.headers, *ahead]}
             await send(message)
 
         host = next((value.decode("latin-1") for name, value in scope["headers"] if name == b"host"), "")
@@ -121,14 +127,6 @@ class Guard:
         if str(scope["path"]).endswith(METRICS):
             return await PlainTextResponse("Not found", 404)(scope, receive, guarded)
         return await self.app(scope, receive, guarded)
-
-    def _with_headers(self, message: MutableMapping[str, Any], is_file: bool) -> MutableMapping[str, Any]:
-        """is_file: a report that is downloaded, which is HTML too and needs no library."""
-        own = {name for name, _ in self.headers}
-        kept = [pair for pair in message.get("headers", []) if pair[0].lower() not in own]
-        is_page = any(name.lower() == b"content-type" and value.startswith(b"text/html") for name, value in kept)
-        # The browser fetches the library while the script still computes what is to be drawn.
-        return {**message, "headers": [*kept, *self.headers, *([self.ahead] if is_page and not is_file else [])]}
 
 
 def _plotly(request: Request) -> FileResponse:

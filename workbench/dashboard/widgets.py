@@ -192,12 +192,10 @@ def fold(label: str, key: str, icon: str = "") -> Any:
     return st.expander(label, key=f"fold {key}", icon=f":material/{icon}:" if icon else None, on_change="rerun")
 
 
-def tabs(titles: Sequence[str], key: str) -> Iterator[str]:
-    """The title of the tab that is looked at, inside it: no other is computed and drawn."""
-    for title, tab in zip(titles, st.tabs(titles, key=key, on_change="rerun"), strict=True):
-        if tab.open:
-            with tab:
-                yield title
+def tabs(titles: Sequence[str], key: str) -> list[tuple[str, Any]]:
+    """The title of the tab that is looked at, and its place: no other is computed and drawn."""
+    made = zip(titles, st.tabs(titles, key=key, on_change="rerun"), strict=True)
+    return [(title, tab) for title, tab in made if tab.open]
 
 
 # ---- figures ------------------------------------------------------------------------------------------------------

@@ -20,7 +20,8 @@ from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.machines import machine_of
 from workbench.machines import Axis, Hoist, kind_of
-from workbench.simulate.replay import ReplayResult, replay_runs
+from workbench.simulate.driven import InverseSimulation
+from workbench.simulate.replay import ReplayResult, simulate_replays
 
 if TYPE_CHECKING:
     from workbench.diagnose.unknown import Explained
@@ -372,7 +373,9 @@ def _speed(problem: Problem, machines: Sequence[Hoist | Axis | None]) -> float:
         machine = machines[j] if len(machines) == len(problem.runs) else machines[0]
         if machine is None:
             continue
-        error = replay_runs(machine, [run], problem.band_hz).speed_rmse_percent
+        bench = InverseSimulation(machine, [run], problem.band_hz)
+        (states,) = simulate_replays(bench)
+        error = 100.0 * rms(states[:, len(bench.plant.positions)] - bench.motions[0].speed) / bench.scale
         if math.isfinite(error):
             squares.append((error**2 * len(run.time_s), len(run.time_s)))
     total = sum(n for _, n in squares)

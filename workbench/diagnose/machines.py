@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar, cast
 
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Scalar, Setting
+from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Scalar, Setting, nuisance_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Ranged, find, of, ranges_of
 from workbench.machines import Axis, Hoist, kind_of, plant_of, value_names, with_values
@@ -47,10 +47,10 @@ def machine_of(
     )
 
 
-def refitted_machine(problem: Problem, base_keys: Mapping[str, Scalar], fitted: Fitted | Setting) -> Hoist | Axis:
+def refitted_machine(problem: Problem, base_keys: Mapping[str, Scalar], fit: Fitted | Setting) -> Hoist | Axis:
     """The nominal machine with the base values of a fit, or of its setting, the allowances and the lateness of the log,
     and no effect beyond the nominal ones."""
-    setting = fitted.setting if isinstance(fitted, Fitted) else fitted
+    setting = fit.setting if isinstance(fit, Fitted) else fit
     known = set(value_names(problem.machine))  # a load cell's gain is no value of the machine
     machine = with_values(
         problem.machine,
@@ -61,11 +61,14 @@ def refitted_machine(problem: Problem, base_keys: Mapping[str, Scalar], fitted: 
         },
     )
     allowances = dict(machine.allowances)
+    # A nuisance that keeps a state is never quite off in a fit; at its least it is none.
+    fitted = nuisance_parameters(problem.machine, problem.runs).values()
+    least = {one.symbol: one.least for one in fitted if isinstance(one, Scalar) and not one.logarithmic}
     for trace in kind_of(machine).nuisances:
-        ranges = _ranges(problem, trace.effect)
-        if trace.effect not in machine.effects and any(
-            r.vanishes_at is not None and setting.get(r.symbol, r.vanishes_at) != r.vanishes_at for r in ranges
-        ):
+        amounts = [r for r in _ranges(problem, trace.effect) if r.vanishes_at is not None]
+        none = [{r.vanishes_at, least.get(r.symbol, r.vanishes_at)} for r in amounts]
+        found = [setting.get(r.symbol, r.vanishes_at) not in of for r, of in zip(amounts, none, strict=True)]
+        if trace.effect not in machine.effects and any(found):
             allowances[trace.effect] = _values(problem, trace.effect, setting)
     late = machine.log.speed_late_s + _rounded(_first(setting.get(LOG_TIMING, 0.0)))
     log = machine.log.model_copy(update={"speed_late_s": max(late, 0.0)})

@@ -17,6 +17,7 @@ from workbench.effects.active import (
     logged,
     logged_input,
     logged_motion,
+    longest_step_s,
     moved_by,
     of,
     parts,

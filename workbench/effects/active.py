@@ -1,7 +1,8 @@
 """Effects at work: which ones with which values, as the plant, its kernels and the sensors take them.
 
 Kernels are not made per combination: one holds the whole library, and what is not chosen is
-at the value where it vanishes. A user's effects make one more, library and theirs together.
+at the value where it vanishes; two hold a part of it, and are quicker. A user's effects make more, library and
+theirs together.
 """
 
 from __future__ import annotations
@@ -81,6 +82,13 @@ def at_work(machine: Hoist | Axis) -> Mapping[str, Mapping[str, float]]:
     return wanted
 
 
+def longest_step_s(machine: Hoist | Axis, chosen: Chosen | None = None) -> float:
+    """The longest fixed step, s, that follows the machine and what its effects and the chosen ones keep."""
+    effects = (find(name, plant_of(machine).kind) for name in {**at_work(machine), **(chosen or {})})
+    own = kind_of(machine).longest_step_s(machine)
+    return min([own, *(state.step_s for effect in effects for state in effect.memory)])
+
+
 def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "effects") -> Active:
     """The machine's own effects, `chosen` ones (a scenario's, a candidate's) in place of or beside them.
 
@@ -111,6 +119,7 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     if in_plant:
         library = tuple(effect for effect in library_for(kind) if not effect.on_sensor)
         held = library if in_plant <= {effect.id for effect in library_effects()} else _in_plant(kind)
+        held = next(f for f in _families(kind, held) if in_plant <= {effect.id for effect in f})
     return _made(machine, held, _vanished(held, sizes) | values, sensors, of_runs)
 
 
@@ -154,27 +163,32 @@ def _made(
 
 
 def parts(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
-    """Parts of what `searchable` holds, the smallest first: what is linear in its amounts, with the traces that every
-    machine of the kind has; then all that is a force or a torque and keeps no state."""
-    kind, sizes = kind_of(machine), sizes_of(machine, runs)
-    everything = tuple(effect for effect in effects_for(kind.name).values() if not effect.on_sensor)
-    traces = {trace.effect for trace in kind.nuisances if trace.fitted}
-    forces = {port.place for port in kind.ports.values()}
+    """Parts of what `searchable` holds, the smallest first; see `_families`."""
+    kind, sizes = plant_of(machine).kind, sizes_of(machine, runs)
+    everything = _in_plant(kind)
+    made = []
+    for kept in _families(kind, everything)[:-1]:
+        off = {k: v for effect in everything if effect not in kept for k, v in _amounts(effect, sizes).items()}
+        made.append(Part(_made(machine, kept).effects, MappingProxyType(off)))
+    return tuple(made)
 
-    def of_these(wanted: Callable[[Effect], bool]) -> Part:
-        gone = tuple(effect for effect in everything if _amounts(effect, sizes) and not wanted(effect))
-        kept = _made(machine, tuple(effect for effect in everything if effect not in gone)).effects
-        off = {symbol: value for effect in gone for symbol, value in _amounts(effect, sizes).items()}
-        return Part(kept, MappingProxyType(off))
+
+@cache
+def _families(kind: str, effects: tuple[Effect, ...]) -> tuple[tuple[Effect, ...], ...]:
+    """Of effects in the plant, the smallest first: what is linear in its amounts, with the traces that every machine of
+    the kind has; with them all that is a force or a torque and keeps no state; all."""
+    traces = {trace.effect for trace in KINDS[kind].nuisances if trace.fitted}
+    forces = {port.place for port in KINDS[kind].ports.values()}
 
     def linear(effect: Effect) -> bool:
-        amounts = all(parameter.vanishes_at is not None for parameter in effect.parameters)
-        return effect.id in traces or (not effect.memory and amounts)
+        vanish = [parameter.vanishes_at is not None for parameter in effect.parameters]
+        return effect.id in traces or (not effect.memory and all(vanish)) or not any(vanish)
 
     def forceful(effect: Effect) -> bool:
-        return not effect.memory and effect.place_on(kind.name) in forces
+        return not effect.memory and effect.place_on(kind) in forces
 
-    return of_these(linear), of_these(lambda effect: linear(effect) or forceful(effect))
+    first = tuple(effect for effect in effects if linear(effect))
+    return first, tuple(effect for effect in effects if effect in first or forceful(effect)), effects
 
 
 def idle_sensors(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Mapping[str, float]:
@@ -278,12 +292,15 @@ def sizes_of(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Sizes:
 
 def _where_it_went(r: Ranged, machine: Hoist | Axis, runs: Sequence[Run]) -> Ranged:
     """Where the log says where a machine is, its zero may lie anywhere: a place along its way is looked for where
-    its runs have been. A wave is one that comes again on that way: of less than WAVES, nobody can say so."""
+    its runs have been. A wave is one that comes again on that way: of less than WAVES, nobody can say so; and it has
+    one phase in all runs that log where they are."""
     kind = kind_of(machine)
-    if r.scan not in ("position", "order") or not kind.moved.placed_by_log:
+    if r.scan not in ("position", "order", "phase") or not kind.moved.placed_by_log:
         return r
     position = kind.plant.positions[kind.plant.placed]
     been = [run[position] for run in runs if position in run]
+    if r.scan == "phase":
+        return replace(r, per_run=r.per_run and (len(been) < len(runs) or not runs))
     low, high = min(map(np.min, been), default=0.0), max(map(np.max, been), default=0.0)
     if not high > low:
         return r

@@ -23,6 +23,7 @@ traceable (`workbench.symbolic.expr`), without branches, and exactly zero at the
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -112,12 +113,14 @@ def amount(
 
 @dataclass(frozen=True)
 class EffectMemory:
-    """The state of an effect, `symbol` in its e; `rate`, `start` and `scale` as `plants.Memory`, with e between."""
+    """The state of an effect, `symbol` in its e; `rate`, `start` and `scale` as `plants.Memory`, with e between.
+    step_s: the longest of fixed steps that can follow it, s."""
 
     symbol: str
     rate: Callable[[Any, Any, Any], Scalar]
     start: Callable[[Any, Any], float]
     scale: Callable[[Any, Any], float]
+    step_s: float = math.inf
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -427,6 +427,7 @@ class Kind:
     payload: whether runs carry payloads. closed_loop: what studies, loop and tune ask of the kind; None: they are not
     for it. studies: whether the drawing, the multi-body model, the served plant and exported controllers are for it.
     whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.
+    longest_step_s: of fixed steps, that follow the machine (s).
     to_log: signals that one more run could log, cheapest first. zero_input: why an input of zero cannot be.
     """
 
@@ -472,6 +473,7 @@ class Kind:
     gravity: Callable[[Any], float] = lambda machine: STANDARD_GRAVITY
     dead_line: DeadLine | None = None
     turning: tuple[Turning, ...] = ()
+    longest_step_s: Callable[[Any], float] = lambda machine: math.inf
     to_log: tuple[str, ...] = ()
     zero_input: str = ""
     cross_checks: Callable[..., Iterator[CrossCheck]] | None = None

@@ -12,7 +12,7 @@ import numpy as np
 from workbench.control import lag_step
 from workbench.control.events import BRAKE_TORQUES, SWITCHED_BRAKE
 from workbench.core.errors import InputError, nearest
-from workbench.effects import Active, Effect, alone, find, joined, sizes_of
+from workbench.effects import Active, Effect, alone, find, joined, longest_step_s, sizes_of
 from workbench.engine.source import LAG
 from workbench.engine.stepped import LiveStep
 from workbench.machines import HOIST, Axis, Effects, Hoist, kind_of, of_kind
@@ -46,9 +46,11 @@ class LiveMachine:
         self.machine, self.kind = machine, kind_of(machine)
         self.plant = self.kind.plant
         self._start, self._start_payload_kg = self._begins_at(start, payload_kg), payload_kg
-        self._dt, self._substeps = step_s, max(1, math.ceil(step_s / self.longest_step_s - 1e-9))
         self._sizes = sizes_of(machine)
-        made = alone(machine, self._vanished(ready))
+        settable = self._vanished(ready)
+        longest_s = min(self.longest_step_s, longest_step_s(machine, settable))
+        self._dt, self._substeps = step_s, max(1, math.ceil(step_s / longest_s - 1e-9))
+        made = alone(machine, settable)
         active = Active(self.plant.kind, made.effects, made.values)
         self.effects: Mapping[str, Effect] = {effect.id: effect for effect in made.chosen}
         self.left_out = made.sensors_left_out

@@ -21,7 +21,7 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.effects import Active, Part, logged_input, moved_by, true_input, true_motion
 from workbench.engine import kernels
-from workbench.engine.kernels import MOST_STEPS
+from workbench.engine.kernels import LANES, MOST_STEPS
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, Motion, beside, bridged, motion_of, moving
@@ -30,6 +30,7 @@ from workbench.simulate.plant_model import PlantModel, plant_model
 # Relative to the speed scale, per sample. A measured speed is noisy; its noise need not be integrated exactly.
 TOLERANCE = 1e-4
 PART_LANES = (8, 16)  # of kernels of parts: few widths, for each one is compiled
+ALONE = 4  # lanes of a kernel cost about as much as one set of parameters alone
 MOTIONS_KEPT = 4  # of each run, behind a late sensor
 FEW_STEPS = 16  # between two thinned samples: more follow the noise of a speed at rest
 SMOOTH = 0.25  # of the sampling rate of thinned times: the band that a motion keeps there
@@ -151,10 +152,56 @@ class InverseSimulation:
             its = slice(ends[j], ends[j + 1])
             return self._required_in(j, thin, model, tables[j][rows], *motions[j], start[:, its], scales[:, its])
 
+        lengths = [len(run.time_s) for run in self.runs]
+        one_set = len(every) == len(self.runs) > 1 and not thin
+        if one_set and max(lengths) * self._lanes(len(every)) < ALONE * sum(lengths):
+            table = np.column_stack([tables[j][rows, 0] for j in range(len(self.runs))])
+            return self._required_at_once(model, table, [its[0] for its, _ in motions], start, scales)
         before = one(0)  # compiles, if need be, in one thread only
         if len(self.runs) == 1:
             return [before]
         return [before, *_pool(os.getpid()).map(one, range(1, len(self.runs)))]
+
+    def _lanes(self, sets: int) -> int:
+        """Of the kernel for so many sets of parameters: those of parts have few widths."""
+        widths = PART_LANES if self.models else LANES
+        return next((lanes for lanes in widths if lanes >= sets), widths[-1])
+
+    def _required_at_once(
+        self, model: PlantModel, parameters: Array, motions: Sequence[Motion], start: Array, scales: Array
+    ) -> list[Array]:
+        """One set of parameters each for all runs, (names, runs), a run a lane: the shorter ones stand at their ends
+        until the longest one ends, too. They take the same steps."""
+        lengths = [len(motion.speed) for motion in motions]
+        n, longest = len(self.plant.positions), max(lengths)
+        lanes = self._lanes(len(motions))
+
+        def column(values: Array, ahead: float, step: float = 0.0) -> Array:
+            more = longest - len(values)
+            return np.concatenate([values, ahead + step * np.arange(1, more + 1)])
+
+        def in_lanes(columns: Sequence[Array]) -> Array:
+            return np.column_stack([*columns, *[columns[-1]] * (-len(columns) % lanes)])
+
+        full = np.minimum(np.arange(-(-len(motions) // lanes) * lanes), len(motions) - 1)
+        times = [run.time_s for run in self.runs]
+        travelled = [motion.position - motion.position[0] for motion in motions]
+        out = kernels.driven(
+            self.plant,
+            parameters[:, full],
+            in_lanes([column(t, float(t[-1]), float(t[-1] - t[-2])) for t in times]),
+            in_lanes([column(x, float(x[-1])) for x in travelled]) + start[0, full],
+            in_lanes([column(motion.speed, 0.0) for motion in motions]),
+            in_lanes([column(motion.acceleration, 0.0) for motion in motions]),
+            np.concatenate([start[1:n], start[n + 1 :]])[:, full],
+            scales[:, full],
+            effects=model.effects,
+            tolerance=TOLERANCE,
+            threads=1,
+            lanes=lanes,
+            most_steps=MOST_STEPS,
+        )
+        return [out[:length, :, j : j + 1] for j, length in enumerate(lengths)]
 
     def _required_in(
         self,
@@ -168,7 +215,7 @@ class InverseSimulation:
         scales: Array,
     ) -> Array:
         sets, n = len(which), len(self.plant.positions)
-        lanes = next((lanes for lanes in PART_LANES if lanes >= sets), PART_LANES[-1]) if self.models else None
+        lanes = self._lanes(sets) if self.models else None
         full = np.minimum(np.arange(max(sets, lanes or 0)), sets - 1)  # spare lanes repeat the last set
 
         def in_lanes(series: list[Array]) -> Array:

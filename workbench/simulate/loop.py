@@ -28,7 +28,7 @@ from workbench.control import (
 from workbench.control.pi import NEVER
 from workbench.core.run import Array, Run
 from workbench.core.shown import Brief, Shown
-from workbench.effects import joined, of
+from workbench.effects import joined, longest_step_s, of
 from workbench.engine import kernels
 from workbench.machines import NO_EFFECTS, AnyKind, Drive, Hoist, kind_of
 from workbench.metrics import set_of
@@ -94,16 +94,17 @@ def simulate_loop(
     """Simulate cases; each starts hanging still, held without a bump (by the brake where it is closed).
 
     Cases that need the same kernel (sample time, kind of loop, brake or not, lag or not)
-    run together. The plant takes steps of at most `step_s` (s) between samples.
+    run together. The plant takes steps of at most `step_s` (s) between samples,
+    shorter ones where an effect's own state asks for them.
     record_every = 0 keeps no signals. A reference shorter than the longest of its group
     is simulated further at its last value, and its run and metrics end where it ends.
     """
     results: dict[int, LoopResult] = {}
     groups: dict[tuple[Any, ...], list[int]] = {}
     for j, case in enumerate(cases):
-        groups.setdefault(_kernel_key(case), []).append(j)
-    for members in groups.values():
-        done = _simulate_alike([cases[j] for j in members], record_every, step_s, threads)
+        groups.setdefault((*_kernel_key(case), min(step_s, longest_step_s(case.machine))), []).append(j)
+    for (*_, longest_s), members in groups.items():
+        done = _simulate_alike([cases[j] for j in members], record_every, longest_s, threads)
         results.update(zip(members, done, strict=True))
     return [results[j] for j in range(len(cases))]
 

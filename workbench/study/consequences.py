@@ -506,13 +506,16 @@ def figures_told(kind: Kind) -> tuple[Metric, ...]:
 
 
 def _figure(good: Sequence[Change], metric: Metric, kind: Kind) -> tuple[Any, ...]:
-    """(metric, where the wire goes slack, changes in per cent from end to end, the run of the largest, its values)."""
+    """(metric, where the wire goes slack, per cent from end to end or None, the run of the largest, its values)."""
     name = metric.name
     slack = [row.words(kind) for row in good if name == "min_wire_tension_n" and row.after[name] <= 0.0]
-    changes = [row.percent(name) for row in good]
-    most = max(good, key=lambda row: abs(row.percent(name)))
-    span = dict.fromkeys(f"{change:+.1f}" for change in (min(changes), max(changes)))
+    moved = [math.inf if math.isnan(row.percent(name)) else abs(row.percent(name)) for row in good]
+    most = good[moved.index(max(moved))]
     values = [metric.scale * run[name] for run in (most.before, most.after)]
+    if math.isnan(most.percent(name)):  # nothing before: no percentage of it
+        return metric, slack, None, most.words(kind), *values
+    changes = [row.percent(name) for row in good]
+    span = dict.fromkeys(f"{change:+.1f}" for change in (min(changes), max(changes)))
     return metric, slack, [] if max(map(abs, changes)) < SMALL else [*span], most.words(kind), *values
 
 

@@ -440,13 +440,17 @@ def changed(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     return checked(Scenario, scenario.model_dump() | dict(changes))
 
 
-def standalone_text(scenario: Scenario, machine: Hoist) -> str:
-    """The scenario on this machine as YAML that needs no other file: the machine's own values are overrides.
+def standalone_text(scenario: Scenario, machine: Hoist | Axis, called: str = "default") -> str:
+    """The scenario on this machine as YAML that needs no other file: a hoist's own values are overrides; any other
+    machine is named as it is `called`.
 
     Reading it gives the same runs. What an empty block or a missing value says is left out.
     """
     data = scenario.model_dump(mode="json", exclude={"extends"}, exclude_none=True)
-    data["machine"] = "default"
+    data["machine"] = called
+    data["limits"] = {key: value for key, value in data["limits"].items() if value != {}}
+    if not isinstance(machine, Hoist):
+        return dumps({key: value for key, value in data.items() if value not in ({}, "")})
     default, own = (_dotted_values(one.model_dump(exclude=set(_NOT_VALUES))) for one in (default_hoist(), machine))
     differing = {name: value for name, value in own.items() if value != default[name]}
     data["machine_overrides"] = differing | dict(scenario.machine_overrides)
@@ -455,5 +459,4 @@ def standalone_text(scenario: Scenario, machine: Hoist) -> str:
     data["drive"] = drive | (data.get("drive") or {})
     effects = {**machine.allowances, **machine.effects}  # a scenario has one block for both
     data["effects"] = {name: dict(values) for name, values in effects.items()} | scenario.effects
-    data["limits"] = {key: value for key, value in data["limits"].items() if value != {}}
     return dumps({key: value for key, value in data.items() if value not in ({}, "")})

@@ -86,20 +86,12 @@ class Cutter:
         self.rules = rules
         self.cycles: deque[Cut] = deque()
         self.spoilt: deque[Spoilt] = deque()
-        lead = min(MOST_LEAD_S, 0.5 * rules.stand_s)
+        lead, stand = min(MOST_LEAD_S, 0.5 * rules.stand_s), rules.stand_s
         # What marks a cycle is above `still` in it. It begins after a rest of `stand`, and is cut when one of `wait`
         # has passed: all that belongs to it has had the time to come.
-        if rules.triggered:
-            self._marker, self._still, self._stand, self._lead, self._wait = TRIGGER, 0.0, 0.0, 0.0, lead
-        else:
-            stand = rules.stand_s
-            self._marker, self._still, self._stand, self._lead, self._wait = (
-                rules.motion,
-                rules.still,
-                stand,
-                lead,
-                stand,
-            )
+        by_motion, by_trigger = (rules.motion, rules.still, stand, lead, stand), (TRIGGER, 0.0, 0.0, 0.0, lead)
+        marks = by_trigger if rules.triggered else by_motion
+        self._marker, self._still, self._stand, self._lead, self._wait = marks
         self._clear()
 
     def _clear(self) -> None:

@@ -187,13 +187,14 @@ def _results(job: Job) -> None:
         st.warning(said(warning), icon=":material/warning:")
     widgets.numbers(view.numbers)
     titles = [title for title in TABS if title != "Unknown cause" or "unknown" in view.sections]
-    for title in widgets.tabs(titles, f"{TAB} {job.id}"):
-        if not TABS[title]:
-            _verdict(view, f"gap {job.id}")
-        if "isolability" in TABS[title] and view.lead[1:]:
-            st.markdown(f"**Alike.** {said(view.lead[1])}")
-        for name in TABS[title]:
-            _section(name, view.sections[name], f"gap {job.id} {name}")
+    for title, tab in widgets.tabs(titles, f"{TAB} {job.id}"):
+        with tab:
+            if not TABS[title]:
+                _verdict(view, f"gap {job.id}")
+            if "isolability" in TABS[title] and view.lead[1:]:
+                st.markdown(f"**Alike.** {said(view.lead[1])}")
+            for name in TABS[title]:
+                _section(name, view.sections[name], f"gap {job.id} {name}")
 
 
 def _verdict(view: View, key: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import streamlit as st
 
@@ -25,24 +25,16 @@ ALONE = "no other"
 QUICK, STUDY, MEASURED = "the move of Study", "a run kept from Study", "a run of the campaign"
 
 
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """name: what the page calls the run."""
-
-    name: str
-    machine: Hoist
-    run: Run
-
-
 def show() -> None:
     """Draws the page."""
     with st.sidebar, guarded():
         shown = _chosen()
         large = st.toggle("Large", key=held("machine large", False), help="For a large screen or a projector.")
+    machine, runs = shown
     with guarded():
-        scenes = [replace(scene_of(drawn.machine, drawn.run), name=drawn.name) for drawn in shown]
-    machine, height = shown[0].machine, LARGE if large else HEIGHT
-    st.markdown(f"#### {plain(machine.name)} · {plain(' beside '.join(drawn.name for drawn in shown))}")
+        scenes = [replace(scene_of(machine, run), name=name) for name, run in runs.items()]
+    height = LARGE if large else HEIGHT
+    st.markdown(f"#### {plain(machine.name)} · {plain(' beside '.join(runs))}")
     st.iframe(film(machine, scenes, is_dark(), height), height=height + 8)
     st.caption(
         "Heights are to scale; drum, sheave, arm and pipe are drawn larger and turn as the drawn wire runs. "
@@ -51,8 +43,9 @@ def show() -> None:
     )
 
 
-def _chosen() -> list[Shown]:
-    """The side bar's choice: one run, or two of one machine beside each other. InputError for what cannot be shown."""
+def _chosen() -> tuple[Hoist, dict[str, Run]]:
+    """The side bar's choice: a machine and one run of it, or two beside each other, by what the page calls them.
+    InputError for what cannot be shown."""
     campaign = last_campaign()
     studies = {name: study for name, study in kept().items() if studied(study.machine) is not None}
     there = [QUICK, *([STUDY] if studies else []), *([MEASURED] if campaign is not None else [])]
@@ -65,7 +58,7 @@ def _chosen() -> list[Shown]:
             said = f"is {of_kind(campaign.machine)}; this drawing is of {STUDIED}"
             raise InputError(said, file="machine.yaml", place="kind")
         name = st.selectbox("Run of the campaign", [run.name for run in campaign.runs], key="machine measured")
-        return [Shown(f"{campaign.name}, {name}", machine, campaign.run(name))]
+        return machine, {f"{campaign.name}, {name}": campaign.run(name)}
     study = st.selectbox("Study", list(studies), key="machine study")
     result = studies[study].result
     names = {f"{row.reference}, {row.payload_kg:g} kg": row.run_id for row in result.rows if row.run_id in result.runs}
@@ -75,7 +68,7 @@ def _chosen() -> list[Shown]:
     if len(names) < len(result.runs):
         names = {run_id: run_id for run_id in result.runs}
     both = _one_or_two("Run of the study", list(names), "machine study run", "machine study beside")
-    return [Shown(f"{study}, {run}", result.study.machine, result.runs[names[run]]) for run in both]
+    return result.study.machine, {f"{study}, {run}": result.runs[names[run]] for run in both}
 
 
 def _one_or_two(words: str, names: Sequence[str], key: str, beside: str) -> list[str]:
@@ -86,7 +79,7 @@ def _one_or_two(words: str, names: Sequence[str], key: str, beside: str) -> list
     return [name] if other == ALONE else [name, other]
 
 
-def _quick() -> list[Shown]:
+def _quick() -> tuple[Hoist, dict[str, Run]]:
     """The move that Study asks for, at one payload, under one reference or two. InputError where it fails."""
     machine = hoist_of_session("machine machine")
     payload = st.slider("Payload (kg)", 0, 12000, step=250, key=held("machine payload", 4500))
@@ -96,4 +89,4 @@ def _quick() -> list[Shown]:
     rows = {row.reference: row for row in result.rows}
     if failed := [row for row in rows.values() if not row.ok]:
         raise InputError(f"{failed[0].reason}; try a lighter one", place="payload")
-    return [Shown(f"{label(kind)}, {payload:g} kg", machine, result.runs[rows[kind].run_id]) for kind in both]
+    return machine, {f"{label(kind)}, {payload:g} kg": result.runs[rows[kind].run_id] for kind in both}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -22,7 +21,7 @@ from workbench.simulate.loop import torque_limits
 from workbench.view.served import last_seconds, late_starts
 from workbench.view.style import label
 
-PLANT, STARTED, PROBLEM = "plant process", "plant started as", "plant live problem"
+PLANT, PROBLEM = "plant process", "plant live problem"
 SENT = "plant live client"  # what the plant was told last
 OWN, ATTACHED = "start one", "attach to one"
 NOBODY, HOLDS, MOVES = "none", "holds", "up and down"
@@ -80,7 +79,19 @@ def show() -> None:
     with commands, guarded():
         _client(plant, machine)
         _faults(plant, greeting["points"], machine)
-    _served(greeting, machine)
+    address = ADDRESSES[plant.what.protocol if isinstance(plant.what, Wish) else "udp"].format(port=greeting["port"])
+    st.markdown(f"#### {plain(greeting['name'])} · `{address}`")
+    if isinstance(refused := st.session_state.get(PROBLEM), InputError):
+        problem(refused)
+    _live()
+    with st.expander("For your client", icon=":material/lan:"):
+        st.markdown(
+            f"`{address}` is reached from this computer only. The plant hangs still until the first torque; a second "
+            "client is not heard until the first is silent. Packets, registers and nodes are in docs/serve.md."
+        )
+        if isinstance(plant.what, Wish):
+            st.caption(f"Watchdog {plant.what.watchdog_s:g} s. Points, in the order of their addresses:")
+        st.code("\n".join(greeting["points"]), language=None, height=260)
 
 
 def present() -> PlantProcess | None:
@@ -102,13 +113,12 @@ def put_away() -> None:
 
 def _side_bar() -> Hoist:
     """What to serve, the button. Returns the machine that is served, or would be."""
-    if present() is not None:
+    if (plant := present()) is not None:
         st.button(
             "Stop the plant", icon=":material/stop:", width="stretch", on_click=put_away, key="plant stop",
             help="It goes on while other pages are looked at, and ends with this session.",
         )  # fmt: skip
-        served: Hoist = st.session_state[STARTED][0]
-        return served
+        return plant.machine
     machine = hoist_of_session("plant machine")
     way = st.segmented_control(
         "Plant", (OWN, ATTACHED), default=OWN, key="plant way", required=True, width="stretch",
@@ -127,7 +137,6 @@ def _side_bar() -> Hoist:
     if st.button("Attach" if way == ATTACHED else "Start the plant", type="primary", width="stretch",
                  icon=":material/play_arrow:", key="plant start"):  # fmt: skip
         session.put(PLANT, PlantProcess(machine, what))
-        session.put(STARTED, (machine, what))
         st.rerun()
     return machine
 
@@ -221,31 +230,13 @@ def _effects(plant: PlantProcess, points: list[str], machine: Hoist) -> None:
 # ---- what it shows ------------------------------------------------------------------------------------------------
 
 
-def _served(greeting: Mapping[str, Any], machine: Hoist) -> None:
-    """The address, what is seen live, what a client needs to know."""
-    what = st.session_state[STARTED][1]
-    address = ADDRESSES[what.protocol if isinstance(what, Wish) else "udp"].format(port=greeting["port"])
-    st.markdown(f"#### {plain(greeting['name'])} · `{address}`")
-    if isinstance(error := st.session_state.get(PROBLEM), InputError):
-        problem(error)
-    _live(machine)
-    with st.expander("For your client", icon=":material/lan:"):
-        st.markdown(
-            f"`{address}` is reached from this computer only. The plant hangs still until the first torque; a second "
-            "client is not heard until the first is silent. Packets, registers and nodes are in docs/serve.md."
-        )
-        if isinstance(what, Wish):
-            st.caption(f"Watchdog {what.watchdog_s:g} s. Points, in the order of their addresses:")
-        st.code("\n".join(greeting["points"]), language=None, height=260)
-
-
 @st.fragment(run_every=LOOKS_EVERY_S)
-def _live(machine: Hoist) -> None:
+def _live() -> None:
     """The part that is drawn anew while the plant runs."""
-    seen: dict[str, Any] = {}
+    plant, seen = present(), dict[str, Any]()
     with guarded(stop=False):
-        seen = plant.ask("seen") if (plant := present()) is not None else {}
-    if not seen.get("now"):
+        seen = plant.ask("seen") if plant is not None else {}
+    if plant is None or not seen.get("now"):
         return
     now, pace = seen["now"], seen["status"]["pace"]
     with st.container(horizontal=True, horizontal_alignment="distribute"):  # one under the other where it is narrow
@@ -270,7 +261,7 @@ def _live(machine: Hoist) -> None:
             Number("Payload", now["payload_now_kg"], "kg", digits=4),
         ]
     )  # fmt: skip
-    limit = torque_limits(machine)["u_one" if now["is_motor_lost"] else "u_all"]
+    limit = torque_limits(plant.machine)["u_one" if now["is_motor_lost"] else "u_all"]
     figure = last_seconds(seen["columns"], float(window or 20), limit, seen["events"])
     widgets.chart(figure, "plant live", "Height, speed, torque and wire tension of the last seconds")
     counts = seen["status"]["counts"]

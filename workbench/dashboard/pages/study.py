@@ -66,7 +66,8 @@ def show() -> None:
     with head:
         _head(scenario, machine, result)
     with top:
-        _decision(result)
+        made = decisions(result.rows, result.study.machine, result.study.scenario.decide)
+        _decision(result, made)
     runs = [(row.reference, result.runs[row.run_id]) for row in result.rows if row.ok and row.run_id in result.runs]
     if runs:
         stretch = _window(result, max(float(run.time_s[-1]) for _, run in runs))
@@ -74,7 +75,7 @@ def show() -> None:
         chart(figure, "study over time", "The references' signals over time")
     if (part := fold("One reference against the trapezoid", "against", "compare")).open:
         with part:
-            _numbers(result)
+            _numbers(result, made)
     _forces(runs)
     _take_away(result)
     with guarded():
@@ -156,10 +157,9 @@ def _head(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> Non
             widgets.downloads("study", [(what, text, name, "application/yaml") for what, name, text in files])
 
 
-def _decision(result: StudyResult) -> None:
+def _decision(result: StudyResult, made: Sequence[Decision]) -> None:
     """What an engineer chooses by: the verdict, a row a reference, and how much of what is borne each uses. This is the
     one place where the page says which reference to take."""
-    made = decisions(result.rows, result.study.machine, result.study.scenario.decide)
     if taken := " ".join([*take_sentences(made), *beyond_its_limits(result.study)]):
         st.info(plain(powers(taken)), icon=":material/gavel:")
     if (alarmed := alarm(utilisation(result.rows, result.study.machine))) is not None:
@@ -199,13 +199,12 @@ def _lights(result: StudyResult, made: Sequence[Decision], note: str) -> None:
         table(view.criteria_table(made[-1]), in_words=True)
 
 
-def _numbers(result: StudyResult) -> None:
+def _numbers(result: StudyResult, made: Sequence[Decision]) -> None:
     """The worst of the payloads, of one reference against the trapezoid; then in words."""
     good, judged = [row for row in result.rows if row.ok], metrics_of(result.rows)
     kinds = [kind for kind in dict.fromkeys(row.reference for row in result.rows) if kind != BASELINE]
     kind = BASELINE
     if kinds:
-        made = decisions(result.rows, result.study.machine, result.study.scenario.decide)
         taken = [decision.taken.reference for decision in made if decision.taken is not None]
         first = next((kind for kind in reversed(taken) if kind in kinds), kinds[0])
         key = held("study against", first, kinds)
@@ -262,7 +261,9 @@ def _further(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, run
     if not (part := fold(", ".join(titles), "further", "insights")).open:
         return
     with part:
-        for title in widgets.tabs(titles, FIGURE):
+        tabs = widgets.tabs(titles, FIGURE)
+    for title, tab in tabs:
+        with tab:
             if title == PLANE:
                 figure = view.plane(runs, result.study.machine, 460)
                 chart(figure, "study plane", "Torque over speed of one motor with continuous and peak envelope")

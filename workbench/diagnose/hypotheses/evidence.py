@@ -194,12 +194,13 @@ def discounted(
     one with all of it, for it may be no more than that. What acts at speed is compared with that at speed: rows count
     less the more of their model error is that near standstill. What the machine has shown is no more than what is left
     beside the effect: the sizes follow the quick part of a residual, and may promise more of the slow. An axis' noise
-    is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains the rest.
+    is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains the rest. A wrong law of the machine's own
+    is wrong alike in every run, and is no drift over a campaign: what it has shown of that is what the runs differ by.
     """
     if data <= 0.0:
         return data
-    slow = all(problem.effect(name).regime == "low_speed" for name in added)
-    rows = slice(0, problem.inputs)
+    effects, rows = [problem.effect(name) for name in added], slice(0, problem.inputs)
+    slow = all(effect.regime == "low_speed" for effect in effects)
     errors = problem.errors if sizes is None else problem.errors.sized(sizes)
     share = np.ones(problem.inputs) if slow else errors.at_speed[rows]
     if first:
@@ -207,6 +208,11 @@ def discounted(
     default = float(np.mean(share * errors.sized((1.0, 1.0)).model_error[rows] ** 2))
     shown = float(np.mean(share * errors.model_error[rows] ** 2)) if max(errors.sizes) > 1.0 else 0.0
     shown = min(shown, float(np.mean(share * after[rows] ** 2)))
+    over_all = all(e.regime == "time" and not any(parameter.per_run for parameter in e.parameters) for e in effects)
+    if over_all and len({run.start_time_s for run in problem.runs}) > 1:
+        form, of_run = before[rows] - after[rows], problem.run_of_row[rows]
+        along, size = (np.bincount(of_run, share * form * x) for x in (after[rows], form))
+        shown = min(shown, float(np.sum(along**2 / np.maximum(size, 1e-300))) / problem.inputs)
     if kind_of(problem.machine).floor == "own":
         default += ((1.0 + settings.NOISE_KNOWN) ** 2 - 1.0) * float(np.mean(share * problem.row_noise**2))
     taken = float(np.mean(share * (before[rows] ** 2 - after[rows] ** 2)))

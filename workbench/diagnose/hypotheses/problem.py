@@ -72,7 +72,7 @@ class Problem:
             thin=0.0 if any(map(len, impacts)) else THIN[kind.floor],
         )  # fmt: skip
         self._idle = idle_sensors(machine, runs)
-        self._smooth: dict[int, tuple[np.ndarray, LowpassAt]] = {}
+        self._smooth: dict[tuple[int, bool], tuple[np.ndarray, LowpassAt]] = {}
         self.band_hz = self.bench.band_hz
         self.rows: list[np.ndarray] = []
         spacing = []
@@ -150,12 +150,12 @@ class Problem:
     def exact(self) -> Problem:
         """The same campaign, simulated at every sample of the logs."""
         beside = copy(self)
-        beside.thin, beside._smooth, beside.kept = False, {}, {}
+        beside.thin, beside.kept = False, {}
         return beside
 
-    def _time_s(self, j: int) -> Array:
+    def _time_s(self, j: int, thin: bool) -> Array:
         """The simulated times of run j."""
-        return self.bench.times[j] if self.thin else self.runs[j].time_s
+        return self.bench.times[j] if thin else self.runs[j].time_s
 
     @property
     def struck(self) -> bool:
@@ -213,38 +213,46 @@ class Problem:
         return np.full(parameter.size, STEP)
 
     def _group(self, settings: Sequence[Setting]) -> Array:
+        """Residuals of a few settings, (settings, samples). Where every sample counts, it does for the first one: by
+        what the others differ from it is simulated thin, for it changes with the motion's finest parts by much less."""
         self.evaluations += 1
+        if self.thin or len(settings) == 1 or max(self.bench.every) == 1:
+            return self._simulated(settings, self.thin)
+        thin = self._simulated(settings, thin=True)
+        return thin + (self._simulated(settings[:1], thin=False) - thin[:1])
+
+    def _simulated(self, settings: Sequence[Setting], thin: bool) -> Array:
         tables = self._tables(settings)
         gain, offset, tension_gain = np.array([self._sensed(s) for s in settings]).T
         torque, tension = [], []
-        for j, required in enumerate(self.bench.required(tables, self.thin)):
-            rows, smooth = self.rows[j], self._smooth_at(j)
-            logged = smooth(self._logged(j, required[:, 0], tables[j])) * gain + offset
+        for j, required in enumerate(self.bench.required(tables, thin)):
+            rows, smooth = self.rows[j], self._smooth_at(j, thin)
+            logged = smooth(self._logged(j, required[:, 0], tables[j], thin)) * gain + offset
             torque.append(self.bench.measured[j][rows, None] - logged)
             if self.has_tension:
                 sets = [self._parameters(tables[j], i) for i in range(len(settings))]
-                pulls = [self._tension(self._time_s(j), required[:, 1:, i], p) for i, p in enumerate(sets)]
+                pulls = [self._tension(self._time_s(j, thin), required[:, 1:, i], p) for i, p in enumerate(sets)]
                 logged = smooth(np.stack(pulls, axis=-1)) * tension_gain
                 tension.append((self.tension[j][rows, None] - logged) * (self.noise / self.tension_noise))
         return np.concatenate([*torque, *tension]).T
 
-    def _logged(self, j: int, required: Array, table: Array) -> Array:
+    def _logged(self, j: int, required: Array, table: Array, thin: bool) -> Array:
         """(n, sets) of the true input -> of what the sensor shows: another where an effect on it is at work."""
         rows = [self.bench.row_of[symbol] for symbol in self._idle]
         at_work = np.flatnonzero(np.any(table[rows] != np.array(list(self._idle.values()))[:, None], axis=0))
         if not len(at_work):
             return required
-        logged, time = required.copy(), self._time_s(j)
+        logged, time = required.copy(), self._time_s(j, thin)
         for i in at_work:
             logged[:, i] = logged_input(self.active, time, required[:, i], vars(self._parameters(table, int(i))))
         return logged
 
-    def _smooth_at(self, j: int) -> LowpassAt:
+    def _smooth_at(self, j: int, thin: bool) -> LowpassAt:
         """The low-pass of run j at its rows."""
-        known = self._smooth.get(j)
+        known = self._smooth.get((j, thin))
         if known is None or known[0] is not self.rows[j]:
-            at = self.rows[j] // self.bench.every[j] if self.thin else self.rows[j]
-            known = self._smooth[j] = self.rows[j], LowpassAt(self._time_s(j), self.band_hz, at)
+            at = self.rows[j] // self.bench.every[j] if thin else self.rows[j]
+            known = self._smooth[j, thin] = self.rows[j], LowpassAt(self._time_s(j, thin), self.band_hz, at)
         return known[1]
 
     def _parameters(self, table: Array, i: int) -> SimpleNamespace:

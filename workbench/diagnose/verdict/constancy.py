@@ -6,17 +6,22 @@
 p is what the effect takes off the residual, r what the whole fit leaves, r_0 what the fit without effects leaves. w is
 one of the effect's own variables: those of its regime (speed, position, acceleration, load, time); for f also the
 direction and the time, over which an amount is constant but a remainder may go, and all where its regime is all or
-time. f and g are free functions of w (piecewise linear, smoothed), fitted to the other runs; B z, the base parameters,
-are projected out. A true cause has one amount and takes all that is in its own variables: f and g gain nothing that
-matters, whatever else is left in r. Where the tolerances tell more of it than the residual, for base parameters could
-take it up, what it takes is |p|^2. A mimic leaves a curve over its own variable, or acts in some of the runs only
-(parameter constancy; G. C. Chow, Econometrica 28, 1960; A. Zeileis, K. Hornik, Statistica Neerlandica 61, 2007).
+time; there r is what g leaves of a variable that is not its own. f and g are free functions of w (piecewise linear,
+smoothed; g one each way), fitted to the other runs; B z, the base parameters, are projected out. A true cause has one
+amount and takes all that is in its own variables: f and g gain nothing that matters, whatever else is left in r. Where
+the tolerances tell more of it than the residual, for base parameters could take it up, what it takes is |p|^2. A mimic
+leaves a curve over its own variable, or acts in some of the runs only (parameter constancy; G. C. Chow, Econometrica
+28, 1960; A. Zeileis, K. Hornik, Statistica Neerlandica 61, 2007).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from scipy.linalg import block_diag
+
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import PLAY
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
@@ -30,6 +35,7 @@ OWN = {
     "low_speed": ("speed",),
     "all": ("load", "position"),
 }  # regime of an effect -> of its variables, where it differs
+PAYLOAD = "payload"  # a variable over which every amount is constant, too, that is not declared to go with the load
 SENSED = ("load",)  # of a sensor that errs everywhere: it knows no place, speed or time
 
 
@@ -58,7 +64,11 @@ def constancies(problem: Problem, base: Fitted, near: Fitted, fit: Fitted) -> tu
     left, weight = fit.residual[: problem.inputs], spacing(problem)
     on_top = OnTop(problem, left, free_of(problem, fit))
     energy, before = (float(weight @ rows[: problem.inputs] ** 2) for rows in (left, near.residual))
-    taken = max(before - energy, LEAST * energy)
+
+    def left_by(columns: Array, penalty: Array) -> float:
+        return float(weight @ on_top.after(columns, penalty) ** 2)
+
+    taken, noise = max(before - energy, LEAST * energy), problem.noise**2 * float(np.sum(weight))
     by_tolerances = base.prior - fit.prior > base.chi2 - fit.chi2
     found = []
     for name, part in zip(fit.effects, parts_of(problem, fit, [(name,) for name in fit.effects]), strict=True):
@@ -71,17 +81,20 @@ def constancies(problem: Problem, base: Fitted, near: Fitted, fit: Fitted) -> tu
         own_regimes = SENSED if sensor and regime == "all" else OWN.get(regime, (regime,))
         tested, scale = [], max(taken, own) if by_tolerances else taken
         for variable in variables(problem, left):
-            mine = variable.regime in own_regimes or (regime in EVERYWHERE and not sensor)
-            if mine or variable.regime in EVERYWHERE:
-                shape, bend = hats(variable)
-                changing = energy - float(weight @ on_top.after(rows[:, None] * shape, bend) ** 2)
-                within = variable.regime in own_regimes
-                beside = energy - float(weight @ on_top.after(*basis(problem, variable)) ** 2) if within else 0.0
-                share, rest = (
-                    (changing - settings.FORETOLD * energy) / own,
-                    (beside - settings.FORETOLD * energy) / scale,
-                )
-                tested.append(Constancy(name, variable.name, share, rest))
+            within, always = variable.regime in own_regimes, variable.regime in EVERYWHERE
+            of_load = variable.name == PAYLOAD and not within
+            if not (within or always or of_load or (regime in EVERYWHERE and not sensor)):
+                continue
+            (shape, bend), law = hats(variable), basis(problem, variable)
+            shape, beside = rows[:, None] * shape, energy
+            if not (within or always or of_load):  # a remainder that goes with the speed is no drift that does
+                beside, shape = min(left_by(*law), energy), np.hstack([law[0], shape])
+                bend = block_diag(law[1], bend)
+            chance, changing = settings.FORETOLD * energy, beside - left_by(shape, bend)
+            rest = (energy - left_by(*law) - chance) / scale if within else 0.0
+            if of_load:
+                rest = (changing - chance) / max(energy - noise, LEAST * energy)
+            tested.append(Constancy(name, variable.name, (changing - chance) / own, rest))
         if tested:
             found.append(max(tested, key=lambda one: max(one.share / settings.VARIES, one.rest / settings.RESTS)))
     return tuple(found)

@@ -1,18 +1,22 @@
 """Whether a cause is worth its parameters beside one law of a single variable that nobody has written down.
 
     r = f(w) + B z + e,    f ~ GP(0, a^2 exp(-(w - w')^2 / 2 l^2)),    e as `hypotheses/model_error.py` has it
-    score(f) = min over z of [r' S^-1 r + |z / tolerance|^2] + ln det (1 + a^2 K H' P H),    S = cov e + a^2 H K H'
+    q(f, a, l) = min over z of [r' S^-1 r + |z / tolerance|^2] + ln det (1 + a^2 K H' P H),    S = cov e + a^2 H K H'
+    score(f) = -2 ln of the mean of exp(-q / 2) over a and l
 
 f is a Gaussian process over one variable w of the motion (the same both ways, or another one each way), H its hats
-between the knots of w, a and l at their best (C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine
-Learning, 2006, 5.4.1); B z the parameters of a fit, linearised, and P takes out what they explain. The determinant is
-what the freedom of f costs. Whatever the machine has beside a cause may follow such a law, so f is on both sides:
+between the knots of w, each of some a and l as likely as the others (C. E. Rasmussen, C. K. I. Williams, Gaussian
+Processes for Machine Learning, 2006, 5.2); B z the parameters of a fit, linearised, and P takes out what they explain.
+The determinant and the mean are what the freedom of f costs. Whatever the machine has beside a cause may follow such a
+law, so f is on both sides:
 
     worth = score(f alone) - score(f beside the cause) - cost of the cause's parameters
 
 Beside the cause, B is that of the fit with it, or that of the fit without, whichever scores better: friction near
 standstill turns over elsewhere in each, and a law that does without a cause may not live on that. A cause that is a
 function of w itself, as a level of friction is of the speed, would else be given up to a law that can be all of it.
+A level each way is no law of w at all, but what friction or an offset is declared as: of a machine that leaves itself
+laws of its own, f is without it.
 
 Beside other causes f is one more that was chosen of many, and pays for that as a listed one does. So whatever the form
 of what an inexact law of theirs leaves, the next cause is credited with what it gains beside that alone.
@@ -26,6 +30,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.special import logsumexp
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
@@ -33,7 +38,8 @@ from workbench.diagnose.hypotheses.evidence import Weighed, cost
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Projection
-from workbench.diagnose.location.profiles import basis, hats, variables
+from workbench.diagnose.location.profiles import basis, forward, hats, variables
+from workbench.machines import kind_of
 
 LENGTHS = (0.5, 0.17, 0.06)  # of the variable's range: a slope or a bow; a hump; a step between knots
 SIZES = tuple(np.geomspace(0.02, 10.0, 9))  # of the residual's rms
@@ -51,13 +57,24 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     alone, beside = (Projection.of(sized, fit) for fit in (less, cause.fit))
     added = [(name,) for name in cause.names if name not in less.effects]
     own, _ = np.linalg.qr(alone.clean(parts_of(problem, cause.fit, added).T))
+    level = kind_of(problem.machine).floor == "own" and _is_level(problem, alone, own)
     least = (np.inf, "")
     for label, shape, roots in _laws(problem, base):
         rows = np.column_stack([alone.clean(shape), alone.residual])
+        if level:
+            rows[:, :-1] -= own @ (own.T @ rows[:, :-1])
         there, here = np.column_stack([beside.clean(shape), beside.residual]), rows - own @ (own.T @ rows)
         one, *both = (score(each[:, :-1], each[:, -1], roots, rms, price) for each in (rows, there, here))
         least = min(least, (one - min(both) - paid, label))
     return least
+
+
+def _is_level(problem: Problem, alone: Projection, own: Array) -> bool:
+    """Whether what causes explain, (rows, k) orthonormal, is mostly a level each way."""
+    ahead = forward(problem)
+    ways = np.pad(np.stack([ahead, ~ahead], axis=1).astype(float), ((0, problem.samples - problem.inputs), (0, 0)))
+    levels, _ = np.linalg.qr(alone.clean(ways))
+    return float(np.sum((levels.T @ own) ** 2)) > settings.HALF * own.shape[1]
 
 
 def _laws(problem: Problem, base: Fitted) -> Iterator[tuple[str, Array, list[Array]]]:
@@ -84,13 +101,14 @@ def _root(correlation: Array) -> Array:
 
 def score(columns: Array, residual: Array, roots: list[Array], rms: float, price: float = 0.0) -> float:
     """Of a law with these columns (rows, k), whitened and clean as the residual (rows,) is, up to what all fits have:
-    at its best length and size, which costs `price`, or without it."""
-    gram, pull, least = columns.T @ columns, columns.T @ residual, 0.0
+    on average over its lengths and sizes, which nobody knows, and at its `price`; or without it."""
+    gram, pull, fallen = columns.T @ columns, columns.T @ residual, []
     for root in roots:
         values, vectors = np.linalg.eigh(root.T @ gram @ root)
         energy = (vectors.T @ (root.T @ pull)) ** 2
         for size in SIZES:
             variance = (size * rms) ** 2
             spread = 1.0 + variance * np.maximum(values, 0.0)
-            least = min(least, price + float(np.sum(np.log(spread) - variance * energy / spread)))
-    return float(residual @ residual) + least
+            fallen.append(float(np.sum(variance * energy / spread - np.log(spread))))
+    mean = float(logsumexp(0.5 * np.array(fallen))) - np.log(len(fallen))
+    return float(residual @ residual) - max(2.0 * mean - price, 0.0)

@@ -13,6 +13,7 @@ CONTACT = 2.0 * math.pi * 100.0  # rad/s, of the teeth on their flank: beyond wh
 LEAST_SHARE = 0.1  # a smaller share of the inertia carries a smaller part of the load
 SETTLES_S = 0.02  # at a run's start the load lies on the flank that it presses against
 FORETOLD = 0.3  # of a play and its share, and of 1: its teeth meet some milliseconds off what two rigid parts foretell
+BUILDS_UP_S = 2e-5  # of friction, at least: no log shows less, and over next to no distance no fixed step follows less
 PLAYS = tuple(0.0005 * 1.3**k for k in range(16))  # the impact of a play a third larger comes a pulse's width later
 
 
@@ -40,7 +41,7 @@ def _position(s: Any) -> Scalar:
 
 def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
     v = _speed(s)
-    length = where(e.d > 0.0, e.d, 1.0)
+    length = where(e.d > 0.0, e.d + BUILDS_UP_S * absolute(v), 1.0)
     return where(e.d > 0.0, (v - absolute(v) * e.z) / length, 0.0)
 
 
@@ -53,10 +54,10 @@ def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
         ),
     ],
     reads={"v": "speed, {m}/s", "switch": "sign of the speed", "z": "its memory: the bristles' bend, -1 to 1"},
-    equation="S(v) → z in all dry friction;  z' = (v − |v| z)/d",
+    equation="S(v) → z in all dry friction;  z' = (v − |v| z)/(d + τ |v|), τ = 0.02 ms",
     reference="P. R. Dahl, A solid friction model, Aerospace Corp. TOR-0158(3107-18), 1968",
     shows="after each reversal the friction comes back over a distance, not at once",
-    memory=[EffectMemory("z", _bristle_rate, start=lambda e, p: 0.0, scale=lambda e, p: 1.0)],
+    memory=[EffectMemory("z", _bristle_rate, start=lambda e, p: 0.0, scale=lambda e, p: 1.0, step_s=5.0 * BUILDS_UP_S)],
 )  # fmt: skip
 def presliding(s: Any, e: Any, p: Any) -> Scalar:
     """Friction that builds up over a small distance, as bristles bend, instead of jumping at a reversal."""
@@ -142,7 +143,7 @@ def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
     memory=[
         EffectMemory("q", _lead_rate, start=lambda e, p: where(p.C < 0.0, -0.5, 0.5) * e.play,
                      scale=lambda e, p: e.play),
-        EffectMemory("w", _behind_rate, start=lambda e, p: 0.0, scale=lambda e, p: 0.01 * CONTACT * e.play),
+        EffectMemory("w", _behind_rate, start=lambda e, p: 0.0, scale=lambda e, p: 0.1 * CONTACT * e.play),
     ],
     beside={"axis_inertia": _less_inertia},
 )  # fmt: skip
