@@ -216,7 +216,9 @@ class Problem:
         """Residuals of a few settings, (settings, samples). Where every sample counts, it does for the first one: by
         what the others differ from it is simulated thin, for it changes with the motion's finest parts by much less."""
         self.evaluations += 1
-        if self.thin or len(settings) == 1 or max(self.bench.every) == 1:
+        # A wave of the motor's turn passes between the samples that are simulated thin.
+        turning = any(key.startswith("torque_ripple__order") for setting in settings for key in setting)
+        if self.thin or len(settings) == 1 or max(self.bench.every) == 1 or turning:
             return self._simulated(settings, self.thin)
         thin = self._simulated(settings, thin=True)
         return thin + (self._simulated(settings[:1], thin=False) - thin[:1])
