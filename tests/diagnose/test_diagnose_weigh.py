@@ -186,9 +186,9 @@ def test_what_the_fits_have_missed_is_no_hypothesis_own(values: list[float], ope
     before = {(row.verdict, row.effects): row.probability for row in decided}
     lost = sum(calibration()[f"missed_{word}"] * before[word, ()] for word in ("no_gap", "unknown"))
     if decided[0].verdict == "named":
-        assert ("missed", ()) not in stated
-    elif ("missed", ()) in stated:
-        assert stated["missed", ()] == pytest.approx(lost)
+        assert ("named", ()) not in stated
+    elif ("named", ()) in stated:
+        assert stated["named", ()] == pytest.approx(lost)
         assert all(stated[row] == pytest.approx(p) for row, p in before.items() if row[0] == "named")
 
 

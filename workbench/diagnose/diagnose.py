@@ -38,7 +38,15 @@ from workbench.diagnose.readiness.condition import Condition, condition
 from workbench.diagnose.readiness.noise import informative_band, motion_noise
 from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.residual_tests import ResidualTest, residual_tests
-from workbench.diagnose.verdict.answer import Candidate, Left, ReasonKind, Remainder, Verdict, shared
+from workbench.diagnose.verdict.answer import (
+    WITHOUT_EFFECTS,
+    Candidate,
+    Left,
+    ReasonKind,
+    Remainder,
+    Verdict,
+    shared,
+)
 from workbench.diagnose.verdict.judge import (
     Judged,
     alike,
@@ -227,7 +235,7 @@ class Diagnosis(Shown):
         lines = [
             f"Diagnosis of {self.campaign.name}",
             f"  {self.verdict.sentence}",
-            *(f"  {row.probability:.2f} {' + '.join(row.effects) or row.verdict}" for row in likeliest),
+            *(f"  {row.probability:.2f} {' + '.join(row.effects) or WITHOUT_EFFECTS[row.verdict]}" for row in likeliest),
             f"  held-out residual: {shrink.before:.3g} to {shrink.after:.3g} {shrink.unit}, noise {shrink.noise:.3g}",
         ]
         if self.where is not None:
@@ -438,5 +446,5 @@ def _open(judged: Judged, also: Sequence[Names]) -> list[Names]:
     """The hypotheses that the campaign does not decide between, the answer first; no gap is that of no effect."""
     first: list[Names] = [judged.names] if judged.word != "unknown" else []
     rest = list(also)
-    rest += [row.effects for row in judged.ranking if row.verdict == "named" and row.probability > 0.1]
+    rest += [row.effects for row in judged.ranking if row.effects and row.probability > 0.1]
     return list(dict.fromkeys([*first, *rest]))

@@ -22,7 +22,7 @@ from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS, ResidualTest
-from workbench.diagnose.verdict.answer import Candidate, Hypothesis
+from workbench.diagnose.verdict.answer import WITHOUT_EFFECTS, Candidate, Hypothesis
 from workbench.effects import effects_for
 from workbench.machines import kind_of, plant_of, save_machine
 from workbench.study.consequences import consequences_table
@@ -79,8 +79,8 @@ def progress_words(progress: Progress) -> str:
 
 
 def hypothesis_name(verdict: str, effects: Sequence[str], twins: Sequence[Sequence[str]] = ()) -> str:
-    if verdict != "named":
-        return {"no_gap": "no gap", "unknown": "unknown cause", "missed": "a listed effect, not found"}[verdict]
+    if not effects:
+        return WITHOUT_EFFECTS[verdict]
     return " or ".join(" + ".join(names) for names in (effects, *twins))
 
 
@@ -95,7 +95,7 @@ def probability_sentence(d: Diagnosis) -> str:
     """What the probability in the verdict's sentence means."""
     v = d.verdict
     p = sum(row.probability for row in v.ranking if row.verdict == v.word and set(row.effects) == set(v.effects))
-    return said.probability(v, p, sum(row.probability for row in v.ranking if row.verdict == "named"))
+    return said.probability(v, p, sum(row.probability for row in v.ranking if row.effects))
 
 
 def alike_sentence(d: Diagnosis) -> str:
@@ -286,7 +286,7 @@ def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = Fal
 
     most: largest number of rows. brief: only fitted hypotheses, without parameters and objections.
     """
-    named = [row for row in d.verdict.ranking if row.verdict == "named"]
+    named = [row for row in d.verdict.ranking if row.effects]
     likely = {frozenset(names): draw.percent(row.probability) for row in named for names in (row.effects, *row.twins)}
     no_gap = d.verdict.word == "no_gap"  # of a gap that is none there is no share
     cells: Cells = {

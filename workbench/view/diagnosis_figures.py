@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 COLUMNS, BETWEEN = 3, 96  # panels side by side; px between two rows
 MOST_RUNS = 12  # that are drawn, those with most of the gap's energy
 SHARE_ROOM = 3.0  # the bars of the energy's share fill a third of a panel
-COLOURS = {"named": style.BLUE, "unknown": style.PURPLE, "no_gap": style.GREY, "missed": style.FAINT, "": style.FAINT}
+COLOURS = {"named": style.BLUE, "unknown": style.PURPLE, "no_gap": style.GREY, "": style.FAINT}
 ROOM = 1.18  # over the highest bar, for its number
 ALL = "all runs"
 

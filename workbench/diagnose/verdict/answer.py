@@ -15,6 +15,7 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.free_parameters import Estimate, Names
 
 VerdictWord = Literal["named", "no_gap", "unknown"]
+WITHOUT_EFFECTS = {"no_gap": "no gap", "unknown": "unknown cause", "named": "a listed effect, not found"}
 
 
 class ReasonKind(Enum):
@@ -83,10 +84,10 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One row of the ranking. twins: what differs from it in name only; the probability is of all. verdict: "missed"
-    beside an answer of no gap or of an unknown cause: a listed effect that no fit has found, whichever it is."""
+    """One row of the ranking. twins: what differs from it in name only; the probability is of all. Named without
+    effects, beside an answer of no gap or of an unknown cause: a listed effect that no fit has found, whichever."""
 
-    verdict: VerdictWord | Literal["missed"]
+    verdict: VerdictWord
     effects: Names
     probability: float
     twins: tuple[Names, ...] = ()
@@ -225,7 +226,7 @@ def _rows(
             together[first] = together.get(first, 0.0) + float(share)
     rows = [Hypothesis("no_gap", (), shares.no_gap), Hypothesis("unknown", (), shares.unknown)]
     rows += [Hypothesis("named", names, share, others.get(names, ())) for names, share in together.items()]
-    rows += [Hypothesis("missed", (), shares.missed)] if shares.missed > 0.0 else []
+    rows += [Hypothesis("named", (), shares.missed)] if shares.missed > 0.0 else []
     total = {"no_gap": shares.no_gap, "unknown": shares.unknown, "named": sum(together.values())}
     word = max(total, key=lambda verdict: total[verdict])
     rows.sort(key=lambda row: (row.verdict != word, -row.probability))
