@@ -230,12 +230,12 @@ class Diagnosis(Shown):
 
     def __repr__(self) -> str:
         """The answer in a few lines; `table()` and `plot()` show the rest."""
-        likeliest = sorted(self.verdict.ranking, key=lambda row: -row.probability)[:3]
+        rows = sorted(self.verdict.ranking, key=lambda row: -row.probability)[:3]
         shrink = self.shrink
         lines = [
             f"Diagnosis of {self.campaign.name}",
             f"  {self.verdict.sentence}",
-            *(f"  {row.probability:.2f} {' + '.join(row.effects) or WITHOUT_EFFECTS[row.verdict]}" for row in likeliest),
+            *(f"  {row.probability:.2f} {' + '.join(row.effects) or WITHOUT_EFFECTS[row.verdict]}" for row in rows),
             f"  held-out residual: {shrink.before:.3g} to {shrink.after:.3g} {shrink.unit}, noise {shrink.noise:.3g}",
         ]
         if self.where is not None:
