@@ -22,7 +22,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     setting_of,
 )
 from workbench.diagnose.hypotheses.model_error import ErrorModel, Sizes, error_model
-from workbench.effects import Effect, find, idle_sensors, logged_input, parts, ranges_of, searchable
+from workbench.effects import Effect, effects_for, find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
@@ -72,6 +72,8 @@ class Problem:
             thin=0.0 if any(map(len, impacts)) else THIN[kind.floor],
         )  # fmt: skip
         self._idle = idle_sensors(machine, runs)
+        ranges = [r for effect in effects_for(kind.name).values() for r in ranges_of(effect, machine, runs)]
+        self._turning = {r.symbol for r in ranges if r.scan == "order"}
         self._smooth: dict[tuple[int, bool], tuple[np.ndarray, LowpassAt]] = {}
         self.band_hz = self.bench.band_hz
         self.rows: list[np.ndarray] = []
@@ -217,7 +219,7 @@ class Problem:
         what the others differ from it is simulated thin, for it changes with the motion's finest parts by much less."""
         self.evaluations += 1
         # A wave of the motor's turn passes between the samples that are simulated thin.
-        turning = any(key.startswith("torque_ripple__order") for setting in settings for key in setting)
+        turning = any(key in self._turning for setting in settings for key in setting)
         if self.thin or len(settings) == 1 or max(self.bench.every) == 1 or turning:
             return self._simulated(settings, self.thin)
         thin = self._simulated(settings, thin=True)
