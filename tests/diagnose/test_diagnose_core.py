@@ -212,6 +212,15 @@ def test_where_every_sample_counts_it_does_for_each_setting(hoist: Problem):
     assert rms(hoist.residuals([{}])[0] - alone[0]) > 3.0 * max(off)  # the thinned samples do not show it
 
 
+def test_where_longer_steps_break_down_every_sample_is_simulated(hoist: Problem, monkeypatch: pytest.MonkeyPatch):
+    exact, simulated = hoist.exact(), Problem._simulated
+    broken = math.nan
+    monkeypatch.setattr(
+        Problem, "_simulated", lambda self, s, thin: simulated(self, s, thin) + (broken if thin else 0.0)
+    )
+    assert np.all(np.isfinite(exact.residuals([{}, {"m_c": 8200.0}])))
+
+
 def test_the_dead_lines_tension_stands_behind_the_torque_on_its_scale():
     runs = [add_tension(run, seed) for seed, run in enumerate(hoist_runs(default_hoist()))]
     problem = Problem(default_hoist(), runs)

@@ -41,7 +41,7 @@ from workbench.diagnose.verdict.judge import deserved, judged_to_help
 from workbench.effects import find
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import default_hoist, load_machine, save_machine, with_values
+from workbench.machines import KINDS, default_hoist, load_machine, save_machine, with_values
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.5}}
@@ -374,6 +374,20 @@ def test_a_play_is_named_beside_a_filter_and_a_law_that_take_more_than_its_own(t
     campaign = read_campaign(tmp_path / "play")
     found = diagnose(campaign, candidates=["backlash", "torque_filter"], most_effects=1, study=False)
     assert found.verdict.effects == ("backlash",)
+
+
+@pytest.mark.parametrize(("left", "over"), [(0.8, "impacts"), (0.3, None)])
+@pytest.mark.parametrize("struck", [False, True])
+def test_a_play_that_no_impact_tells_of_is_none_where_most_stays(
+    left: float, over: str | None, struck: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """An axis that swings on its shaft as its model does not: a play took a fifth of what stays, at 0.99."""
+    for name, value in (("cancellation", 0.0), ("smooths", False), ("_on_bound", False)):
+        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
+    play, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (left, 1.0))
+    problem = SimpleNamespace(struck=struck, machine=KINDS["axis-linear"].example())
+    why = judge._against(cast(Any, problem), cast(Any, SimpleNamespace(names=("backlash",), fit=play)), cast(Any, near))
+    assert (why and why.over) == (None if struck else over)
 
 
 @pytest.mark.parametrize("idle", ["friction_coulomb", "torque_scale"])

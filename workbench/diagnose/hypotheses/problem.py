@@ -223,6 +223,8 @@ class Problem:
         if self.thin or len(settings) == 1 or max(self.bench.every) == 1 or turning:
             return self._simulated(settings, self.thin)
         thin = self._simulated(settings, thin=True)
+        if not np.all(np.isfinite(thin)):  # longer steps have broken down
+            return self._simulated(settings, thin=False)
         return thin + (self._simulated(settings[:1], thin=False) - thin[:1])
 
     def _simulated(self, settings: Sequence[Setting], thin: bool) -> Array:

@@ -27,6 +27,7 @@ class ReasonKind(Enum):
     ON_A_BOUND = "on_a_bound"
     UNDO_EACH_OTHER = "undo_each_other"
     FREE_LAW = "free_law"
+    NO_IMPACTS = "no_impacts"
 
 
 @dataclass(frozen=True)

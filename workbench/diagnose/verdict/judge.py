@@ -22,6 +22,7 @@ from workbench.diagnose.hypotheses.evidence import (
     advantage,
     lag_explains,
     model_error_rms,
+    only_mends,
     same_but_freer,
     smooths,
     weigh,
@@ -39,7 +40,7 @@ from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of
 SAME = 0.5  # evidence between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
 SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
-OTHER, BOUND = "the other effect", "a bound"  # what speaks against a fit that is none of its law
+OTHER, BOUND, IMPACTS = "the other effect", "a bound", "impacts"  # what speaks against a fit that is none of its law
 
 
 @dataclass(frozen=True)
@@ -227,6 +228,8 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     undone = cancellation(problem, w.fit, len(near.z))
     if undone > -math.log(settings.HALF) or smooths(problem, w.fit):
         return Constancy(last, OTHER, max(undone, -math.log(settings.HALF)))
+    if PLAY in w.names and only_mends(problem, PLAY) and more > -settings.HALF:
+        return Constancy(PLAY, IMPACTS, more)
     return Constancy(last, BOUND, 1.0) if _on_bound(w.fit, len(near.z)) else None
 
 
@@ -284,6 +287,8 @@ def _reasons(
     for names, why in list(mimics.items())[:1]:
         if why.over == BOUND:
             reasons.append(Reason(ReasonKind.ON_A_BOUND))
+        if why.over == IMPACTS:
+            reasons.append(Reason(ReasonKind.NO_IMPACTS))
         if why.over == OTHER:
             reasons.append(Reason(ReasonKind.UNDO_EACH_OTHER, effects=names))
         if why.free:
