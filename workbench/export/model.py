@@ -211,7 +211,7 @@ def model_of(
 
     effects: in place of or beside the machine's own, as in machine.yaml. controller: the sampled loop around the plant;
     its input is then the speed reference instead of the torque. step_s: the plant's largest step inside; None: 1 ms for
-    a hoist, 0.2 ms for an axis, 0.1 ms with presliding.
+    a hoist, 0.2 ms for an axis, less where its friction or presliding asks for it.
     InputError for effects that are not known, a controller of another kind of machine, a start out of range.
     """
     plant, kind = plant_of(machine), kind_of(machine)

@@ -21,7 +21,7 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.effects import Active, Part, logged_input, moved_by, true_input, true_motion
 from workbench.engine import kernels
-from workbench.engine.kernels import LANES, MOST_STEPS
+from workbench.engine.kernels import MOST_STEPS, lanes_for
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, Motion, beside, bridged, motion_of, moving
@@ -164,8 +164,9 @@ class InverseSimulation:
 
     def _lanes(self, sets: int) -> int:
         """Of the kernel for so many sets of parameters: those of parts have few widths."""
-        widths = PART_LANES if self.models else LANES
-        return next((lanes for lanes in widths if lanes >= sets), widths[-1])
+        if not self.models:
+            return lanes_for(sets)
+        return next((lanes for lanes in PART_LANES if lanes >= sets), PART_LANES[-1])
 
     def _required_at_once(
         self, model: PlantModel, parameters: Array, motions: Sequence[Motion], start: Array, scales: Array
@@ -215,7 +216,7 @@ class InverseSimulation:
         scales: Array,
     ) -> Array:
         sets, n = len(which), len(self.plant.positions)
-        lanes = self._lanes(sets) if self.models else None
+        lanes = self._lanes(sets) if self.models else None  # of a whole model `kernels` makes the lanes full
         full = np.minimum(np.arange(max(sets, lanes or 0)), sets - 1)  # spare lanes repeat the last set
 
         def in_lanes(series: list[Array]) -> Array:

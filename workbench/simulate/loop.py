@@ -95,7 +95,7 @@ def simulate_loop(
 
     Cases that need the same kernel (sample time, kind of loop, brake or not, lag or not)
     run together. The plant takes steps of at most `step_s` (s) between samples,
-    shorter ones where an effect's own state asks for them.
+    shorter ones where the machine's friction or an effect's own state asks for them (`longest_step_s`).
     record_every = 0 keeps no signals. A reference shorter than the longest of its group
     is simulated further at its last value, and its run and metrics end where it ends.
     """
