@@ -139,6 +139,7 @@ def test_friction_that_builds_up_over_next_to_no_distance_is_friction_that_jumps
 def test_shorter_steps_tell_nothing_else(kind):
     """Of every kind, by a move forth and back: friction turns over within microseconds where little mass is behind."""
     machine = looped(kind.example())
+    assert machine is not None
     study, judged = small_study(machine, []), set_of(kind.name)
     usual, finer = (
         [row for row, _ in run_specs([replace(spec, step_s=step) for spec in study.specs(machine)])]
