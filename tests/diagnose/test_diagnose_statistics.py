@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.noisy_runs import hoist_runs, with_effects
+from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
 from tests.support.simulated_campaign import TRUTH, simulated_campaign, true_machine
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
@@ -28,18 +28,18 @@ from workbench.diagnose.hypotheses.free_parameters import FreeParameter, Scalar,
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
 from workbench.diagnose.verdict.unknown_cause import (
     cancellation,
     lasting_share,
-    loaded_share,
-    repeated_share,
+    laws_left,
     sudden_share,
     tolerance_excess,
 )
 from workbench.effects import Effect, find, library_effects, ranges_of
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import Hoist, default_hoist, kind_of, with_values
+from workbench.machines import KINDS, Hoist, default_hoist, kind_of, with_values
 from workbench.simulate.lowpass import lowpass
 from workbench.simulate.replay import replay_runs
 
@@ -251,26 +251,32 @@ def of_rows(problem: Problem, name: str) -> Array:
     return np.concatenate(parts)
 
 
-def test_friction_that_goes_with_the_speed_comes_again(problem: Problem):
-    speed = of_rows(problem, "speed")
-    assert repeated_share(problem, np.sign(speed)) > 0.8
+def laws_of(runs: Sequence[Run]) -> set[str]:
+    """The variables of which a law takes a part of what an axis leaves, base parameters fitted, on other runs."""
+    machine = KINDS["axis-linear"].example()
+    problem, free = Problem(machine, runs), list(base_parameters(machine, runs).values())
+    fit = fit_hypothesis(problem, (), free, np.zeros(sum(parameter.size for parameter in free)))
+    return {law.variable.name for law in laws_left(problem, fit) if law.interval[0] > FORETOLD}
 
 
-def test_what_goes_with_the_place_comes_again_on_another_run_over_it(problem: Problem):
-    kind = kind_of(problem.machine)
-    runs = zip(problem.runs, problem.bench.motions, problem.rows, strict=True)
-    place = np.concatenate(
-        [kind.place_of(problem.machine, run.start_position_m, m.position)[rows] for run, m, rows in runs]
-    )
-    bump = np.exp(-((place - np.median(place)) ** 2))
-    assert repeated_share(problem, bump) > 0.4
+@pytest.mark.parametrize(
+    ("effect", "values", "variable"),
+    [
+        ("friction_quadratic", {"drag_n_s2_per_m2": 30.0}, "speed"),
+        ("friction_position_dependent", {"peak_n": 10.0, "centre_m": 0.2, "width_m": 0.03}, "position"),
+    ],
+)
+def test_what_a_machine_has_beside_its_model_follows_a_law_of_its_variable(effect, values, variable):
+    assert variable in laws_of(axis_runs(with_effects(KINDS["axis-linear"].example(), {effect: values})))
 
 
-def test_a_gain_that_differs_between_the_ways_comes_again_with_the_load(problem: Problem):
-    measured = np.concatenate([u[rows] for u, rows in zip(problem.bench.measured, problem.rows, strict=True)])
-    noise = np.random.default_rng(1).normal(size=problem.samples)
-    gain = np.where(of_rows(problem, "speed") > 0.0, 0.05 * (measured - np.mean(measured)), 0.0)
-    assert loaded_share(problem, gain) > 0.3 > 0.05 > loaded_share(problem, noise)
+@pytest.mark.parametrize("seed", range(6))
+def test_noise_follows_no_law_and_what_wanders_one_of_the_time_alone(seed: int):
+    rng, runs = np.random.default_rng(seed), axis_runs(KINDS["axis-linear"].example(), seed)
+    assert not laws_of(runs)
+    walks = [{"force_n": run["force_n"] + np.cumsum(0.1 * rng.normal(size=len(run.time_s)))} for run in runs]
+    wandering = [replace(run, signals={**run.signals, **walk}) for run, walk in zip(runs, walks, strict=True)]
+    assert laws_of(wandering) <= {"run_time", "campaign_time"}
 
 
 def test_an_impact_is_sudden_and_noise_is_not(problem: Problem):

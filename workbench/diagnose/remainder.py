@@ -15,10 +15,11 @@ from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.places import placed
-from workbench.diagnose.location.profiles import Explained, OnTop, basis, best_of, share_of, variables
-from workbench.diagnose.location.where import free_of, regime_of
+from workbench.diagnose.location.profiles import best_of
+from workbench.diagnose.location.where import regime_of
 from workbench.diagnose.verdict.answer import Remainder
 from workbench.diagnose.verdict.judge import input_rms
+from workbench.diagnose.verdict.unknown_cause import laws_left
 from workbench.machines import kind_of
 
 
@@ -31,12 +32,7 @@ def remainder_of(problem: Problem, fit: Fitted, base: int, shrink: Shrink, seed:
     left = fit.residual[: problem.inputs]
     regime, subsystem = "all", kind.whole or "guide"
     if percent > settings.RELEVANT_PERCENT:
-        on_top = OnTop(problem, left, free_of(problem, fit))
-        shares = []
-        for variable in variables(problem, left):
-            after = on_top.after(*basis(problem, variable))
-            shares.append(Explained(variable, left - after, *share_of(problem, left, after, seed)))
-        best = best_of(shares)
+        best = best_of(laws_left(problem, fit, seed))
         if best.share > settings.FORETOLD:
             regime = regime_of(problem, left, best)
         if not kind.whole:

@@ -37,9 +37,8 @@ BY_CHANCE = {False: 2.0, True: 1.0}  # standard deviations by which tolerances a
 # cause that explains anything than with one, for of all causes weighed one would have relieved them
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
 OWN = 0.02  # of the largest input: what an axis may leave itself at speed; the EMPS axis leaves 0.008 to 0.016
-OWN_AGAIN = 0.007  # of that, what comes again with place or speed; the EMPS axis leaves 0.005
-OWN_LOAD = 0.004  # of that, what comes again with the load or the acceleration; the EMPS axis leaves 0.003
-OWN_SUDDEN = 0.002  # of that, what comes in a few moments at speed; the EMPS axis leaves none
+OWN_LAW = 1.0  # % of the input's rms: what an axis may leave of a law of one variable; simulated ones leave 0.24
+OWN_SUDDEN = 0.002  # of the largest input: what comes in a few moments at speed; the EMPS axis leaves none
 
 
 @cache

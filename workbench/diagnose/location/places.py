@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array, diags_array
 from scipy.special import log_ndtr, logsumexp
 
 from workbench.core.run import Array
@@ -242,11 +243,11 @@ def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
     begins = np.cumsum([0, *map(len, times)])
     widths = widths_of(survey)
     choices = math.log(sum(max(float(len(t)), 1.0) for t in times) * len(widths))
-    states, open_to = states_of(survey), np.array(left)
+    states, open_to, shapes = states_of(survey), np.array(left), _shapes(survey, times, widths)
     pulses: list[Pulse] = []
     best: Pulses | None = None
     for _ in range(TRIED):
-        pulse = _strongest(survey, open_to, times, begins, widths)
+        pulse = _strongest(shapes, open_to, begins)
         if pulse is None or len(pulses) >= MOST:
             break
         mine = np.zeros(len(left), dtype=bool)
@@ -287,24 +288,52 @@ def robust_left(survey: Survey) -> Array:
     return np.asarray(left, dtype=float)
 
 
-def _strongest(survey: Survey, left: Array, times: list[Array], begins: Array, widths: Array) -> Pulse | None:
-    """The smooth pulse, of a force or of the speed that is shown, that takes most of the squares."""
-    best, most = None, 0.0
+@dataclass(frozen=True)
+class _Shape:
+    """Pulses of one run and width, of a force or of the speed that is shown. columns: (n, k) sparse, one at each of the
+    moments `middle`; energy: (k,) the sum of the squares of each."""
+
+    run: int
+    middle: Array
+    half: float
+    columns: csr_array
+    energy: Array
+
+
+def _shapes(survey: Survey, times: list[Array], widths: Array) -> list[_Shape]:
+    found = []
     for j, t in enumerate(times):
-        mine = left[begins[j] : begins[j + 1]]
         if len(t) < 4:
             continue
         rate = np.interp(t, survey.runs[j].time, survey.runs[j].turn_rate)
+        before, after = np.diff(t)[:-1], np.diff(t)[1:]  # the gradient on unequal steps, as numpy.gradient has it
+        ends = [1.0 / (t[1] - t[0]), 1.0 / (t[-1] - t[-2])]
+        below = np.append(-after / (before * (before + after)), -ends[1])
+        above = np.append(ends[0], before / (after * (before + after)))
+        middles = np.concatenate([[-ends[0]], (after - before) / (before * after), [ends[1]]])
+        gradient = diags_array([below, middles, above], offsets=[-1, 0, 1]).tocsr()
         for width in widths:
             middle = np.arange(t[0], t[-1], STEP * width)
-            away = (t[:, None] - middle) / width
-            bump = np.where(np.abs(away) < 0.5, np.cos(math.pi * away) ** 2, 0.0)
-            for shape in (bump, np.gradient(bump * rate[:, None], t, axis=0)):
-                gain = (shape.T @ mine) ** 2 / np.maximum(np.sum(shape**2, axis=0), 1e-12)
-                k = int(np.argmax(gain))
-                if gain[k] > most:
-                    most, half = float(gain[k]), (0.5 + BESIDE) * width
-                    best = Pulse(j, float(middle[k] - half), float(middle[k] + half))
+            first, last = np.searchsorted(t, middle - 0.5 * width), np.searchsorted(t, middle + 0.5 * width)
+            rows = np.concatenate([np.arange(*span) for span in zip(first, last, strict=True)]).astype(int)
+            which = np.repeat(np.arange(len(middle)), last - first)
+            values = np.cos(math.pi * (t[rows] - middle[which]) / width) ** 2
+            bump = csr_array((values, (rows, which)), shape=(len(t), len(middle)))
+            for columns in (bump, csr_array(gradient @ bump.multiply(rate[:, None]))):
+                energy = np.maximum(np.asarray(columns.power(2).sum(axis=0)).ravel(), 1e-12)
+                found.append(_Shape(j, middle, (0.5 + BESIDE) * float(width), columns, energy))
+    return found
+
+
+def _strongest(shapes: list[_Shape], left: Array, begins: Array) -> Pulse | None:
+    """The smooth pulse, of a force or of the speed that is shown, that takes most of the squares."""
+    best, most = None, 0.0
+    for shape in shapes:
+        gain = (shape.columns.T @ left[begins[shape.run] : begins[shape.run + 1]]) ** 2 / shape.energy
+        k = int(np.argmax(gain))
+        if gain[k] > most:
+            most, middle = float(gain[k]), float(shape.middle[k])
+            best = Pulse(shape.run, middle - shape.half, middle + shape.half)
     return best
 
 

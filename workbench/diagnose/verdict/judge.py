@@ -93,7 +93,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         held, score = best.fit, best.score
     floor = math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
     left, share = left_of(problem, near, held, floor)
-    signs = signs_of(problem, held, score, left, share)
+    signs = signs_of(problem, search.base, held, score, left, share)
     if stands:
         signs["left"] = 0.0  # what an established cause leaves is a remainder
     vetoes = vetoes_of(problem, near, weighed, best)

@@ -18,16 +18,16 @@ from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import PLAY, Score
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of, logarithmic_of
-from workbench.diagnose.hypotheses.held_out import folds_by_run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Projection
+from workbench.diagnose.location.profiles import Explained, OnTop, basis, share_of, variables
+from workbench.diagnose.location.where import free_of
 from workbench.diagnose.verdict.answer import Left
 from workbench.machines import kind_of
 
 AGAIN = 2.0  # as evidence: what comes again with twice its own size is as much as a model error of seven times its size
 UNHEARD = 10.0  # as evidence: impacts that come again, and a hypothesis without play
 MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
-BINS = 24  # of each variable, each way
 MOMENTS = 0.02  # of the rows
 AT_SPEED = 0.1  # of the largest of the run: slower is near standstill
 SHORTEST = 0.05  # of a run's rows, before and behind a change that lasts
@@ -37,21 +37,22 @@ HEAVIEST = 12.0  # logarithm of the tolerances' weight: nothing is left of any d
 HALVED = 40  # times
 
 
-def signs_of(problem: Problem, held: Fitted, score: Score, left: Left, share: float) -> dict[str, float]:
+def signs_of(problem: Problem, base: Fitted, held: Fitted, score: Score, left: Left, share: float) -> dict[str, float]:
     """What speaks for a cause that no hypothesis holds, each 0 where nothing does.
 
-    held: the fit of the answer, which explains `share` of the gap's energy. left: the logarithm
-    of the model error that it needs, over the default, in full where it leaves MUCH of that energy, less where less;
-    prior: the distance of the base parameters from nominal beyond chance and beyond what an inexact effect explains, in
-    standard deviations above BY_CHANCE (see `tolerance_excess`).
+    base: the fit without effects; held: that of the answer, which explains `share` of the gap's energy.
+    left: the logarithm of the model error that it needs, over the default, in full where it leaves MUCH of that energy,
+    less where less. prior: the distance of the base parameters from nominal beyond chance and beyond what an inexact
+    effect explains, in standard deviations above BY_CHANCE (see `tolerance_excess`); a cause for which the tolerances
+    alone speak, as base parameters could take it up, is held to them in full.
     """
     if problem.struck:  # what stays beside an impact are its rebounds, which no law foretells
         return {"left": 0.0 if PLAY in held.effects else UNHEARD, "prior": 0.0}
     open_share, bent = 1.0, 0.0
-    if held.effects:  # an inexact law bends the base parameters, and so does a remainder
+    if held.effects:
         open_share = min((1.0 - share) / MUCH, 1.0)
-        noise = problem.noise / max(held.rms(problem.inputs), 1e-300)
-        bent = settings.FORETOLD * max(1.0 - noise**2, 0.0) * held.chi2
+        explained = (base.rms(problem.inputs) / max(held.rms(problem.inputs), 1e-300)) ** 2 - 1.0
+        bent = settings.LAW**2 * max(explained, 0.0) * held.chi2  # so far a law is off what it explains
     return {
         "left": open_share * _unexplained(problem, held, left, score.excess),
         "prior": max(tolerance_excess(problem, held, bent) - settings.BY_CHANCE[bool(held.effects)], 0.0),
@@ -62,9 +63,9 @@ def _unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> f
     """The evidence in the remaining residual: the logarithm of the model error's excess, scaled by its relevance.
 
     An axis has ripple and resonances, and friction near standstill, that no cause explains. There the residual at speed
-    counts above OWN of the largest input. A part that repeats with place or speed, or sets in and stays, counts above
-    OWN_AGAIN; one that repeats with input or acceleration above OWN_LOAD; a part within a few moments above OWN_SUDDEN:
-    a random model error has none of them.
+    counts above OWN of the largest input, a part within a few moments above OWN_SUDDEN. And what follows a law of one
+    variable on runs that the law was not fitted to (`laws_left`), or sets in and stays, counts where it is more than
+    OWN_LAW of the input's rms: a random model error does neither.
     """
     many = max(math.log(excess), 0.0)
     if kind_of(problem.machine).floor == "sensors":
@@ -73,54 +74,22 @@ def _unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> f
     energy, inputs = held.residual[: problem.inputs] ** 2, slice(0, problem.inputs)
     at_speed = float(problem.errors.at_speed[inputs] @ energy) / max(float(np.sum(energy)), 1e-300)
     beyond_own = min(max(left.rms * math.sqrt(at_speed) / (settings.OWN * largest) - 1.0, 0.0), 1.0)
-    structured = (
-        (repeated_share(problem, held.residual), settings.OWN_AGAIN),
-        (loaded_share(problem, held.residual), settings.OWN_LOAD),
-        (lasting_share(problem, held.residual), settings.OWN_AGAIN),
-        (sudden_share(problem, held.residual), settings.OWN_SUDDEN),
-    )
-    again = max(left.rms * math.sqrt(share) / (own * largest) for share, own in structured)
+    sudden = left.rms * math.sqrt(sudden_share(problem, held.residual)) / (settings.OWN_SUDDEN * largest)
+    by_law = [law.share for law in laws_left(problem, held) if law.interval[0] > settings.FORETOLD]
+    lawful = max([lasting_share(problem, held.residual), *by_law])
+    again = max(left.percent_of_input * math.sqrt(lawful) / settings.OWN_LAW, sudden)
     return max(many * beyond_own, AGAIN * min(max(again - 1.0, 0.0), 1.0))
 
 
-def repeated_share(problem: Problem, residual: Array) -> float:
-    """Of the energy of the input's residual (samples,), 0 to 1: the most that the mean over other runs at the same
-    position, or at the same speed, takes off it. Each direction has means of its own."""
-    kind = kind_of(problem.machine)
-    place = [
-        kind.place_of(problem.machine, run.start_position_m, motion.position)[at]
-        for run, motion, at in zip(problem.runs, problem.bench.motions, problem.rows, strict=True)
-    ]
-    return _most_foretold(problem, residual, np.concatenate(place), _speed(problem))
-
-
-def loaded_share(problem: Problem, residual: Array) -> float:
-    """As `repeated_share`, with the same input or the same acceleration: a gain that differs between the directions."""
-    measured = [u[at] for u, at in zip(problem.bench.measured, problem.rows, strict=True)]
-    acceleration = [
-        np.gradient(motion.speed, run.time_s)[at]
-        for run, motion, at in zip(problem.runs, problem.bench.motions, problem.rows, strict=True)
-    ]
-    return _most_foretold(problem, residual, np.concatenate(measured), np.concatenate(acceleration))
-
-
-def _speed(problem: Problem) -> Array:
-    return np.concatenate([motion.speed[at] for motion, at in zip(problem.bench.motions, problem.rows, strict=True)])
-
-
-def _most_foretold(problem: Problem, residual: Array, *variables: Array) -> float:
-    rows, folds = residual[: problem.inputs], folds_by_run(problem)[: problem.inputs]
-    energy, most = float(rows @ rows), 0.0
-    for variable in variables if energy > 0.0 else ():
-        edges = np.quantile(variable, np.linspace(0.0, 1.0, BINS + 1)[1:-1])
-        cell = np.searchsorted(edges, variable) + BINS * (_speed(problem) > 0.0)
-        left = 0.0
-        for fold in np.unique(folds):
-            mine = folds == fold
-            count, total = (np.bincount(cell[~mine], w, 2 * BINS) for w in (None, rows[~mine]))
-            left += float(np.sum((rows[mine] - (total / np.maximum(count, 1))[cell[mine]]) ** 2))
-        most = max(most, 1.0 - left / energy)
-    return min(most, 1.0)
+def laws_left(problem: Problem, fit: Fitted, seed: int = 0) -> list[Explained]:
+    """Of each variable that the runs vary: what a law of it, one each way, takes off a fit's residual on runs that the
+    law was not fitted to; on pieces of them, where there are fewer than three."""
+    left = fit.residual[: problem.inputs]
+    on_top, found = OnTop(problem, left, free_of(problem, fit)), []
+    for variable in variables(problem, left):
+        after = on_top.after(*basis(problem, variable))
+        found.append(Explained(variable, left - after, *share_of(problem, left, after, seed)))
+    return found
 
 
 def sudden_share(problem: Problem, residual: Array) -> float:
