@@ -43,16 +43,17 @@ def signs_of(problem: Problem, base: Fitted, held: Fitted, score: Score, left: L
     base: the fit without effects; held: that of the answer, which explains `share` of the gap's energy.
     left: the logarithm of the model error that it needs, over the default, in full where it leaves MUCH of that energy,
     less where less. prior: the distance of the base parameters from nominal beyond chance and beyond what an inexact
-    effect explains, in standard deviations above BY_CHANCE (see `tolerance_excess`); a cause for which the tolerances
-    alone speak, as base parameters could take it up, is held to them in full.
+    effect explains, in standard deviations above BY_CHANCE (see `tolerance_excess`). A machine that leaves nothing
+    itself is held to its tolerances in full by a cause that base parameters could take up.
     """
     if problem.struck:  # what stays beside an impact are its rebounds, which no law foretells
         return {"left": 0.0 if PLAY in held.effects else UNHEARD, "prior": 0.0}
     open_share, bent = 1.0, 0.0
-    if held.effects:
-        open_share = min((1.0 - share) / MUCH, 1.0)
-        explained = (base.rms(problem.inputs) / max(held.rms(problem.inputs), 1e-300)) ** 2 - 1.0
-        bent = settings.LAW**2 * max(explained, 0.0) * held.chi2  # so far a law is off what it explains
+    if held.effects:  # a law that takes much off the residual is inexact, and bends the base parameters
+        open_share, rms = min((1.0 - share) / MUCH, 1.0), max(held.rms(problem.inputs), 1e-300)
+        bent = settings.LAW**2 * max((base.rms(problem.inputs) / rms) ** 2 - 1.0, 0.0) * held.chi2
+        if kind_of(problem.machine).floor == "own":  # and so does what the machine leaves itself
+            bent = settings.FORETOLD * max(1.0 - (problem.noise / rms) ** 2, 0.0) * held.chi2
     return {
         "left": open_share * _unexplained(problem, held, left, score.excess),
         "prior": max(tolerance_excess(problem, held, bent) - settings.BY_CHANCE[bool(held.effects)], 0.0),
