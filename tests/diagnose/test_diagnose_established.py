@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
@@ -23,9 +24,9 @@ from workbench.blind.recording import cut, recording
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.gap import delivered_of
-from workbench.diagnose.hypotheses.evidence import lag_explains, smooths
-from workbench.diagnose.hypotheses.fit import estimates, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, base_parameters
+from workbench.diagnose.hypotheses.evidence import lag_explains, smooths, weigh
+from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
+from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, base_parameters
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
@@ -269,6 +270,30 @@ def test_a_cause_that_base_values_can_stand_in_for_is_named_by_their_tolerances(
     problem = Problem(campaign.machine, [logged(run, off) for run in campaign.runs])
     effects = [find(name, "hoist") for name in ("torque_offset", "carriage_mass_error")]
     assert judged_to_help(Search(problem, effects).singles()).names == named
+
+
+@pytest.mark.parametrize(("amplitude_nm", "wave"), [(12.0, ("torque_ripple",)), (0.01, ())])
+def test_a_small_cause_that_exceeds_the_model_error_where_it_acts_is_named_beside_another(
+    tmp_path: Path, amplitude_nm: float, wave: tuple[str, ...]
+):
+    """Two waves a turn are faster than the campaign's band but near standstill. And the evidence of both is no less for
+    a fit of one of them that is there, whichever: they are weighed in the order that says most."""
+    plain = true_machine({"guide.coulomb_hoisting_n": 6300.0, "guide.coulomb_lowering_n": 4300.0})
+    ripple = {"amplitude_nm": amplitude_nm, "order_per_turn": 2.0, "phase_rad": 1.6}
+    true = {"payload_mass_error": {"payload_scale": 1.06}, "torque_ripple": ripple}
+    campaign = read_campaign(simulated_campaign(tmp_path / "two", plain.model_copy(update={"effects": true})))
+    effects = [find(name, "hoist") for name in (*true, "torque_offset", "gearbox_inertia", "torque_scale")]
+    problem, keys = Problem(campaign.machine, campaign.runs), base_parameters(campaign.machine, campaign.runs)
+    search = searched(problem, effects, 3, base=keys)
+    named = ("payload_mass_error", *wave)
+    assert judged_to_help(search).names == named
+
+    def evidence(fits: Mapping[Names, Fitted]) -> float:
+        rows = weigh(search.problem, search.base, search.within_tolerances, fits)[0]
+        return next(row.evidence for row in rows if row.names == named)
+
+    for alone in [(name,) for name in named if wave]:
+        assert evidence({k: fit for k, fit in search.fits.items() if k != alone}) <= evidence(search.fits)
 
 
 # A cause that a law of one variable does without is none: the law's likelihood, and the verdict.
