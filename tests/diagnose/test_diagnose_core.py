@@ -322,7 +322,7 @@ def test_where_a_value_stops_at_its_bound_the_others_are_refitted_beside_it(seed
     z = stepped_aside(cast(Any, white), cast(Any, fit), taken)
     best = minimize(left, fit.z, bounds=list(zip(one.lowest, one.highest, strict=True)), method="L-BFGS-B").fun
     assert np.all((z >= one.lowest) & (z <= one.highest))
-    assert left(z) == pytest.approx(best, rel=1e-4)
+    assert left(z) < best * (1.0 + 1e-6)
 
 
 @given(st.integers(0, 10_000), st.integers(0, 2), st.integers(0, 4))
