@@ -254,30 +254,20 @@ def weigh(
     several effects is the most of all orders in which one after the other is added: of what each adds beyond the gain
     that an inexact law of those before it allows (`inexact`). So it does not hang on which of them is best alone.
     """
-    none = score_of(problem, base)
-
-    def weighed(names: Names, score: Score, evidence: float) -> Weighed:
-        fit = fits[names]
-        gain = base.objective - fit.objective
-        return Weighed(names, fit, gain, evidence, score, any(name in rivals for name in names))
-
-    by_names: dict[Names, Weighed] = {}
+    none, by_names = score_of(problem, base), dict[Names, Weighed]()
     for size in range(1, max(map(len, fits), default=0) + 1):
         together: dict[Names, Weighed] = {}
-        for names, fit in fits.items():
-            if len(names) != size:
-                continue
+        for names, fit in [(names, fit) for names, fit in fits.items() if len(names) == size]:
             score = score_of(problem, fit)
+            parts = [by_names[part] for part in combinations(names, size - 1) if part in by_names]
+            added = [part.evidence + _added(problem, near, part, fit, score) for part in parts]
             if size == 1:
                 evidence = beyond_model_error(problem, base, fit, none.value - score.value, score.sizes)
                 evidence -= cost(problem, len(fit.z) - len(base.z))
-                evidence = of_impacts(problem, names, beyond_nuisance(problem, fit, names[0], evidence))
-                together[names] = weighed(names, score, evidence)
-                continue
-            parts = [by_names[part] for part in combinations(names, size - 1) if part in by_names]
-            if parts:
-                evidence = max(part.evidence + _added(problem, near, part, fit, score) for part in parts)
-                together[names] = weighed(names, score, evidence)
+                added = [of_impacts(problem, names, beyond_nuisance(problem, fit, names[0], evidence))]
+            if added:
+                gain, rival = base.objective - fit.objective, any(name in rivals for name in names)
+                together[names] = Weighed(names, fit, gain, max(added), score, rival)
         by_names |= {names: _not_freer(problem, near, w, together, fits) for names, w in together.items()}
     return tuple(sorted(by_names.values(), key=lambda w: -w.evidence)), none
 
