@@ -75,13 +75,6 @@ def test_every_name_of_the_face_is_what_its_stub_says_it_is():
         assert (thing.__doc__ or "").strip(), name
 
 
-def test_dir_lists_about_25_names_and_a_wrong_one_is_an_attribute_error():
-    assert sorted(set(dir(wb)) - {"__version__"}) == sorted([*_WHERE, *_VERBS])
-    assert 20 <= len(dir(wb)) <= 30
-    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
-        wb.simulat  # type: ignore[attr-defined]  # noqa: B018
-
-
 def test_the_face_loads_nothing_until_a_name_is_used():
     code = (
         "import sys, workbench as wb\n"

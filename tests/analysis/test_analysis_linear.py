@@ -68,12 +68,6 @@ def test_the_linear_plant_is_the_finite_difference_of_the_plant(payload: float, 
     np.testing.assert_allclose(gain, plant.B[:, 0], rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize(("payload", "hz", "zeta"), [(0.0, 3.10, 0.97), (4500.0, 2.55, 0.80), (9000.0, 2.24, 0.70)])
-def test_the_carriage_on_the_wire_with_a_free_motor_is_that_of_the_model_page(payload: float, hz: float, zeta: float):
-    hz_and_zeta = oscillation(linearise(ideal_hoist(), OperatingPoint(payload, 10.0)))
-    assert hz_and_zeta == pytest.approx((hz, zeta), abs=0.006)
-
-
 def test_the_height_makes_one_slow_unstable_mode_and_nothing_else_where_a_loop_works():
     point = OperatingPoint(0.0, 10.0)
     free = linearise(ideal_hoist(), point, height_free=True)

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.family import Member, family, operating_points, weakest
+from workbench.analysis.family import family, operating_points
 from workbench.analysis.linearise import OperatingPoint, linearise
 from workbench.analysis.loop import linear_loop, load_step, step_response
 from workbench.analysis.margins import margins
@@ -19,17 +19,14 @@ from workbench.analysis.search import Search, anti_resonances, best_rejection, f
 from workbench.analysis.tune import Goal, Score, Trial, Tuned, Weights, try_out, tune, usual_trial
 from workbench.analysis.usual import usual_controller
 from workbench.cli import cli
-from workbench.control import Events, Notch, PiSettings
+from workbench.control import PiSettings
 from workbench.control.settings import read_controller
 from workbench.core.errors import InputError
-from workbench.core.yaml_strict import loads
 from workbench.machines import Hoist, default_hoist, save_machine, with_values
 from workbench.study.loop_design import loop_case
-from workbench.study.scenario import Scenario
 from workbench.view.loop import sentences
-from workbench.view.tune import active_limits, controller_text
+from workbench.view.tune import active_limits
 
-ROOT = Path(__file__).resolve().parents[2]
 BASE = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
 PAYLOADS = (0.0, 9000.0)
 
@@ -195,17 +192,6 @@ def test_a_candidate_whose_run_fails_has_no_score_and_costs_without_bound():
         tune(slow_drive(), BASE, POINTS, heavy, Goal())
 
 
-def test_what_is_written_is_a_controller_block_that_a_scenario_takes(tuned: Tuned, tmp_path: Path):
-    settings = tuned.winner.settings.model_copy(update={"notch": Notch(frequency_hz=3.0), "low_pass_hz": 80.0})
-    file = tmp_path / "controller.yaml"
-    file.write_text(controller_text(settings, ["a comment"]), encoding="utf-8")
-    assert read_controller(file) == settings
-    whole = (ROOT / "scenarios" / "payloads.yaml").read_text(encoding="utf-8")
-    without = whole[: whole.index("controller:")] + whole[whole.index("lead_s:") :]
-    data = loads(without + "\n" + controller_text(settings), "scenario.yaml").data
-    assert Scenario.model_validate(data).controller == settings
-
-
 def run(*words: str) -> tuple[int, str]:
     done = CliRunner().invoke(cli, list(words))
     if isinstance(done.exception, InputError):
@@ -259,29 +245,6 @@ MACHINE = with_values(ideal_hoist(), SLOW)
 RINGING = with_values(ideal_hoist(), SLOW | {"wire.damping_time_s": 0.002})
 
 
-def test_the_weakest_has_the_least_of_each_margin_and_names_its_member():
-    members = family(MACHINE, usual_controller(MACHINE), operating_points(MACHINE, (0.0, 9000.0), (0.0, 20.0)))
-    worst = weakest(members)
-    for name, least in (
-        ("phase_deg", min),
-        ("gain_up", min),
-        ("delay_s", min),
-        ("disk", min),
-        ("ms", max),
-        ("mt", max),
-    ):
-        expected = least(getattr(m.margins, name) for m in members)
-        assert getattr(worst.margins, name) == expected == getattr(worst.member[name].margins, name)
-    assert worst.margins.rejection_hz == min(m.margins.rejection_hz for m in members)
-
-
-def test_an_unstable_member_leaves_no_margin():
-    wild = PiSettings(kp_nm_s_per_rad=2000.0, ki_nm_per_rad=300.0)
-    worst = weakest(family(MACHINE, wild, operating_points(MACHINE, (0.0,), (5.0,))))
-    assert not worst.margins.stable
-    assert not worst.member["phase_deg"].margins.stable
-
-
 def test_below_the_rejection_bandwidth_every_disturbance_is_held_below_3_db():
     (member,) = family(MACHINE, usual_controller(MACHINE), [OperatingPoint(4500.0, 10.0)])
     f = member.margins.rejection_hz
@@ -299,11 +262,6 @@ def test_the_anti_resonance_is_the_load_on_its_two_falls_while_the_motor_stands(
     assert zero.damping == pytest.approx(0.5 * 0.002 * math.sqrt(k / mass), rel=0.05)
 
 
-def test_a_tuning_runs_under_the_scenarios_events():
-    case = loop_case(None, None, None, (10.0,), "scenarios/motor_failure.yaml")
-    assert case.trial().events == case.events != Events()
-
-
 def test_a_loop_that_less_gain_makes_unstable_says_by_how_much_less():
     case = loop_case(None, None, None, None, "scenarios/axis.yaml")
     members = family(case.machine, case.settings, operating_points(case.machine, (0.0,), (0.0,)))
@@ -314,12 +272,3 @@ def test_a_loop_that_less_gain_makes_unstable_says_by_how_much_less():
 
 
 # Figures of loops show every member, mark the margins that the table says, and tell members apart.
-
-
-MACHINE_FIGURES = with_values(ideal_hoist(), {"drive.speed_delay_s": 0.005, "drive.torque_lag_s": 0.004})
-SETTINGS = PiSettings(kp_nm_s_per_rad=40.0, ki_nm_per_rad=300.0, set_point_weight=0.8)
-
-
-@pytest.fixture(scope="module")
-def members() -> list[Member]:
-    return family(MACHINE_FIGURES, SETTINGS, operating_points(MACHINE_FIGURES, (0.0, 4500.0, 9000.0), (2.0, 20.0)))

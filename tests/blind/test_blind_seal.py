@@ -81,14 +81,6 @@ def test_neither_label_nor_seed_nor_key_stands_in_the_folder(made: Made):
     assert stat.S_IMODE(made.key.stat().st_mode) == 0o600 or os.name != "posix"
 
 
-def test_the_manifest_holds_the_hash_of_the_seal_and_of_every_file_from_the_start(made: Made):
-    manifest = seal.read_manifest(made.folder)
-    assert manifest.seal_sha256 == made.seal_sha256 == seal.sha256((made.folder / seal.SEALED).read_bytes())
-    assert sorted(manifest.cases) == ["001", "002", "003", "004"]
-    assert sorted(manifest.cases["002"]) == ["machine.yaml", "runs.yaml", "runs/first.csv"]
-    assert manifest.cases["002"]["machine.yaml"] == seal.sha256(b"machine.yaml of 002\n")
-
-
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -404,14 +396,6 @@ def test_what_does_not_fit_is_one_line_and_writes_nothing(
     err = capsys.readouterr().err
     assert sentence in err and "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_key_that_is_there_is_not_overwritten(tmp_path: Path):
-    (tmp_path / "test.key").write_text("mine")
-    with pytest.raises(InputError, match="nothing is overwritten"):
-        make(Asked(cases=1, seed=1), tmp_path / "test", processes=1, maker=makes(1, 1))
-    assert (tmp_path / "test.key").read_text() == "mine"
-    assert not (tmp_path / "test").exists()
 
 
 def test_where_only_the_package_is_installed_the_simulators_are_named_as_missing(

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
 from functools import cache
 
 import numpy as np
 import pytest
 
-from benchmarks.validation.axis_causes import EVENTS, IN_THE_LIBRARY, LISTED, UNLISTED, scales_of
+from benchmarks.validation.axis_causes import IN_THE_LIBRARY, LISTED, UNLISTED, scales_of
 from benchmarks.validation.axis_machines import KINDS, MOTIONS, drawn_axis, excitation
 from benchmarks.validation.axis_motion import (
     ACCELERATION,
     FORCE,
-    FRICTION,
     LOAD_POSITION,
     POSITION,
     RECORD_S,
@@ -24,7 +21,7 @@ from benchmarks.validation.axis_motion import (
     nominal_truth,
     simulate,
 )
-from benchmarks.validation.campaign import built, input_change, make_campaign, simulated
+from benchmarks.validation.campaign import built, make_campaign, simulated
 from benchmarks.validation.content import draw
 from benchmarks.validation.families import FAMILIES
 from workbench import effects
@@ -178,13 +175,6 @@ def test_a_load_is_held_at_rest(motion):
         assert np.ptp(record[1000:, POSITION]) < 1e-4 * axis.travel
 
 
-def test_friction_only_takes_energy():
-    axis, _, record, _ = plain_run("moves")
-    power = record[:, FRICTION] * record[:, SPEED]
-    assert np.mean(power < -1e-9 * axis.force * axis.speed) < 0.01
-    assert np.sum(power) > 0.0
-
-
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("name", [*LISTED, *IN_THE_LIBRARY])
 def test_labels_use_the_names_places_and_bounds_of_the_workbenchs_library(name, motion):
@@ -206,21 +196,6 @@ def test_every_effect_of_the_formats_list_can_be_drawn(motion):
     assert listed == set(LISTED)
 
 
-@pytest.mark.parametrize("name", [*LISTED, *UNLISTED])
-def test_a_cause_shows_in_the_force(name):
-    content = draw(3, "axis_std", "singles", [name])
-    force = content.drawn.force
-    if name == "dead_band":  # it acts on the samples of the log
-        assert content.causes[0].log["dead_band"] > 0.04 * force
-        return
-    change = input_change(content, 3)
-    strongest = max(max(seconds) for seconds in change.by_second_nm.values())
-    if name in EVENTS:  # it lasts for a small part of a second
-        assert strongest > 0.004 * force
-        return
-    assert 0.004 * force < change.rms_nm < 0.3 * force
-
-
 @pytest.mark.parametrize("family", FAMILY_NAMES)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_drawn_axis_follows_its_reference_within_its_travel(seed, family):
@@ -232,21 +207,6 @@ def test_a_drawn_axis_follows_its_reference_within_its_travel(seed, family):
         assert np.max(np.abs(run.record[:, FORCE])) < 1.5 * axis.force
         low, high = np.min(run.record[:, POSITION]), np.max(run.record[:, POSITION])
         assert axis.low - 0.05 * axis.travel < low < high < axis.low + 1.15 * axis.travel
-
-
-def test_a_campaign_of_an_axis_is_read_without_a_remark_and_its_label_says_what_is_in_it(tmp_path):
-    content = draw((5, 1), "axis_std", "singles", ["friction_viscous"])
-    label = make_campaign(tmp_path / "one", (5, 1), content)
-    campaign = read_campaign(tmp_path / "one")
-    machine = content.machine
-    assert campaign.machine.model_dump(exclude={"sensors"}) == machine.model_dump(exclude={"sensors"})
-    assert [run.name for run in campaign.runs] == [plan.name for plan in content.runs]
-    assert all(run.notes == () for run in campaign.runs)
-    said = json.loads(json.dumps(dataclasses.asdict(label)))
-    assert said["effects"] == ["friction_viscous"]
-    assert (said["kind"], said["family"], said["case"]) == ("axis", "axis_std", "singles")
-    (value,) = said["parameters"]["friction_viscous"].values()
-    assert value == said["truth"]["B_f"] == said["truth"]["B_b"]
 
 
 @pytest.mark.parametrize("seed", [2, 3])

@@ -8,7 +8,7 @@ import pytest
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.linearise import OperatingPoint, linearise
 from workbench.analysis.loop import sampled_plant
-from workbench.control import PiSettings, lag_step, weight_before
+from workbench.control import PiSettings, lag_step
 from workbench.machines import Hoist, with_values
 from workbench.simulate.loop import LoopCase, simulate_loop
 
@@ -33,15 +33,6 @@ def test_the_straight_line_has_the_exponentials_integral_and_first_moment(time_c
     np.testing.assert_allclose(line, exact, rtol=1e-8)
     assert step.left == pytest.approx(np.exp(-H / time_constant_s))
     assert step.mean * H == pytest.approx(exact[0], rel=1e-8)
-
-
-@pytest.mark.parametrize("time_constant_s", [1e-6, 1e-3, 0.02])
-def test_the_mean_torque_between_two_samples_is_that_of_the_exponential(time_constant_s: float):
-    held, before = 300.0, 100.0
-    now = held + (before - held) * np.exp(-H / time_constant_s)
-    mean = held + (before - held) * time_constant_s / H * (1.0 - np.exp(-H / time_constant_s))
-    w = weight_before(time_constant_s, H)
-    assert w * before + (1.0 - w) * now == pytest.approx(mean, rel=1e-9)
 
 
 def test_the_delay_of_a_lag_is_its_time_constant():

@@ -99,14 +99,6 @@ def test_a_batch_is_stopped_kept_and_resumed(server: Path):
     assert after(app, job).subheader[0].value == "batch · 1,280 runs"
 
 
-def test_an_uploaded_scenario_is_run_from_its_copy_under_the_pages_own_name(server: Path):
-    app = uploaded(GOOD)
-    assert "**4 runs**" in words(app)
-    job = the_job(server) if begun(app) else None
-    assert job is not None and after(app, job).subheader[0].value == "small · 4 runs"
-    assert [path.name for path in job.file("inputs").iterdir()] == ["scenario.yaml"]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [

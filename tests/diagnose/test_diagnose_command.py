@@ -13,12 +13,10 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.made_diagnosis import KINDS, VISCOUS, made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
-from workbench.cli.show import print_sections
 from workbench.core.errors import InputError
 from workbench.diagnose.progress import Progress, Remaining, Stage, Task, Tell
 from workbench.effects import check
 from workbench.machines import default_hoist, load_machine
-from workbench.view.diagnosis import brief_sections, candidates_table, progress_words
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -54,16 +52,6 @@ class Called:
 @pytest.fixture
 def called(monkeypatch: pytest.MonkeyPatch) -> Called:
     return Called(monkeypatch)
-
-
-def test_without_options_the_diagnosis_gets_its_defaults(workbench: Commands, folder: Path, called: Called):
-    assert workbench("diagnose", folder).status == 0
-    campaign = called.how.pop("campaign")
-    assert [run.name for run in campaign.runs] == ["empty", "half", "full"]
-    assert called.how == {
-        "baseline": "tolerances", "candidates": None, "most_effects": 5, "seed": 0, "band_hz": None, "scenario": None,
-        "quick": False, "validate": [],
-    }  # fmt: skip
 
 
 def test_options_reach_the_diagnosis(workbench: Commands, folder: Path, called: Called):
@@ -130,13 +118,6 @@ def test_a_wrong_word_is_said_before_any_work(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_in_use_is_refused_before_any_work(workbench: Commands, folder: Path, called: Called):
-    done = workbench("diagnose", folder, "--out", folder)
-    assert done.status == 2
-    assert "nothing is overwritten" in done.err
-    assert called.how == {}
-
-
 @pytest.mark.parametrize(
     ("stop", "status", "said"),
     [
@@ -152,17 +133,6 @@ def test_what_stops_it_leaves_nothing(
     assert (done.status, done.out) == (status, "")
     assert said in done.err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_stages_are_counted_without_a_gap_to_the_last(
-    workbench: Commands, folder: Path, called: Called, tmp_path: Path
-):
-    called.steps = [Progress(stage) for stage in Stage if stage is not Stage.WRITE]
-    words = [progress_words(step) for step in called.steps]
-    told = workbench("diagnose", folder, "--out", tmp_path / "out").err.splitlines()[-8:]
-    assert told == [*(f"{k + 1}/8 {words[k]}" for k in range(7)), "8/8 writing the report"]
-    told = workbench("diagnose", folder).err.splitlines()[-7:]
-    assert told == [f"{k + 1}/7 {words[k]}" for k in range(7)]  # there is no report to write
 
 
 # CPU seconds from the base fit to each message and to the end, of 17 of the 34 practice campaigns.
@@ -207,25 +177,6 @@ def test_nine_of_ten_messages_are_followed_by_no_more_than_they_say():
     assert np.mean(np.array(over) >= 1.0) > 0.87
     assert np.median(over) < 4.0  # and says something
     assert Remaining(lambda: 0.0)(Progress(Stage.SEARCH, Task.SINGLE)) is None  # nothing was measured
-
-
-def test_the_terminal_shows_the_set_that_is_alike_and_the_run_that_decides(capsys: pytest.CaptureFixture[str]):
-    print_sections(brief_sections(made_diagnosis("pair", with_consequences=True)))
-    said = " ".join(capsys.readouterr().out.split())
-    assert "These runs cannot tell it from carriage_mass_error" in said
-    assert "A slow run tells friction_viscous from carriage_mass_error." in said
-    assert "- No run logs the dead line's tension." in said
-    assert "- The torque peak per motor changes by" in said
-    assert "viscous_n_s_per_m 4210 130" in said
-
-
-def test_without_a_gap_the_terminal_claims_no_shrink_and_no_share_of_it(capsys: pytest.CaptureFixture[str]):
-    d = made_diagnosis("no_gap")
-    print_sections(brief_sections(d))
-    said = " ".join(capsys.readouterr().out.split())
-    assert "Nothing to shrink: on held-out runs" in said
-    assert "factor" not in said
-    assert {row[2] for row in candidates_table(d, brief=True).rows} == {"–"}
 
 
 def test_a_missing_effect_is_named_from_its_runs_and_twice_alike(workbench: Commands, tmp_path: Path):

@@ -31,7 +31,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, signatures_of
+from workbench.diagnose.hypotheses.signatures import linear_gain, signatures_of
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation
@@ -57,14 +57,6 @@ def float_of(value: float | tuple[float, ...]) -> float:
 
 
 # Knobs
-
-
-def test_a_logarithmic_value_moves_by_factors_and_never_reaches_zero():
-    parameter = Scalar("x", 40.0, 0.5, least=0.0, logarithmic=True)
-    assert parameter.values([2.0])["x"] == pytest.approx(40.0 * math.e)
-    assert 0.0 < float_of(parameter.values([-40.0])["x"]) < 1e-6
-    assert parameter.lowest == (-math.inf,)
-    assert parameter.highest == (math.inf,)
 
 
 @pytest.mark.parametrize("logarithmic", [False, True])
@@ -151,14 +143,6 @@ def test_changing_nothing_changes_exactly_nothing(kind: str, request: pytest.Fix
     assert base == pytest.approx(nothing, abs=1e-9)  # what base parameters stand at is the machine itself
 
 
-@pytest.mark.parametrize("kind", ["hoist", "axis"])
-def test_runs_of_a_machine_leave_their_noise_under_that_machine(kind: str, request: pytest.FixtureRequest):
-    problem: Problem = request.getfixturevalue(kind)
-    (residual,) = problem.residuals([{}])
-    assert rms(residual) == pytest.approx(problem.noise, rel=0.2)
-    assert abs(np.mean(residual)) < 0.2 * problem.noise
-
-
 def test_a_setting_is_the_machine_with_these_values(hoist: Problem):
     """By symbol or in machine.yaml: the residual is the same, but for the steps that the integration took."""
     values = {"carriage.mass_kg": 8300.0, "guide.coulomb_hoisting_n": 7000.0, "sensors.torque_gain": 1.02}
@@ -168,23 +152,6 @@ def test_a_setting_is_the_machine_with_these_values(hoist: Problem):
     assert rms(by_file - by_symbol) < 0.002 * rms(by_symbol - plain)
     (offset,) = hoist.differences({}, [{OFFSET: 5.0}])[1]
     assert offset == pytest.approx(-5.0)
-
-
-def test_a_value_for_each_run_reaches_that_run_only(hoist: Problem):
-    mass = 8000.0
-    _, change = hoist.differences({}, [{"m_c": (mass, 8200.0, mass)}, {"m_c": 8200.0}])
-    second = hoist.run_of_row == 1
-    assert np.array_equal(change[0][second], change[1][second])
-    assert not np.any(change[0][~second])
-    assert np.any(change[1][~second])
-
-
-def test_a_logs_timing_comes_on_top_of_an_effects_delay(axis: Problem):
-    late = "speed_delay__delay_s"
-    both, one, other = axis.residuals([{LOG_TIMING: 0.01, late: 0.05}, {late: 0.06}, {LOG_TIMING: 0.06}])
-    assert both == pytest.approx(one, abs=1e-6)
-    assert other == pytest.approx(one, abs=1e-6)
-    assert rms(one) > 5.0 * axis.noise
 
 
 def test_the_jacobian_is_the_slope(hoist: Problem):
@@ -382,14 +349,3 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     for symbol, value in true.items():
         assert fit.setting[symbol] == pytest.approx(value, rel=0.002), symbol
     assert fit.effects == (effect.id,)
-
-
-def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: Problem):
-    free = list(base_parameters(hoist.machine, hoist.runs).values())
-    base = fit_hypothesis(hoist, (), free, np.zeros(len(free)))
-    projection = Projection.of(hoist, base)
-    assert np.max(np.abs(projection.rows.T @ projection.clean(np.ones((hoist.samples, 1))))) < 1e-8
-    assert np.linalg.norm(projection.rows.T @ projection.residual) < 1e-8
-    # At the best point of the base nothing is gained by it either: what is projected out was nothing.
-    stacked = hoist.errors.whiten(base.residual)
-    assert projection.residual @ projection.residual == pytest.approx(stacked @ stacked + base.prior, rel=1e-3)

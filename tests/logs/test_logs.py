@@ -12,7 +12,7 @@ import pyarrow.parquet
 import pytest
 import scipy.io
 
-from tests.support.log_campaign import AXIS, RUNS, axis_columns, csv_text, hoist_columns, write_campaign
+from tests.support.log_campaign import AXIS, RUNS, csv_text, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
 from workbench.machines import Hoist, LinearAxis
@@ -92,36 +92,11 @@ def test_columns_map_with_scale_and_offset(tmp_path):
     assert run.notes == ()
 
 
-def test_sum_of_both_motors_is_enough(tmp_path):
-    columns = hoist_columns()
-    total = columns.pop("torque_motor1_nm") + columns.pop("torque_motor2_nm")
-    run = read_campaign(write_campaign(tmp_path, columns | {"torque_motor_nm": total})).runs[0]
-    assert np.array_equal(run["torque_motor_nm"], total)
-    assert "torque_motor1_nm" not in run
-
-
 def test_logged_sum_gives_way_to_both_motors_and_that_is_said(tmp_path):
     columns = hoist_columns()
     run = read_campaign(write_campaign(tmp_path, columns | {"torque_motor_nm": columns["time_s"]})).runs[0]
     assert np.array_equal(run["torque_motor_nm"], columns["torque_motor1_nm"] + columns["torque_motor2_nm"])
     assert run.notes == ("torque_motor_nm is not used: both motors are logged for themselves",)
-
-
-def test_axis_reads_with_velocity_alone(tmp_path):
-    columns = axis_columns()
-    columns["velocity_m_s"] = np.gradient(columns.pop("position_m"), columns["time_s"])
-    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
-    run = read_campaign(write_campaign(tmp_path, columns, runs=runs, machine=AXIS)).runs[0]
-    assert (run.payload_kg, run.start_position_m) == (0.0, 0.0)
-    assert "velocity_m_s" in run
-
-
-def test_axis_without_position_and_velocity_is_refused(tmp_path):
-    columns = axis_columns()
-    del columns["position_m"]
-    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
-    write_campaign(tmp_path, columns, runs=runs, machine=AXIS)
-    assert "lift: no column position_m or velocity_m_s; did you mean 'position_reference_m'?" in refusal(tmp_path)
 
 
 def two_runs(folder: Path, **changes: str) -> str:

@@ -60,12 +60,6 @@ def test_a_wire_that_follows_its_length_stretches_in_proportion_to_it(height: fl
     assert stretched[1.0] / stretched[0.0] == pytest.approx(free / wire.segment_length_m, rel=2e-3)
 
 
-def test_a_layer_more_lengthens_the_arm_of_the_wire():
-    level, layered = (hang(MACHINE, 4500.0, 9.0, Switches(layer_m=d, layer_rad=20.0)) for d in (0.0, 0.02))
-    arm = MACHINE.winch.drum_diameter_m / 2.0
-    assert layered.hold_torque_nm / level.hold_torque_nm == pytest.approx((arm + 0.02) / arm, rel=1e-6)
-
-
 @pytest.mark.parametrize("payload", PAYLOADS)
 def test_reactions_are_those_of_statics_by_hand(payload: float):
     """Free bodies from the gripper inwards; every moment about z, up and outwards positive."""
@@ -121,11 +115,6 @@ def test_the_linkage_closes_at_every_reach(reach: float):
     assert distance("level_bar_inner", "level_bar_outer") == pytest.approx(arm.main_arm_m)
     assert distance("lower_pivot", "middle_pivot") == pytest.approx(arm.main_arm_m / 2.0)
     assert points["head_pivot"][1] == points["lower_pivot"][1] == 7.0  # on a level line, whatever the reach
-
-
-def test_the_bodies_weigh_what_the_carriage_and_the_payload_do():
-    bodies = geometry_of(MACHINE, 4500.0, 5.0).bodies
-    assert sum(b.mass_kg for b in bodies.values()) == pytest.approx(MACHINE.carriage.mass_kg + 4500.0)
 
 
 @pytest.mark.parametrize(

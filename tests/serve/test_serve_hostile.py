@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from benchmarks.attack.packets import attack
-from benchmarks.serve import Client, Served, command_packet, state_in
+from benchmarks.serve import Client, Served, command_packet
 from tests.serve.test_serve import BITS, HOIST, Hand
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
@@ -20,7 +20,7 @@ from workbench.machines import save_machine
 from workbench.serve import tcp
 from workbench.serve.plant import LivePlant
 from workbench.serve.serve import Wish
-from workbench.serve.session import MOST_BEHIND_S, Session
+from workbench.serve.session import Session
 from workbench.serve.udp import BYTE_ORDER, SILENT_S
 
 TOKEN = "winch-7-bench"
@@ -144,24 +144,6 @@ def test_without_the_token_there_is_no_answer_at_all():
         client.close()
 
 
-def test_time_that_was_left_out_is_flagged_and_counted():
-    clock = Hand()
-    session = session_of(clock=clock)
-    session.pace.begin(0.0)
-    session.pace.start(5.0)  # before the first command: time does not run yet
-    session.command(session.plant.hold)
-    session.pace.end(5.0)
-    assert not session.flags & BITS["skipped"]
-    session.pace.start(session.pace.due_s + MOST_BEHIND_S + 3.0)
-    assert session.flags & BITS["skipped"] and session.skipped_s == pytest.approx(3.0)
-    assert session.order({"get": ["skipped_s", "is_skipped"]})["get"] == pytest.approx(
-        {"skipped_s": 3.0, "is_skipped": 1}
-    )
-    session.set({"reset": 1})
-    session.command(session.plant.hold)
-    assert not session.flags & BITS["skipped"]
-
-
 def test_a_wire_that_carries_more_than_its_breaking_load_is_told_until_reset():
     said: list[str] = []
     session, breaks_at = session_of(9000.0, said=said), HOIST.wire.breaking_load_n
@@ -178,17 +160,6 @@ def test_a_wire_that_carries_more_than_its_breaking_load_is_told_until_reset():
     assert largest > breaks_at and any("breaking load" in line for line in said)
     session.set({"reset": 1})
     assert not session.flags & BITS["overload"]
-
-
-def test_a_state_packet_is_read_back_as_the_outputs():
-    with Served(HOIST, watchdog_s=5.0) as served:
-        client = Client(served.port)
-        client.send(600.0)
-        state = client.receive()
-        names = [point.name for point in served.session.outputs if point.kind == "number"]
-        assert len(state.numbers) == len(names) == 13 and names[-1] == "skipped_s" and state.echo == 1
-        assert state_in(b"WBS2") is None and state_in(b"WBC2" + bytes(40)) is None
-        client.close()
 
 
 # The gate before Modbus and OPC UA.

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -60,11 +59,6 @@ def stopping_after(chunks: int, study: Study, numbers: Sequence[int]) -> Iterato
     """Runs some chunks, then is stopped as by Ctrl-C."""
     yield from on_this_computer(study, numbers[:chunks])
     raise KeyboardInterrupt
-
-
-def never(study: Study, numbers: Sequence[int]) -> Iterator[tuple[int, Chunk]]:
-    assert not numbers, "was run"
-    return iter(())
 
 
 def resumed(file: Path, out: Path, index: bytes, kept: int) -> None:
@@ -152,25 +146,6 @@ def test_a_kept_chunk_that_is_damaged_is_run_again(small: Study, whole: bytes, t
     run_batch(small, place_for(small, out), tell=told.append)
     assert told[0].kept == 0
     assert (out / "index.parquet").read_bytes() == whole
-
-
-def test_a_result_that_another_process_finished_meanwhile_is_left_alone(small: Study, tmp_path: Path) -> None:
-    place = place_for(small, tmp_path / "out")  # found unfinished ...
-    run_batch(small, place)
-    before = (place.folder / "manifest.json").stat()
-    run_batch(small, place, spread=never)
-    assert (place.folder / "manifest.json").stat() == before
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
-
-
-def test_another_study_does_not_go_on_with_the_chunks_of_this_one(small: Study, tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        run_batch(small, place_for(small, tmp_path / "out"), spread=partial(stopping_after, 1))
-    other = replace(small, scenario=small.scenario.model_copy(update={"settle_s": 9.0}))
-    told: list[Progress] = []
-    with pytest.raises(KeyboardInterrupt):
-        run_batch(other, place_for(other, tmp_path / "out"), spread=partial(stopping_after, 1), tell=told.append)
-    assert told[0].kept == 0
 
 
 PEAK = """

@@ -204,18 +204,6 @@ def test_null_takes_a_block_back(tmp_path: Path) -> None:
     assert len(load_study(child(tmp_path, "sweep: null\n", base)).specs) == 4
 
 
-def test_an_override_goes_over_the_same_one_however_it_is_written(tmp_path: Path) -> None:
-    base = GOOD + "machine_overrides: {wire: {segment_length_m: 30, damping_time_s: 0.2}}\n"
-    wire = load_study(child(tmp_path, "machine_overrides: {wire.segment_length_m: 28}\n", base)).machine.wire
-    assert (wire.segment_length_m, wire.damping_time_s) == (28.0, 0.2)
-
-
-def test_an_extended_scenario_is_the_same_study_as_one_written_out(tmp_path: Path) -> None:
-    split = load_study(child(tmp_path, "settle_s: 5.0\n"))
-    whole = load_study(write(tmp_path, GOOD.replace("name: small", "name: child") + "settle_s: 5.0\n"))
-    assert split.fingerprint == whole.fingerprint
-
-
 @pytest.mark.parametrize(
     ("text", "base", "says"),
     [

@@ -6,7 +6,6 @@ import errno
 import json
 import os
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,9 +19,9 @@ from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.conclude import sentences
 from workbench.study.load import Study, load_study
-from workbench.study.rows import index_table, read_rows
+from workbench.study.rows import read_rows
 from workbench.study.run import StudyResult, run_study
-from workbench.study.store import Chunk, SavedRuns, place_for, run_batch
+from workbench.study.store import SavedRuns, place_for, run_batch
 from workbench.view.study import run_table, save_study_page
 
 SCENARIO = """\
@@ -103,22 +102,6 @@ def test_folder_holds_index_signals_scenario_machine_manifest_and_page(
     assert folder.stat().st_mode & 0o777 == 0o755
 
 
-def test_written_scenario_is_complete_and_the_same_study(study: Study, tmp_path: Path) -> None:
-    folder = written(study, tmp_path / "small")
-    again = load_study(folder / "scenario.yaml")
-    assert again.fingerprint == study.fingerprint
-    assert again.scenario.model_dump(exclude={"machine"}) == study.scenario.model_dump(exclude={"machine"})
-
-
-def test_index_read_back_is_the_rows_that_were_written(result: StudyResult, tmp_path: Path) -> None:
-    rows = list(result.rows)
-    rows[1] = replace(rows[1], status="failed", reason="ran away", metrics=dict.fromkeys(rows[1].metrics))
-    folder = tmp_path / "x"
-    folder.mkdir()
-    pq.write_table(index_table(rows), folder / "index.parquet")
-    assert read_rows(folder) == rows
-
-
 def test_signals_read_back_are_those_of_the_runs(result: StudyResult, study: Study, tmp_path: Path) -> None:
     folder = written(study, tmp_path / "small")
     saved = SavedRuns(folder, read_rows(folder))
@@ -137,16 +120,6 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_result(study: Study, tmp_path
     with pytest.raises(InputError, match="small: no results written: No space left on device"):
         run_batch(study, place_for(study, tmp_path / "small"), extras={"study.html": full})
     assert not (tmp_path / "small").exists()
-
-
-def test_a_place_that_cannot_be_written_is_known_before_anything_is_run(study: Study, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-
-    def never(*_: object) -> Iterator[tuple[int, Chunk]]:
-        raise AssertionError("was run")
-
-    with pytest.raises(InputError, match="small: no results can be written there: a file stands where"):
-        run_batch(study, place_for(study, tmp_path / "file" / "small"), spread=never)
 
 
 def test_a_finished_result_is_never_overwritten(study: Study, tmp_path: Path) -> None:

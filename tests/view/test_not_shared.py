@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import not_here
 from tests.support import browser
-from workbench.view.page import NOT_SHARED, Section, save_page, without_sharing
+from workbench.view.page import Section, save_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -79,14 +79,6 @@ def test_a_notebooks_figure_has_no_button_that_uploads(chromium: Browser, tmp_pa
     page = chromium.new_page()
     looked_at(page, tmp_path / "cell.html", empty=False)
     page.close()
-
-
-def test_each_renderer_that_takes_a_configuration_has_this_one():
-    from plotly.io import renderers
-
-    without_sharing()
-    taking = [renderers[name] for name in renderers if hasattr(renderers[name], "config")]
-    assert taking and all(renderer.config.items() >= NOT_SHARED.items() for renderer in taking)
 
 
 def test_the_dashboards_figures_have_no_button_that_uploads(chromium: Browser, tmp_path: Path):

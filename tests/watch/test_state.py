@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import resource
 import shutil
-import signal
 import sqlite3
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -21,7 +17,6 @@ from benchmarks.attack.watch_states import HOIST, RULES, make_state, put, short_
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
 from workbench.machines import save_machine
-from workbench.watch.store import Store
 from workbench.watch.watch import Watch
 
 OPTIONS = "--settle", "0.02", "--healthy", str(RULES.healthy), "--skip-diagnosis"
@@ -124,38 +119,6 @@ def test_on_a_full_disk_one_call_says_one_line_and_the_next_goes_on(place: Path,
     assert counted(place / "state") == 62
 
 
-def test_a_watch_on_a_full_disk_goes_on_by_itself_when_there_is_room(place: Path):
-    first, second = short_runs(2)
-    put(place / "logs", first)
-    line = [sys.executable, "-m", "workbench", *map(str, words(place, "--every", 0.1))]
-    process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    said: list[str] = []
-    listener = threading.Thread(target=lambda: said.extend(process.stderr or ()))
-    listener.start()
-    try:
-        until(lambda: counted(place / "state") == 61 and (place / "state" / "watch.html").is_file(), process)
-        limits = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
-        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (0, limits[1]))
-        put(place / "logs", second)
-        until(lambda: any("it is tried again at each look" in line for line in said), process)
-        time.sleep(0.3)  # longer than a look: the line is said once
-        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, limits)
-        until(lambda: counted(place / "state") == 62, process)
-    finally:
-        process.send_signal(signal.SIGTERM)
-    assert process.wait(60.0) == 1  # the alarm of make_state
-    listener.join()
-    lines = [line for line in said if "written" in line or "room" in line]
-    assert len(lines) == 2 and "it is tried again at each look" in lines[0] and "there is room again" in lines[1]
-
-
-def until(what: Callable[[], bool], process: subprocess.Popen[str], seconds: float = 120.0) -> None:
-    ends = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < ends and process.poll() is None
-        time.sleep(0.05)
-
-
 # Two at once.
 
 
@@ -235,11 +198,3 @@ def test_what_cannot_be_rebuilt_is_one_line(place: Path, commands: Commands):
     assert done.status == 2 and "there is no cycles.parquet to rebuild it from" in one_line(done.err)
     other = commands(*words(place, "--once", "--healthy", 30))
     assert other.status == 2
-
-
-@pytest.mark.skipif(os.name != "posix", reason="allowed: pipes of POSIX")
-def test_a_pipe_in_the_place_of_the_state_is_refused_and_not_waited_for(tmp_path: Path):
-    (tmp_path / "state").mkdir()
-    os.mkfifo(tmp_path / "state" / "watch.sqlite")
-    with pytest.raises(InputError, match="is not a regular file"):
-        Store(tmp_path / "state", HOIST, RULES)
