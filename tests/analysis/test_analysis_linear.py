@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.linearise import MOTIONS, OUTPUTS, STIFFNESS_BY_LENGTH, LinearPlant, OperatingPoint, linearise
+from workbench.analysis.linearise import MOTIONS, OUTPUTS, LinearPlant, OperatingPoint, linearise
 from workbench.analysis.loop import LinearLoop, Sampled, linear_controller, linear_loop, sampled_plant
 from workbench.analysis.margins import Margins, margins
 from workbench.cli import cli
@@ -30,12 +30,6 @@ PAYLOADS = (0.0, 4500.0, 9000.0)
 
 def with_drive(base: Hoist | None = None, **drive: float) -> Hoist:
     return with_values(base or ideal_hoist(), {f"drive.{key}": value for key, value in drive.items()})
-
-
-def oscillation(plant: LinearPlant) -> tuple[float, float]:
-    """(Hz, damping ratio) of the slowest oscillating mode."""
-    s = min((e for e in np.linalg.eigvals(plant.A) if e.imag > 0.0), key=abs)
-    return abs(s) / (2.0 * np.pi), -s.real / abs(s)
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
@@ -78,13 +72,6 @@ def test_the_height_makes_one_slow_unstable_mode_and_nothing_else_where_a_loop_w
     a, b = (sampled_plant(plant, 0.001, ideal_hoist().drive).response(f)[:, 0, 0] for plant in (free, frozen))
     np.testing.assert_allclose(a, b, rtol=2.5e-3)
     np.testing.assert_allclose(a[f > 1.0], b[f > 1.0], rtol=3e-5)
-
-
-def test_a_wire_as_stiff_as_its_free_length_moves_the_mode_by_the_root_of_the_stiffness():
-    held = with_values(ideal_hoist(), {"motor.rotor_inertia_kg_m2": 1e6, "wire.damping_time_s": 0.02})
-    short = linearise(held, OperatingPoint(9000.0, 15.0), effects=STIFFNESS_BY_LENGTH)
-    whole = linearise(held, OperatingPoint(9000.0, 15.0))
-    assert oscillation(short)[0] / oscillation(whole)[0] == pytest.approx(np.sqrt(25.0 / 10.0), rel=2e-3)
 
 
 WEIGHTED = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, set_point_weight=0.4)

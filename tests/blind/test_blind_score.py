@@ -122,26 +122,6 @@ def test_intervals_are_wilsons(count: int, of: int, low: float, high: float):
     assert Share(count, of).interval() == pytest.approx((low, high), abs=5e-5)
 
 
-UNLISTED = "unlisted: a fan"
-
-
-@pytest.mark.parametrize(
-    ("regime", "window", "found"),
-    [
-        ("event", ("half_fast", 12.0, 13.0), True),
-        ("event", ("half_fast", 10.2, 11.8), True),  # half a second beside it
-        ("event", ("half_fast", 20.0, 21.0), False),
-        ("event", ("empty_fast", 12.0, 13.0), False),
-        ("time", ("half_fast", 12.0, 13.0), False),
-    ],
-)
-def test_an_event_is_found_in_its_run_at_its_time_and_by_its_name(regime: str, window: Any, found: bool):
-    event = {"run": "half_fast", "from_s": 12.2, "to_s": 13.1, "subsystem": "guide"}
-    row = made([UNLISTED], "unknown", events=[event], windows=[window], regime=regime)
-    assert measures.event_found(row) == found
-    assert share("event", [row, ANSWERS[0]]) == (int(found), 1)
-
-
 def test_errors_are_relative_to_what_the_effect_changes():
     """A gain of 1.06 that is found as 1.09 is off by half of what is wrong with it."""
     row = made(

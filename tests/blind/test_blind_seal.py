@@ -109,17 +109,6 @@ def test_a_change_after_sealing_is_found_out_and_named(made: Made, change: Any, 
     assert not (made.folder / OPENED).exists()
 
 
-@pytest.mark.skipif(os.name != "posix", reason="allowed: pipes of POSIX")
-@pytest.mark.parametrize("name", ["manifest.json", seal.SEALED, "answers.jsonl", "answers/001.json", "KEY"])
-def test_a_pipe_in_the_place_of_a_sealed_file_is_refused_and_not_waited_for(made: Made, name: str):
-    answered(made)
-    file = made.key if name == "KEY" else made.folder / name
-    file.unlink()
-    os.mkfifo(file)
-    with pytest.raises(InputError, match="is not a regular file"):
-        open_and_score(made.folder, made.key)
-
-
 def lines_of(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (folder / "answers.jsonl").read_text().splitlines()]
 

@@ -57,12 +57,6 @@ def test_a_scenario_says_what_it_would_run_before_it_runs():
         good(app.selectbox(key="batches scenario").select(name).run())
 
 
-def test_a_batch_of_an_axis_is_opened_with_its_own_numbers_and_figures(server: Path):
-    app = good(after(begun(chosen("axis")), the_job(server)))
-    assert units(app) == {"Force peak": "N", "Largest tracking error": "mm", "Move time": "s"}
-    assert figures(app)
-
-
 def test_a_batch_is_started_watched_opened_found_after_a_reload_and_removed(server: Path):
     app = begun(chosen("jog"))
     job = the_job(server)

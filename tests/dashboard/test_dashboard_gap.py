@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from streamlit.testing.v1 import AppTest
 
-from tests.support.dashboard_app import after, errors, page, the_job, until, words
+from tests.support.dashboard_app import after, errors, page, the_job, words
 from tests.support.log_campaign import hoist_columns, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.errors import InputError
-from workbench.dashboard import chosen, jobs
+from workbench.dashboard import chosen
 from workbench.dashboard.pages import gap
 from workbench.diagnose import diagnose as orchestration
 from workbench.machines import load_machine
@@ -38,30 +38,10 @@ def shown(number: str) -> AppTest:
     return app
 
 
-def one_candidate() -> AppTest:
-    """The quickest question."""
-    return page("Gap").run().selectbox(key="gap candidates").set_value(gap.OWN).run()
-
-
 def begun(app: AppTest) -> AppTest:
     app.button(key="gap start").click().run()
     assert not app.exception
     return app
-
-
-def test_a_diagnosis_is_cancelled_tried_again_and_removed(server):
-    app = begun(one_candidate())
-    job = the_job(server)
-    until(job, lambda progress: progress.total > 0)
-    app.run()
-    assert "Search the effects" in words(app) and "Write the report" in words(app)
-    app.button(key=f"stop {job.id}").click().run()
-    assert ":gray-badge[stopped]" in words(after(app, job)) and not job.file("result").exists()
-    app.button(key=f"resume {job.id}").click().run()
-    assert not jobs.poll(job).ended
-    app.button(key=f"stop {job.id}").click().run()
-    after(app, job).button(key=f"remove {job.id}").click().run()
-    assert not job.folder.exists() and "which effect the model lacks" in words(app)
 
 
 def test_an_uploaded_campaign_is_copied_for_its_job(server, spring, monkeypatch):

@@ -209,12 +209,6 @@ def test_a_log_that_unpacks_to_too_much_is_refused_before_it_does(
     assert as_zip(with_log(files, suffix, packed), workspace) == f"runs/lift.{suffix}: lift: {said}"
 
 
-def test_the_same_name_twice_and_a_zip_beside_files_are_refused(files, workspace):
-    assert "was uploaded twice" in refused([*loose(files), Uploaded("sub/lift.csv", b"")], workspace)
-    assert "one zip alone" in refused([*loose(files), Uploaded("more.zip", b"")], workspace)
-    assert "nothing was uploaded" in refused([], workspace)
-
-
 def test_too_many_or_too_large_files_are_refused(files, workspace, monkeypatch):
     many = [Uploaded(f"{i}.csv", b"") for i in range(uploads.MOST_FILES + 1)]
     assert "expected at most 200" in refused(many, workspace)

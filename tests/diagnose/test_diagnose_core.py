@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
-from workbench.core.run import Array, Run
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     GAIN,
@@ -29,13 +29,12 @@ from workbench.diagnose.hypotheses.free_parameters import (
     setting_of,
 )
 from workbench.diagnose.hypotheses.model_error import ErrorModel
-from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
+from workbench.diagnose.hypotheses.problem import GROUP, Problem
 from workbench.diagnose.hypotheses.search import Search
 from workbench.diagnose.hypotheses.signatures import linear_gain, signatures_of
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation
-from workbench.simulate.lowpass import noise_rms
 
 TURN = 2.0 * math.pi
 
@@ -57,17 +56,6 @@ def float_of(value: float | tuple[float, ...]) -> float:
 
 
 # Knobs
-
-
-@pytest.mark.parametrize("logarithmic", [False, True])
-def test_the_bounds_of_a_value_are_where_z_says(logarithmic: bool):
-    parameter = Scalar("x", 3.0, 0.7, least=1.0, most=8.0, logarithmic=logarithmic)
-    (low,), (high,) = parameter.lowest, parameter.highest
-    assert parameter.values([low])["x"] == pytest.approx(1.0)
-    assert parameter.values([high])["x"] == pytest.approx(8.0)
-    assert parameter.values([high + 5.0])["x"] == 8.0
-    near = replace(parameter, furthest=0.25)
-    assert (near.lowest, near.highest) == ((-0.25,), (0.25,))
 
 
 @given(st.floats(0.0, 6.28), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
@@ -186,28 +174,6 @@ def test_where_longer_steps_break_down_every_sample_is_simulated(hoist: Problem,
         Problem, "_simulated", lambda self, s, thin: simulated(self, s, thin) + (broken if thin else 0.0)
     )
     assert np.all(np.isfinite(exact.residuals([{}, {"m_c": 8200.0}])))
-
-
-def test_the_dead_lines_tension_stands_behind_the_torque_on_its_scale():
-    runs = [add_tension(run, seed) for seed, run in enumerate(hoist_runs(default_hoist()))]
-    problem = Problem(default_hoist(), runs)
-    assert problem.samples == 2 * problem.inputs
-    (residual,) = problem.residuals([{}])
-    floor = [noise_rms(run.time_s, run[TENSION], problem.band_hz) for run in runs]
-    # The cell's linearity, a trust of its own, comes on top of this noise.
-    assert rms(residual[problem.inputs :]) == pytest.approx(
-        problem.noise * rms(np.array(floor)) / problem.tension_noise, rel=0.2
-    )
-    assert not Problem(default_hoist(), [runs[0], *hoist_runs(default_hoist())[1:]]).has_tension
-
-
-def add_tension(run: Run, seed: int) -> Run:
-    """The tension that the driven machine has, with a load cell's noise of 0.15 %."""
-    problem = Problem(default_hoist(), [run])
-    _, states = problem.bench.predict([problem.bench.base])[0][0]
-    pull = problem._tension(problem.runs[0].time_s, states, problem.bench.base[0])
-    cell = np.random.default_rng(seed).normal(scale=0.0015 * np.mean(pull), size=len(pull))
-    return replace(run, signals={**run.signals, TENSION: pull + cell})
 
 
 @pytest.mark.parametrize("late_samples", [0, 10])

@@ -18,10 +18,9 @@ from workbench.diagnose.isolability import angle_between, isolability, smallest_
 from workbench.diagnose.isolation.lines import Line
 from workbench.diagnose.isolation.next_run import APART, LEAST, chance_to_decide, next_run, separation
 from workbench.diagnose.isolation.planned import from_moves, menu, seen_in
-from workbench.diagnose.verdict.judge import unlisted_likely
 from workbench.machines import save_machine
 from workbench.study.load import load_study
-from workbench.view.diagnosis import said, write_next_run
+from workbench.view.diagnosis import write_next_run
 
 TRIED = (
     "torque_offset", "carriage_mass_error", "friction_viscous", "friction_viscous_asymmetric",
@@ -181,13 +180,3 @@ def test_a_verdict_that_rests_on_less_than_a_model_error_says_so(heavier: Search
     assert opened.why.startswith("The campaign ")
     assert named.why.startswith("The runs favour torque_offset over carriage_mass_error, but set them apart by only")
     assert f"a model error of {LEAST:g} of the noise" in named.why
-
-
-def test_an_unknown_cause_leaves_those_unlisted_effects_open_that_explain_about_as_much():
-    def weighed(name: str, evidence: float, rival: bool = True) -> SimpleNamespace:
-        return SimpleNamespace(names=(name,), evidence=evidence, rival=rival)
-
-    some = [weighed("a", 90.0), weighed("listed", 80.0, rival=False), weighed("b", 60.0), weighed("c", 40.0)]
-    assert unlisted_likely(SimpleNamespace(weighed=some)) == (("a",), ("b",))  # type: ignore[arg-type]
-    assert unlisted_likely(SimpleNamespace(weighed=some[1:2])) == ()  # type: ignore[arg-type]
-    assert "needs no further run" not in said.no_next_run(True)

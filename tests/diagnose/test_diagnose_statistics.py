@@ -28,7 +28,6 @@ from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
 from workbench.diagnose.verdict.unknown_cause import (
-    cancellation,
     lasting_share,
     loaded_share,
     repeated_share,
@@ -339,18 +338,6 @@ def test_a_stand_in_that_leaves_no_residual_stretches_the_tolerances(
 
 
 # Two effects
-
-
-def test_a_pair_that_stands_in_for_one_cause_is_against_itself_and_a_true_pair_is_not():
-    pair = ("payload_mass_error", "torque_scale")
-    begin = {"payload_scale": 1.01, "gain": 0.99}
-    same, instead = answered({"gearbox_inertia": {"inertia_kg_m2": 1.0}}, pair, begin)
-    true = {"friction_viscous": {"viscous_n_s_per_m": 2000.0}, "payload_mass_error": {"payload_scale": 1.06}}
-    problem, both = answered(true, tuple(true), {"viscous_n_s_per_m": 1500.0, "payload_scale": 1.05})
-    base = len(base_parameters(problem.machine, problem.runs))
-    assert cancellation(same, instead, base) > 0.5
-    assert cancellation(problem, both, base) < 0.1
-    assert cancellation(problem, replace(both, effects=both.effects[:1]), base) == 0.0
 
 
 # One run that is not like the others is named: a wrong payload, swapped signals; and sound runs are not.

@@ -84,13 +84,6 @@ def test_a_gap_made_of_one_variable_is_explained_by_it_on_runs_that_were_held_ou
     assert best.interval[0] <= best.share <= best.interval[1]
 
 
-def test_noise_alone_is_explained_by_nothing_however_many_bins_there_are(even: tuple[Campaign, SearchResult]):
-    problem = even[1].problem
-    gap = 3.0 * noise_of(problem)
-    shares = [explain(problem, gap, v, nothing_free(problem), 0) for v in variables(problem)]
-    assert max(share.share for share in shares) < 0.1
-
-
 def test_a_bump_in_the_rail_is_found_in_the_guide_by_its_height_without_any_candidate(
     bump: tuple[Campaign, SearchResult],
 ):

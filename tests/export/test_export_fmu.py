@@ -340,12 +340,6 @@ def test_an_impossible_value_is_refused_through_the_logger_and_changes_nothing(o
     assert one.get(name) == before
 
 
-def test_parameters_that_do_not_fit_together_are_refused(one: Instance):
-    with pytest.raises(FMICallException):
-        one.start({"winch.pin_diameter_m": 0.7})
-    assert "'winch.pin_diameter_m' is 0.7, expected less than 'winch.drum_diameter_m', which is 0.6" in one.said
-
-
 @pytest.mark.parametrize(
     ("begin", "length", "said"),
     [

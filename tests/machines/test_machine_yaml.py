@@ -30,21 +30,6 @@ from workbench.machines import (
 from workbench.machines.files import RECORDS, machine_text
 from workbench.study.scenario import Scenario
 
-LINEAR = """\
-kind: axis
-motion: linear
-mass_kg: 95.1089
-gravity: {constant_n: 0.0}
-friction: {coulomb_forward_n: 20.39, coulomb_backward_n: 20.39, viscous_n_s_per_m: 203.5}
-"""
-ROTARY = """\
-kind: axis
-motion: rotary
-inertia_kg_m2: 0.02
-gravity: {sine_nm: 1.5, constant_nm: -0.1}
-friction: {coulomb_forward_nm: 0.3, coulomb_backward_nm: 0.25, viscous_nm_s_per_rad: 0.01}
-"""
-
 
 def machine_of(text: str) -> Hoist | LinearAxis | RotaryAxis:
     machine = machine_from(loads(text, "machine.yaml"))
@@ -121,11 +106,6 @@ def test_several_mistakes_are_listed_in_one_line_and_at_most_five():
     assert "\n" not in said
     assert said.count("machine.yaml:") == 5
     assert said.endswith("more problems)")
-
-
-def test_axis_with_the_other_motions_key_is_told_the_right_one():
-    assert "did you mean 'coulomb_forward_n'?" in refusal(LINEAR.replace("coulomb_forward_n", "coulomb_forward_nm"))
-    assert "unknown key 'mass_kg'" in refusal(ROTARY.replace("inertia_kg_m2", "mass_kg"))
 
 
 def test_with_values_checks_like_a_file():

@@ -16,7 +16,6 @@ from workbench.cli import cli
 from workbench.machines import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, add, columns, find, forget_added
 from workbench.study.store import read_finished
-from workbench.view import study as tables
 
 SCENARIO = """\
 format: 1
@@ -76,16 +75,6 @@ def test_it_is_a_column_of_the_index_with_its_own_numbers(folders: dict[str, Pat
         assert row["peak_drum_torque_nm"] == pytest.approx(RATIO * row["peak_torque_motor_nm"])
         assert row["longest_move_s"] == pytest.approx(row["move_time_s"] / 2.0)
     assert columns()[-1] == "longest_move_s" and "peak_drum_torque_nm" in columns()
-
-
-def test_it_is_a_column_of_the_printed_table_with_its_own_head_unit_and_digits(folders: dict[str, Path]) -> None:
-    rows = read_finished(folders["plain"]).rows
-    shown = tables.run_table(rows)
-    head, lines = shown.heads, shown.rows
-    at = head.index("drum torque peak kN m")
-    assert [line[at] for line in lines] == [f"{row['peak_drum_torque_nm'] / 1000.0:.2f}" for row in rows]
-    assert "drum torque" in (folders["plain"].with_suffix(".txt")).read_text()
-    assert "longest move" in shown.note
 
 
 def test_compare_shows_it_knows_which_way_is_worse_and_takes_limits(

@@ -21,7 +21,7 @@ from workbench.serve import tcp
 from workbench.serve.plant import LivePlant
 from workbench.serve.serve import Wish
 from workbench.serve.session import Session
-from workbench.serve.udp import BYTE_ORDER, SILENT_S
+from workbench.serve.udp import BYTE_ORDER
 
 TOKEN = "winch-7-bench"
 
@@ -102,22 +102,6 @@ def test_a_second_client_reads_only_and_is_told_so_until_the_first_is_silent():
         second.close()
 
 
-def test_states_stop_a_second_after_the_last_command():
-    with Served(HOIST, watchdog_s=30.0) as served:
-        client = Client(served.port)
-        client.send(served.session.plant.hold)
-        begun = last = time.monotonic()
-        client._line.settimeout(SILENT_S + 2.0)
-        try:
-            while time.monotonic() - begun < 30.0:
-                client.receive()
-                last = time.monotonic()
-        except TimeoutError:
-            pass
-        assert 0.5 * SILENT_S < last - begun < SILENT_S + 1.0
-        client.close()
-
-
 def test_other_addresses_ask_for_a_token(tmp_path: Path, commands: Commands):
     save_machine(HOIST, tmp_path / "machine.yaml")
     for address in ("0.0.0.0", "::", "192.0.2.1", "plant.example"):
@@ -188,22 +172,6 @@ def test_idle_connections_are_closed_and_the_33rd_is_not_let_in(monkeypatch: pyt
         with socket.create_connection(("127.0.0.1", served.port)) as line:
             line.sendall(struct.pack(">HHHBBHH", 1, 0, 6, 1, 4, 0, 2))
             assert len(line.recv(100)) == 13
-
-
-def test_a_modbus_client_reads_only_while_another_controls():
-    pymodbus = pytest.importorskip("pymodbus.client")
-    kind = pymodbus.ModbusTcpClient.DATATYPE.FLOAT32
-    with Served(HOIST, protocol="modbus", watchdog_s=5.0) as served:
-        first, second = (pymodbus.ModbusTcpClient("127.0.0.1", port=served.port) for _ in range(2))
-        assert first.connect() and second.connect()
-        hold = first.convert_to_registers(served.session.plant.hold, kind)
-        assert not first.write_registers(0, hold).isError()
-        refused = second.write_registers(0, hold)
-        assert refused.isError() and refused.exception_code == 6
-        assert second.write_coil(2, True).exception_code == 6
-        assert not second.read_input_registers(0, count=2).isError()
-        first.close()
-        second.close()
 
 
 def test_a_modbus_client_shows_the_token_in_its_registers():
