@@ -128,17 +128,13 @@ def test_a_wrong_table_figure_metric_or_signal_suggests_the_nearest():
         run["speed_motor"]
 
 
-def test_a_campaign_may_be_a_path_and_take_another_machine():
-    whole = wb.replay(str(DEMO))
-    assert len(whole.runs) == 6
-    identified = result("Identification")
-    better = wb.replay(result("Campaign"), machine=identified.machine)
-    assert better.residual_rms_moving == pytest.approx(identified.after.residual_rms_moving)
-    axis = wb.LinearAxis.model_validate(
-        {"mass_kg": 1.0, "friction": {"coulomb_forward_n": 1.0, "coulomb_backward_n": 1.0, "viscous_n_s_per_m": 1.0}}
-    )
-    with pytest.raises(wb.InputError, match="expected a Hoist"):
-        wb.replay(result("Campaign"), machine=axis)
+def test_a_study_takes_a_file_a_dict_another_machine_and_other_values():
+    from_file = wb.study(ROOT / "scenarios" / "payloads.yaml", payloads_kg=[0.0])
+    assert {row.payload_kg for row in from_file.rows} == {0.0}
+    heavy = wb.with_values(wb.default_hoist(), {"carriage.mass_kg": 9000.0})
+    assert wb.study(SMALL, machine=heavy).rows[0]["hold_torque_nm"] > result("StudyResult").rows[0]["hold_torque_nm"]
+    with pytest.raises(wb.InputError, match="did you mean 'settle_s'"):
+        wb.study({**SMALL, "setle_s": 1.0})
 
 
 def test_a_machine_is_a_record_or_the_path_of_its_file_in_every_call_and_anything_else_is_one_clear_error(
@@ -190,3 +186,14 @@ def test_a_run_is_an_xarray_data_set_of_its_signals_over_time_and_without_xarray
     over, torque = signals["torque_motor_nm"]
     assert (over, list(torque), list(coordinates["time_s"])) == ("time_s", [1.0, 2.0, 3.0], [0.0, 1.0, 2.0])
     assert (values["payload_kg"], values["name"], values["notes"]) == (4500.0, "a", ["repaired"])
+
+
+def test_a_motion_is_simulated_on_the_plant_that_is_named():
+    pytest.importorskip("exudyn", reason="the extra multibody is not installed")
+    slow = wb.PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, sample_time_s=0.004)
+    lumped, multibody = (wb.simulate(0.5, controller=slow, plant=plant) for plant in ("lumped", "multibody"))
+    assert "force_cylinder_n" in multibody.run and "force_cylinder_n" not in lumped.run
+    name = "peak_torque_motor_nm"
+    assert multibody.metrics[name] == pytest.approx(lumped.metrics[name], rel=5e-3)
+    with pytest.raises(wb.InputError, match="did you mean 'multibody'"):
+        wb.simulate(0.5, plant="multi_body")

@@ -126,6 +126,21 @@ def test_the_rooms_of_the_diagnosis_import_each_other_one_way():
     assert set(TopologicalSorter(others).static_order()) >= {"verdict", "location", "hypotheses"}  # CycleError if not
 
 
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import workbench.cli",
+        "from workbench import study",
+        "from ..simulate import replay",
+        "from .. import logs",
+        "def late():\n    from workbench.logs import read",
+        "import workbench.unheard_of",
+    ],
+)
+def test_an_import_of_a_lower_layer_is_seen(statement: str):
+    assert wrong_imports(statement, "engine", ("workbench", "engine")) != []
+
+
 def test_a_heavy_import_is_seen_at_module_level_and_allowed_where_it_is_used():
     assert heavy_imports("try:\n    import scipy.signal\nexcept ImportError:\n    pass", ()) == ["scipy.signal"]
     assert heavy_imports("class A:\n    from control import tf", ()) == ["control.tf"]

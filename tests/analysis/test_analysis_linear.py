@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.linearise import MOTIONS, OUTPUTS, LinearPlant, OperatingPoint, linearise
+from workbench.analysis.linearise import MOTIONS, OUTPUTS, STIFFNESS_BY_LENGTH, LinearPlant, OperatingPoint, linearise
 from workbench.analysis.loop import LinearLoop, Sampled, linear_controller, linear_loop, sampled_plant
 from workbench.analysis.margins import Margins, margins
-from workbench.cli import cli
 from workbench.control import FeedForward, Notch, PiSettings
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.effects import effects_for, sizes_of
-from workbench.machines import HOIST, Effects, Hoist, Memory, save_machine, with_values
+from workbench.machines import HOIST, Effects, Hoist, Memory, with_values
 from workbench.simulate.loop import LoopCase, simulate_loop
 
 PAYLOADS = (0.0, 4500.0, 9000.0)
@@ -30,6 +26,12 @@ PAYLOADS = (0.0, 4500.0, 9000.0)
 
 def with_drive(base: Hoist | None = None, **drive: float) -> Hoist:
     return with_values(base or ideal_hoist(), {f"drive.{key}": value for key, value in drive.items()})
+
+
+def oscillation(plant: LinearPlant) -> tuple[float, float]:
+    """(Hz, damping ratio) of the slowest oscillating mode."""
+    s = min((e for e in np.linalg.eigvals(plant.A) if e.imag > 0.0), key=abs)
+    return abs(s) / (2.0 * np.pi), -s.real / abs(s)
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
@@ -62,6 +64,12 @@ def test_the_linear_plant_is_the_finite_difference_of_the_plant(payload: float, 
     np.testing.assert_allclose(gain, plant.B[:, 0], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize(("payload", "hz", "zeta"), [(0.0, 3.10, 0.97), (4500.0, 2.55, 0.80), (9000.0, 2.24, 0.70)])
+def test_the_carriage_on_the_wire_with_a_free_motor_is_that_of_the_model_page(payload: float, hz: float, zeta: float):
+    hz_and_zeta = oscillation(linearise(ideal_hoist(), OperatingPoint(payload, 10.0)))
+    assert hz_and_zeta == pytest.approx((hz, zeta), abs=0.006)
+
+
 def test_the_height_makes_one_slow_unstable_mode_and_nothing_else_where_a_loop_works():
     point = OperatingPoint(0.0, 10.0)
     free = linearise(ideal_hoist(), point, height_free=True)
@@ -72,6 +80,13 @@ def test_the_height_makes_one_slow_unstable_mode_and_nothing_else_where_a_loop_w
     a, b = (sampled_plant(plant, 0.001, ideal_hoist().drive).response(f)[:, 0, 0] for plant in (free, frozen))
     np.testing.assert_allclose(a, b, rtol=2.5e-3)
     np.testing.assert_allclose(a[f > 1.0], b[f > 1.0], rtol=3e-5)
+
+
+def test_a_wire_as_stiff_as_its_free_length_moves_the_mode_by_the_root_of_the_stiffness():
+    held = with_values(ideal_hoist(), {"motor.rotor_inertia_kg_m2": 1e6, "wire.damping_time_s": 0.02})
+    short = linearise(held, OperatingPoint(9000.0, 15.0), effects=STIFFNESS_BY_LENGTH)
+    whole = linearise(held, OperatingPoint(9000.0, 15.0))
+    assert oscillation(short)[0] / oscillation(whole)[0] == pytest.approx(np.sqrt(25.0 / 10.0), rel=2e-3)
 
 
 WEIGHTED = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, set_point_weight=0.4)
@@ -279,28 +294,6 @@ def test_a_memory_that_the_motion_moves_is_a_state_of_the_loop():
     assert element(plant, "late_speed", "late_speed") == pytest.approx(-1.0 / tau)
     assert element(plant, "speed_carriage_m_s", "late_speed") == pytest.approx(-6000.0 / mass)
     assert plant.start[1][-1] == pytest.approx(plant.start[1][2])  # settled at the even speed
-
-
-def test_the_loop_command_says_what_is_in_the_loop_and_what_is_not(tmp_path: Path):
-    file, out = tmp_path / "machine.yaml", tmp_path / "loop"
-    machine = with_effects(gearbox_inertia={"inertia_kg_m2": 0.5}, torque_scale={"gain": 1.1})
-    save_machine(machine, file)
-    words = ["loop", "--machine", str(file), "--payloads", "0", "--heights", "5", "--out", str(out)]
-    done = CliRunner().invoke(cli, words)
-    assert done.exit_code == 0, done.output
-    said = " ".join(done.output.split())
-    assert "In the machine: gearbox_inertia." in said
-    assert "Not in the loop, for they act on the log alone: torque_scale." in said
-    written = json.loads((out / "loop.json").read_text(encoding="utf-8"))
-    assert written["effects"]["gearbox_inertia"] == {"inertia_kg_m2": 0.5}
-    computed = margins(linear_loop(machine, _rule(machine), OperatingPoint(0.0, 5.0)))
-    assert written["loops"][0]["crossover_hz"] == pytest.approx(computed.crossover_hz, rel=1e-6)
-
-
-def _rule(machine: Hoist) -> PiSettings:
-    from workbench.analysis.usual import usual_controller
-
-    return usual_controller(machine)
 
 
 # The linear loop against the compiled one: a small step on top of a slow even motion, and how it dies out.

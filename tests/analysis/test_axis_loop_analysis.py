@@ -11,7 +11,7 @@ import pytest
 from tests.support.axes import CASCADE, emps, followed, ideal_axis, two_inertia
 from workbench.analysis.family import family, operating_points, weakest
 from workbench.analysis.linearise import OperatingPoint, linearise
-from workbench.analysis.loop import linear_loop, position_answer
+from workbench.analysis.loop import linear_loop, load_step, position_answer
 from workbench.analysis.margins import margins
 from workbench.analysis.tune import Goal, tune
 from workbench.analysis.usual import usual_cascade
@@ -70,6 +70,13 @@ def test_the_margins_are_those_of_python_control():
     assert m.gain_up_hz == pytest.approx(at_phase / (2.0 * np.pi), rel=1e-3)
     assert m.ms == pytest.approx(np.max(np.abs(1.0 / (1.0 + response))), rel=1e-4)
     assert m.mt == pytest.approx(np.max(np.abs(response / (1.0 + response))), rel=1e-4)
+
+
+def test_a_load_step_leaves_no_speed_and_no_place_with_an_integral():
+    loop = linear_loop(emps(), CASCADE, POINT)
+    answer, speed = position_answer(loop), load_step(loop)
+    assert answer is not None and answer.left < 1e-3 * answer.peak
+    assert speed.peak_rad_s > 0.0 and speed.recovery_s < 1.0
 
 
 def test_a_load_step_without_an_integral_leaves_the_load_over_kp_kv():

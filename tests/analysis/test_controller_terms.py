@@ -170,6 +170,17 @@ def test_the_systems_are_those_of_the_loop_whose_margins_are_shown():
     assert analysis.closed.input_labels == ["speed_reference", "load_torque", "speed_noise"]
 
 
+def test_closing_the_plant_by_hand_gives_the_closed_loop():
+    control = pytest.importorskip("control")
+    analysis = wb.loop(payloads_kg=[9000.0], heights_m=[10.0])
+    K = analysis.members[0].loop.controller
+    feedback = control.ss(K.A, K.B[:, [1]], K.C, K.D[:, [1]], K.dt)
+    seen = analysis.plant[[analysis.plant.noutputs - 1], [0]]
+    by_hand = control.feedback(seen, feedback, sign=1)
+    ours = np.sort_complex(analysis.closed.poles())
+    np.testing.assert_allclose(np.sort_complex(by_hand.poles()), ours, atol=1e-6)
+
+
 def test_the_controller_of_the_docs_follows_within_a_rad_per_second(capsys: pytest.CaptureFixture[str]):
     pytest.importorskip("control")
     (code,) = re.findall(r"```python\n(import control.*?)```", DOCS.read_text(encoding="utf-8"), re.S)

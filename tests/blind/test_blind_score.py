@@ -122,6 +122,38 @@ def test_intervals_are_wilsons(count: int, of: int, low: float, high: float):
     assert Share(count, of).interval() == pytest.approx((low, high), abs=5e-5)
 
 
+UNLISTED = "unlisted: a fan"
+
+
+def test_a_place_is_right_by_the_likeliest_one():
+    motor = {"subsystem": "motor", "regime": "speed"}
+    row = made([UNLISTED], "unknown", where=motor, places=[("guide", 0.3), ("motor", 0.6), ("drum", 0.1)])
+    assert measures.likeliest_place(row) == "motor"
+    assert measures.place_right(row)
+    wrong = made([UNLISTED], "unknown", where=motor, places=[("guide", 0.8), ("motor", 0.2)])
+    assert not measures.place_right(wrong)
+    single = made([UNLISTED], "unknown", where=motor)  # an answer of one place, without probabilities
+    assert not measures.place_right(single)
+    assert share("unknown_place", [row, wrong, single]) == (1, 3)
+
+
+@pytest.mark.parametrize(
+    ("regime", "window", "found"),
+    [
+        ("event", ("half_fast", 12.0, 13.0), True),
+        ("event", ("half_fast", 10.2, 11.8), True),  # half a second beside it
+        ("event", ("half_fast", 20.0, 21.0), False),
+        ("event", ("empty_fast", 12.0, 13.0), False),
+        ("time", ("half_fast", 12.0, 13.0), False),
+    ],
+)
+def test_an_event_is_found_in_its_run_at_its_time_and_by_its_name(regime: str, window: Any, found: bool):
+    event = {"run": "half_fast", "from_s": 12.2, "to_s": 13.1, "subsystem": "guide"}
+    row = made([UNLISTED], "unknown", events=[event], windows=[window], regime=regime)
+    assert measures.event_found(row) == found
+    assert share("event", [row, ANSWERS[0]]) == (int(found), 1)
+
+
 def test_errors_are_relative_to_what_the_effect_changes():
     """A gain of 1.06 that is found as 1.09 is off by half of what is wrong with it."""
     row = made(
@@ -173,6 +205,19 @@ def sure(lead: float, right: bool) -> dict[str, Any]:
     return made([told], "named", [VISCOUS], merits=[((VISCOUS,), 60.0), ((OFFSET,), 60.0 - lead)])
 
 
+def campaigns() -> list[dict[str, Any]]:
+    """Known causes leave noise, unknown ones leave structure; the bound says nothing, rather the opposite."""
+    rows = [none_of(float(k % 7) - 3.0) for k in range(20)]
+    for k in range(30):
+        left = {**EVIDENCE, MAIN: 0.03 * (k % 5), "prior": 0.1 * (k % 3), "bound": float(k % 4 == 0)}
+        rows.append({**sure(5.0 + k, k % 10 != 0), "evidence": left})
+        left = {**EVIDENCE, MAIN: 0.2 + 0.05 * (k % 6), "prior": 0.4 * (k % 3)}
+        rows.append(
+            made(["unlisted: a fan"], "unknown", merits=[((VISCOUS,), 30.0 + k)], evidence=left, folder=f"{k:03d}")
+        )
+    return rows
+
+
 def test_what_is_stated_is_fitted_to_how_often_answers_are_right():
     """Of answers without evidence against them one of fifty is wrong, of no gap one of ten, of unknown causes one of
     four: their probabilities come near that, and no answer changes."""
@@ -198,3 +243,25 @@ def test_what_is_stated_is_fitted_to_how_often_answers_are_right():
     assert (measures.calibration_error(anew) or 1.0) < 0.03
     lines = calibrate.by_family(rows, anew)
     assert len(lines) == 4 and lines[-1].startswith("| all |")
+
+
+def test_a_family_is_judged_by_what_the_others_give(monkeypatch: pytest.MonkeyPatch):
+    """Its own answers play no part in the numbers that it is judged by, and each keeps its label and its fits."""
+    families = ("hoist_small", "hoist_large", "axis_std")
+    rows = [{**row, "label": {**row["label"], "family": families[k % 3]}} for k, row in enumerate(campaigns())]
+    asked: list[set[str]] = []
+
+    def fitted(others: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+        asked.append({measures.family_of(row) for row in others})
+        return {**calibration(), "threshold": 1e9 if "axis_std" not in asked[-1] else 4.0}
+
+    monkeypatch.setattr(calibrate, "fitted", fitted)
+    anew = calibrate.left_out(rows)
+    assert len(anew) == len(rows)
+    assert sorted(map(sorted, asked)) == sorted(sorted(set(families) - {family}) for family in families)
+    by_name = {family: [row for row in anew if measures.family_of(row) == family] for family in families}
+    assert all(row["word"] != "named" for row in by_name["axis_std"])  # nothing beats that threshold
+    assert any(row["word"] == "named" for row in by_name["hoist_small"])
+    for row in anew:
+        assert row["word"] == row["ranking"][0][0]
+        assert sum(probability for _, _, probability in row["ranking"]) == pytest.approx(1.0)

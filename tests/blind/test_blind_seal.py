@@ -369,12 +369,9 @@ def test_the_command_makes_runs_and_scores(tmp_path: Path, monkeypatch: pytest.M
             "--source: unknown source 'simulater'; did you mean 'simulator'?",
         ),
         (["make", "--out", "x", "--family", "hoist_smal"], "did you mean 'hoist_small'?"),
-        (["make", "--out", "x", "--effects", "friction_viscos"], "did you mean 'friction_viscous'?"),
         (["make", "--out", "x", "--source", "multibody", "--kind", "axis"], "does not play machines of kind axis"),
         (["make", "--out", "x", "--machine", "machine.yaml"], "--machine: needs runs"),
         (["run", "nowhere"], "no such folder"),
-        (["run", "."], "has no manifest.json"),
-        (["scroe", "x"], "did you mean 'score'?"),
     ],
 )
 def test_what_does_not_fit_is_one_line_and_writes_nothing(
@@ -385,6 +382,14 @@ def test_what_does_not_fit_is_one_line_and_writes_nothing(
     err = capsys.readouterr().err
     assert sentence in err and "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_key_that_is_there_is_not_overwritten(tmp_path: Path):
+    (tmp_path / "test.key").write_text("mine")
+    with pytest.raises(InputError, match="nothing is overwritten"):
+        make(Asked(cases=1, seed=1), tmp_path / "test", processes=1, maker=makes(1, 1))
+    assert (tmp_path / "test.key").read_text() == "mine"
+    assert not (tmp_path / "test").exists()
 
 
 def test_where_only_the_package_is_installed_the_simulators_are_named_as_missing(

@@ -8,11 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.validation.axis_causes import IN_THE_LIBRARY, LISTED, UNLISTED, scales_of
+from benchmarks.validation.axis_causes import EVENTS, IN_THE_LIBRARY, LISTED, UNLISTED, scales_of
 from benchmarks.validation.axis_machines import KINDS, MOTIONS, drawn_axis, excitation
 from benchmarks.validation.axis_motion import (
     ACCELERATION,
     FORCE,
+    FRICTION,
     LOAD_POSITION,
     POSITION,
     RECORD_S,
@@ -21,7 +22,7 @@ from benchmarks.validation.axis_motion import (
     nominal_truth,
     simulate,
 )
-from benchmarks.validation.campaign import built, make_campaign, simulated
+from benchmarks.validation.campaign import built, input_change, make_campaign, simulated
 from benchmarks.validation.content import draw
 from benchmarks.validation.families import FAMILIES
 from workbench import effects
@@ -196,6 +197,21 @@ def test_every_effect_of_the_formats_list_can_be_drawn(motion):
     assert listed == set(LISTED)
 
 
+@pytest.mark.parametrize("name", [*LISTED, *UNLISTED])
+def test_a_cause_shows_in_the_force(name):
+    content = draw(3, "axis_std", "singles", [name])
+    force = content.drawn.force
+    if name == "dead_band":  # it acts on the samples of the log
+        assert content.causes[0].log["dead_band"] > 0.04 * force
+        return
+    change = input_change(content, 3)
+    strongest = max(max(seconds) for seconds in change.by_second_nm.values())
+    if name in EVENTS:  # it lasts for a small part of a second
+        assert strongest > 0.004 * force
+        return
+    assert 0.004 * force < change.rms_nm < 0.3 * force
+
+
 @pytest.mark.parametrize("family", FAMILY_NAMES)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_drawn_axis_follows_its_reference_within_its_travel(seed, family):
@@ -219,3 +235,10 @@ def test_an_axis_without_a_gap_is_identified_down_to_its_ripple_and_noise_and_an
         residual[name] = identify(read_campaign(tmp_path / "-".join(("made", *name)))).fit.residual_rms
     assert residual[()] < 0.02 * content.drawn.force
     assert residual[("friction_wave",)] > 1.4 * residual[()]
+
+
+def test_friction_only_takes_energy():
+    axis, _, record, _ = plain_run("moves")
+    power = record[:, FRICTION] * record[:, SPEED]
+    assert np.mean(power < -1e-9 * axis.force * axis.speed) < 0.01
+    assert np.sum(power) > 0.0

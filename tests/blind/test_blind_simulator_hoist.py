@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.validation.campaign import built, make_campaign, simulated
+from benchmarks.validation.campaign import built, input_change, log_columns, make_campaign, simulated
 from benchmarks.validation.content import draw
 from benchmarks.validation.families import FAMILIES
-from benchmarks.validation.hoist_causes import IN_THE_LIBRARY, LISTED, UNLISTED, scales_of
+from benchmarks.validation.hoist_causes import EVENTS, IN_THE_LIBRARY, LISTED, UNLISTED, scales_of
 from benchmarks.validation.hoist_machines import practice_machine, reference
 from benchmarks.validation.hoist_motion import (
     CARRIAGE_SPEED,
@@ -203,6 +203,30 @@ def test_without_friction_the_motors_work_is_what_the_load_gained():
     gained = (p.m_c + p.m_p) * p.g * (record[-1, HEIGHT] - record[0, HEIGHT])
     moved = np.sum(np.abs(record[:, TORQUE] * record[:, SPEED])) * RECORD_S
     assert -1e-4 * moved < work - gained < 0.01 * moved
+
+
+def logged(content, seed, number):
+    machine = built(content, (seed,))
+    run = simulated(content, machine, number, (seed,))
+    streams = np.random.default_rng(1), np.random.default_rng(2)
+    return log_columns(content, machine.sensors, run, *streams, 0.0)[0]
+
+
+@pytest.mark.parametrize("name", [name for name in UNLISTED if name not in IN_THE_LIBRARY])
+def test_an_unlisted_cause_shows_in_the_log(name):
+    content = draw(12, "hoist_practice", "unknown", [name])
+    content = dataclasses.replace(content, runs=content.runs[2:3])
+    if name == "dead_band":  # it acts on the samples of the log
+        held, free = (
+            sum(logged(case, 12, 0)[f"torque_motor{k}_nm"][0] for k in (1, 2))
+            for case in (content, dataclasses.replace(content, causes=()))
+        )
+        band = content.causes[0].log["dead_band"]
+        assert 0.2 * band < np.std(held - free) < band
+        return
+    change = input_change(content, 12)
+    strongest = max(max(seconds) for seconds in change.by_second_nm.values())
+    assert strongest > 1.5 if name in EVENTS else change.rms_nm > 0.8
 
 
 @pytest.mark.parametrize("name", [*LISTED, *IN_THE_LIBRARY])

@@ -158,6 +158,7 @@ def test_loop_and_tune_take_a_scenario_with_the_user_s_effect(
     assert ended.status == 0, ended.err
 
 
+TWICE = WIND.replace("def wind", "def gale")
 BAD = {
     "x = 1\n": ".py: declares no effect",
     "x = 1\nx = = 2\n": ".py:2: fails: SyntaxError: invalid syntax",
@@ -179,3 +180,14 @@ def test_a_file_that_is_no_good_is_one_line_before_anything_is_read(
     assert said in ended.err and len(ended.err.splitlines()) == 1
     assert ended.err.startswith(f"error: {file}")
     assert "wind" not in names("hoist")
+
+
+def test_the_option_may_be_repeated_and_one_name_in_two_files_is_refused(
+    commands: Commands, tmp_path: Path, wind: Path
+):
+    second, again = write(tmp_path, TWICE, "gale.py"), write(tmp_path, WIND, "again.py")
+    assert commands("loop", "--effects", wind, "--effects", second).status == 0
+    assert {"wind", "gale"} <= set(names("hoist"))
+    ended = commands("loop", "--effects", wind, "--effects", again)
+    assert ended.status == 2 and f"{again}: the effect name 'wind' is taken" in ended.err
+    assert {"wind", "gale"} <= set(names("hoist"))

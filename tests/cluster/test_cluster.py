@@ -234,6 +234,27 @@ def test_a_peer_that_is_no_scheduler_is_one_sentence_in_time(monkeypatch, reply,
         connection.close()
 
 
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [("tls://127.0.0.1:1", "needs certificates"), ("ucx://127.0.0.1:1", "Dask cannot speak ucx here")],
+)
+def test_a_way_of_speaking_that_is_not_set_up_is_one_sentence(address, said):
+    with pytest.raises(InputError, match=said), spread_on(address):
+        pass
+
+
+def test_a_cluster_that_has_lost_its_last_worker_is_given_up_in_time(computers, study, tmp_path, monkeypatch):
+    monkeypatch.setattr("workbench.study.cluster.WITHOUT_WORKERS_S", 2.0)
+
+    def kill_both() -> None:
+        for worker in computers.workers:
+            worker.kill()
+
+    wanted = pytest.raises(InputError, match=r"has had no worker for 2 s; what is done is kept")
+    with wanted, spread_on(computers.address) as spread:
+        run_batch(study, place_for(study, tmp_path / "out"), spread=spread, tell=killing_after(2, kill_both))
+
+
 def test_others_take_the_work_of_a_stopped_process(study, index, tmp_path, monkeypatch):
     """SIGSTOP, not SIGKILL: the connection stays open and nothing comes over it."""
     monkeypatch.setattr("workbench.study.cluster.SILENT_S", 4.0)
@@ -247,3 +268,13 @@ def test_others_take_the_work_of_a_stopped_process(study, index, tmp_path, monke
         run_batch(study, place_for(study, tmp_path / "out"), spread=spread, tell=killing_after(2, stop_one))
     assert stopped and (tmp_path / "out" / "index.parquet").read_bytes() == index
     assert multiprocessing.active_children() == [], "a stopped process is ended with the rest"
+
+
+def test_a_process_that_dies_at_its_start_is_one_sentence(monkeypatch):
+    def dies(**_: object) -> None:
+        raise RuntimeError("Nanny failed to start.\nTraceback")
+
+    monkeypatch.setattr("distributed.LocalCluster", dies)
+    wanted = r"^local:2: its processes die at their start: Nanny failed to start\.[^\n]*$"
+    with pytest.raises(InputError, match=wanted), spread_on("local:2"):
+        pass

@@ -8,7 +8,7 @@ import pytest
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.linearise import OperatingPoint, linearise
 from workbench.analysis.loop import sampled_plant
-from workbench.control import PiSettings, lag_step
+from workbench.control import PiSettings, lag_step, weight_before
 from workbench.machines import Hoist, with_values
 from workbench.simulate.loop import LoopCase, simulate_loop
 
@@ -51,3 +51,12 @@ def test_the_simulated_run_goes_over_into_that_without_lag():
     w = [result.run["speed_motor_rad_s"] for result in (none, hardly, real)]
     assert np.abs(w[1] - w[0]).max() < 1e-4 < np.abs(w[2] - w[0]).max()
     assert hardly.metrics["energy_motoring_j"] == pytest.approx(none.metrics["energy_motoring_j"], rel=1e-4)
+
+
+@pytest.mark.parametrize("time_constant_s", [1e-6, 1e-3, 0.02])
+def test_the_mean_torque_between_two_samples_is_that_of_the_exponential(time_constant_s: float):
+    held, before = 300.0, 100.0
+    now = held + (before - held) * np.exp(-H / time_constant_s)
+    mean = held + (before - held) * time_constant_s / H * (1.0 - np.exp(-H / time_constant_s))
+    w = weight_before(time_constant_s, H)
+    assert w * before + (1.0 - w) * now == pytest.approx(mean, rel=1e-9)

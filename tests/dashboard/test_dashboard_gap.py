@@ -1,4 +1,4 @@
-"""The page Gap: a campaign's diagnosis asked for, watched, cancelled, shown, kept, found again; its errors."""
+"""The page Gap: an upload is diagnosed from its copy, and a campaign that cannot be is one sentence."""
 
 from __future__ import annotations
 

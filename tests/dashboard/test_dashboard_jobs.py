@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -107,6 +108,18 @@ def test_a_worker_that_does_not_hear_ctrl_c_is_ended_by_a_second_stop_with_its_c
         time.sleep(0.02)
     # A zombie that nobody waits for is dead too.
     assert Path(f"/proc/{child}/stat").read_text().split(")")[1].split()[0] == "Z"
+
+
+def test_a_stop_is_heard_when_the_server_was_put_into_the_background(workspace: Path):
+    """Such a server ignores Ctrl-C, and what it starts inherits that."""
+    old = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        job = begin(workspace, "counted", **LONG)
+    finally:
+        signal.signal(signal.SIGINT, old)
+    until(job, lambda progress: progress.done > 0)
+    stop(job)
+    assert ended(job).state == "stopped"
 
 
 @pytest.mark.parametrize("wait_s", [0.0, 0.02, 0.1])

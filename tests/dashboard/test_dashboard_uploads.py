@@ -209,6 +209,12 @@ def test_a_log_that_unpacks_to_too_much_is_refused_before_it_does(
     assert as_zip(with_log(files, suffix, packed), workspace) == f"runs/lift.{suffix}: lift: {said}"
 
 
+def test_the_same_name_twice_and_a_zip_beside_files_are_refused(files, workspace):
+    assert "was uploaded twice" in refused([*loose(files), Uploaded("sub/lift.csv", b"")], workspace)
+    assert "one zip alone" in refused([*loose(files), Uploaded("more.zip", b"")], workspace)
+    assert "nothing was uploaded" in refused([], workspace)
+
+
 def test_too_many_or_too_large_files_are_refused(files, workspace, monkeypatch):
     many = [Uploaded(f"{i}.csv", b"") for i in range(uploads.MOST_FILES + 1)]
     assert "expected at most 200" in refused(many, workspace)
@@ -218,6 +224,13 @@ def test_too_many_or_too_large_files_are_refused(files, workspace, monkeypatch):
     )
     members = {f"{i}.csv": b"" for i in range(uploads.MOST_MEMBERS + 1)}
     assert "holds 1004 files" in as_zip({**files, **members}, workspace)
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r", b"\r\n"])
+def test_a_long_csv_is_refused_by_its_rows_whatever_ends_them(files, workspace, monkeypatch, end):
+    limit_uploads(monkeypatch, rows=400)
+    files["runs/lift.csv"] = files["runs/lift.csv"].replace(b"\n", end)
+    assert as_zip(files, workspace) == "runs/lift.csv: lift: holds more than 400 rows, the most that is read; cut it"
 
 
 def test_a_log_that_takes_too_long_is_refused(files, workspace, monkeypatch):

@@ -78,6 +78,17 @@ def test_the_servers_copy_of_an_upload_is_let_go(simulated, monkeypatch):
     assert [session_id for session_id, _ in let_go] == ["one"] and not app.exception
 
 
+def test_two_sessions_do_not_see_each_others_uploads(simulated):
+    one, other = page("Validate").run(), page("Validate").run()
+    one.file_uploader(key=f"{BOX} files 0").upload("mine.zip", zipped(simulated), "application/zip")
+    one.run()
+    other.run()
+    assert any("mine" in option for option in one.selectbox(key=BOX).options)
+    assert not any("mine" in option for option in other.selectbox(key=BOX).options)
+    folder = one.session_state["campaigns read"]["mine (uploaded)"].path.parent
+    assert folder.stat().st_mode & 0o777 == 0o700
+
+
 def test_a_log_outside_an_owners_campaign_is_not_read(offer, tmp_path):
     runs = "runs:\n- {name: lift, file: ../secret.csv, payload_kg: 0.0, start_position_m: 9.0}\n"
     folder = write_campaign(tmp_path / "broken", hoist_columns(), runs=runs)

@@ -201,6 +201,20 @@ def test_what_runs_cannot_show_is_a_warning(hoist: Campaign, name: str):
     assert any(said in text for text in check_runs(made(hoist)))
 
 
+@pytest.mark.parametrize("stride", [1, 2])
+def test_units_are_seen_at_fifty_hertz_too(hoist: Campaign, stride: int):
+    """100 and 50 Hz."""
+
+    def thinned(run: Run) -> Run:
+        return replace(
+            run, time_s=run.time_s[::stride], signals={name: values[::stride] for name, values in run.signals.items()}
+        )
+
+    slow = changed(hoist, ALL, thinned)
+    check_runs(slow)
+    assert "in rpm" in refusal(scaled(slow, ALL, speed_motor_rad_s=RPM))
+
+
 def test_a_force_that_shakes_as_much_as_it_accelerates_says_nothing_of_units(axis: Campaign):
     def shaken(run: Run, share: float) -> Run:
         speed = lowpass(run.time_s, np.gradient(run["position_m"], run.time_s), 10.0)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from tests.support.emps_campaign import emps_in
-from tests.support.simulated_campaign import TORQUE_NOISE_NM, simulated_campaign
+from tests.support.simulated_campaign import SPEED_NOISE_RAD_S, TORQUE_NOISE_NM, simulated_campaign
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem, rms
-from workbench.diagnose.readiness.condition import condition, lateness
+from workbench.diagnose.readiness.condition import clipped_share, condition, lateness, outliers
 from workbench.diagnose.readiness.noise import channel_noise, jitter_s, motion_noise, resolution, white_noise
 from workbench.logs import Campaign, read_campaign
 
@@ -39,6 +39,22 @@ def test_a_delay_is_found_to_a_fraction_of_a_sample(rate_hz: float, late_s: floa
     noise = np.random.default_rng(4).normal(scale=0.01, size=len(time))
     delay_s = lateness(time, trapezoid(time), 0.97 * trapezoid(time - late_s) + 0.05 + noise)
     assert delay_s == pytest.approx(late_s, abs=0.001)
+
+
+def test_clipping_counts_what_rests_at_the_limit():
+    time = np.arange(2000) / 100.0
+    free = 500.0 * np.sin(time) + np.random.default_rng(1).normal(scale=2.0, size=2000)
+    held = np.clip(free, -400.0, 400.0)
+    assert clipped_share(time, free) == 0.0
+    assert clipped_share(time, held) == pytest.approx(float(np.mean(np.abs(free) >= 400.0)), abs=0.01)
+
+
+def test_single_samples_far_off_are_counted_and_steps_are_not():
+    time = np.arange(3000) / 100.0
+    noisy = 300.0 * np.sign(np.sin(time)) + np.random.default_rng(2).normal(scale=2.0, size=3000)
+    assert outliers(noisy) == 0
+    noisy[[700, 1500, 2300]] += (90.0, -80.0, 120.0)
+    assert outliers(noisy) == 3
 
 
 def test_the_condition_of_each_run_is_told(campaign: Campaign, problem: Problem):
@@ -72,6 +88,11 @@ def test_what_is_wrong_with_a_run_is_said_with_its_name(campaign: Campaign):
     assert "looks clipped in run half" in text
     assert "2 single samples far off their neighbours in run half" in text
     assert "70 ms late" in text
+
+
+def test_the_motions_noise_is_measured_as_it_was_made(campaign: Campaign):
+    for run in campaign.runs:
+        assert white_noise(run["speed_motor_rad_s"], run.time_s) == pytest.approx(SPEED_NOISE_RAD_S, rel=0.1)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.3])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
-from workbench.core.run import Array
+from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.fit import fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     GAIN,
@@ -29,12 +29,13 @@ from workbench.diagnose.hypotheses.free_parameters import (
     setting_of,
 )
 from workbench.diagnose.hypotheses.model_error import ErrorModel
-from workbench.diagnose.hypotheses.problem import GROUP, Problem
+from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.hypotheses.signatures import linear_gain, signatures_of
+from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, signatures_of
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation
+from workbench.simulate.lowpass import noise_rms
 
 TURN = 2.0 * math.pi
 
@@ -131,6 +132,14 @@ def test_changing_nothing_changes_exactly_nothing(kind: str, request: pytest.Fix
     assert base == pytest.approx(nothing, abs=1e-9)  # what base parameters stand at is the machine itself
 
 
+@pytest.mark.parametrize("kind", ["hoist", "axis"])
+def test_runs_of_a_machine_leave_their_noise_under_that_machine(kind: str, request: pytest.FixtureRequest):
+    problem: Problem = request.getfixturevalue(kind)
+    (residual,) = problem.residuals([{}])
+    assert rms(residual) == pytest.approx(problem.noise, rel=0.2)
+    assert abs(np.mean(residual)) < 0.2 * problem.noise
+
+
 def test_a_setting_is_the_machine_with_these_values(hoist: Problem):
     """By symbol or in machine.yaml: the residual is the same, but for the steps that the integration took."""
     values = {"carriage.mass_kg": 8300.0, "guide.coulomb_hoisting_n": 7000.0, "sensors.torque_gain": 1.02}
@@ -140,6 +149,23 @@ def test_a_setting_is_the_machine_with_these_values(hoist: Problem):
     assert rms(by_file - by_symbol) < 0.002 * rms(by_symbol - plain)
     (offset,) = hoist.differences({}, [{OFFSET: 5.0}])[1]
     assert offset == pytest.approx(-5.0)
+
+
+def test_a_value_for_each_run_reaches_that_run_only(hoist: Problem):
+    mass = 8000.0
+    _, change = hoist.differences({}, [{"m_c": (mass, 8200.0, mass)}, {"m_c": 8200.0}])
+    second = hoist.run_of_row == 1
+    assert np.array_equal(change[0][second], change[1][second])
+    assert not np.any(change[0][~second])
+    assert np.any(change[1][~second])
+
+
+def test_a_logs_timing_comes_on_top_of_an_effects_delay(axis: Problem):
+    late = "speed_delay__delay_s"
+    both, one, other = axis.residuals([{LOG_TIMING: 0.01, late: 0.05}, {late: 0.06}, {LOG_TIMING: 0.06}])
+    assert both == pytest.approx(one, abs=1e-6)
+    assert other == pytest.approx(one, abs=1e-6)
+    assert rms(one) > 5.0 * axis.noise
 
 
 def test_the_jacobian_is_the_slope(hoist: Problem):
@@ -174,6 +200,28 @@ def test_where_longer_steps_break_down_every_sample_is_simulated(hoist: Problem,
         Problem, "_simulated", lambda self, s, thin: simulated(self, s, thin) + (broken if thin else 0.0)
     )
     assert np.all(np.isfinite(exact.residuals([{}, {"m_c": 8200.0}])))
+
+
+def test_the_dead_lines_tension_stands_behind_the_torque_on_its_scale():
+    runs = [add_tension(run, seed) for seed, run in enumerate(hoist_runs(default_hoist()))]
+    problem = Problem(default_hoist(), runs)
+    assert problem.samples == 2 * problem.inputs
+    (residual,) = problem.residuals([{}])
+    floor = [noise_rms(run.time_s, run[TENSION], problem.band_hz) for run in runs]
+    # The cell's linearity, a trust of its own, comes on top of this noise.
+    assert rms(residual[problem.inputs :]) == pytest.approx(
+        problem.noise * rms(np.array(floor)) / problem.tension_noise, rel=0.2
+    )
+    assert not Problem(default_hoist(), [runs[0], *hoist_runs(default_hoist())[1:]]).has_tension
+
+
+def add_tension(run: Run, seed: int) -> Run:
+    """The tension that the driven machine has, with a load cell's noise of 0.15 %."""
+    problem = Problem(default_hoist(), [run])
+    _, states = problem.bench.predict([problem.bench.base])[0][0]
+    pull = problem._tension(problem.runs[0].time_s, states, problem.bench.base[0])
+    cell = np.random.default_rng(seed).normal(scale=0.0015 * np.mean(pull), size=len(pull))
+    return replace(run, signals={**run.signals, TENSION: pull + cell})
 
 
 @pytest.mark.parametrize("late_samples", [0, 10])
@@ -315,3 +363,14 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     for symbol, value in true.items():
         assert fit.setting[symbol] == pytest.approx(value, rel=0.002), symbol
     assert fit.effects == (effect.id,)
+
+
+def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: Problem):
+    free = list(base_parameters(hoist.machine, hoist.runs).values())
+    base = fit_hypothesis(hoist, (), free, np.zeros(len(free)))
+    projection = Projection.of(hoist, base)
+    assert np.max(np.abs(projection.rows.T @ projection.clean(np.ones((hoist.samples, 1))))) < 1e-8
+    assert np.linalg.norm(projection.rows.T @ projection.residual) < 1e-8
+    # At the best point of the base nothing is gained by it either: what is projected out was nothing.
+    stacked = hoist.errors.whiten(base.residual)
+    assert projection.residual @ projection.residual == pytest.approx(stacked @ stacked + base.prior, rel=1e-3)

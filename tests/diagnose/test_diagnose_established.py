@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,21 +22,27 @@ from workbench.blind.recorded import bent, write_case
 from workbench.blind.recording import cut, recording
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis, diagnose
+from workbench.diagnose.gap import delivered_of
 from workbench.diagnose.hypotheses.evidence import lag_explains, smooths
-from workbench.diagnose.hypotheses.fit import estimates
+from workbench.diagnose.hypotheses.fit import estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, base_parameters
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
+from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search, SearchResult, searched
 from workbench.diagnose.hypotheses.signatures import Projection
+from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.readiness.noise import motion_noise
 from workbench.diagnose.verdict import judge
+from workbench.diagnose.verdict.answer import Hypothesis, shared
 from workbench.diagnose.verdict.constancy import constancies
 from workbench.diagnose.verdict.free_law import LENGTHS, SIZES, score
 from workbench.diagnose.verdict.judge import deserved, judged_to_help
 from workbench.effects import find
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import KINDS, default_hoist, with_values
+from workbench.machines import KINDS, default_hoist, load_machine, save_machine, with_values
+from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.5}}
 TRUE, MIMIC = "friction_position_dependent", "friction_coulomb"
@@ -56,6 +63,24 @@ def broken(search: SearchResult, name: str) -> bool:
 def test_a_true_law_has_one_amount_everywhere_and_a_mimic_has_not(bump: tuple[Campaign, SearchResult]):
     assert not broken(bump[1], TRUE)
     assert broken(bump[1], MIMIC)
+
+
+def test_the_delivered_file_gives_the_fits_residual_run_by_run(bump: tuple[Campaign, SearchResult], tmp_path: Path):
+    campaign, search = bump
+    problem, fit = search.problem, search.fits[TRUE,]
+    keys = base_parameters(problem.machine, problem.runs)
+    corrected = corrected_machine(problem, keys, fit)
+    save_machine(corrected, tmp_path / "machine.yaml")
+    replayed = replay_runs(load_machine(tmp_path / "machine.yaml"), campaign.runs, problem.band_hz)
+    refitted = refitted_machine(problem, keys, search.within_tolerances)
+    before = replay_runs(refitted, campaign.runs, problem.band_hz)
+    told = delivered_of(problem.noise, before, replay_runs(corrected, campaign.runs, problem.band_hz))
+    for j, (row, run) in enumerate(zip(told.runs, replayed.runs, strict=True)):
+        assert row.after == pytest.approx(run.residual_rms_moving, rel=1e-3)
+        mine = problem.run_of_row[: problem.inputs] == j
+        fitted = float(np.sqrt(np.mean(fit.residual[: problem.inputs][mine] ** 2)))
+        assert row.after == pytest.approx(fitted, rel=0.03)  # the fit looks at fewer samples
+    assert sum(row.share for row in told.runs) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
@@ -79,6 +104,48 @@ def test_the_freer_of_two_laws_is_named_where_it_is_true_whatever_else_is_missin
     assert not any({*laws} <= {*names} for names in search.fits)
     found = judged_to_help(search)
     assert (found.word, set(found.names)) == ("named", {*large, name})
+
+
+class WithoutRows:
+    """An error model that does not see some rows."""
+
+    def __init__(self, errors: ErrorModel, hidden: np.ndarray) -> None:
+        self._errors, self._hidden = errors, hidden
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._errors, name)
+
+    def whiten(self, rows: Array) -> Array:
+        white = self._errors.whiten(rows)
+        white[self._hidden] = 0.0
+        return white
+
+
+def test_a_run_is_held_out_of_a_fit_that_has_converged_without_it(bump: tuple[Campaign, SearchResult]):
+    """Against a plain refit, by the search's own fit, to the other runs."""
+    problem, fit = bump[1].problem, bump[1].fits[TRUE,]
+    told = held_out(problem, fit, folds_by_run(problem))
+    for run in range(len(problem.runs)):
+        hidden = problem.run_of_row == run
+        blind = copy(problem)
+        blind.errors = cast(ErrorModel, WithoutRows(problem.errors, hidden))
+        plain = fit_hypothesis(blind, fit.effects, fit.free, fit.z, 40)
+        setting = told.settings[run]
+        seen = float(np.sum(blind.errors.whiten(problem.residuals([setting])[0]) ** 2))
+        # No better fit to the other runs is found (chi²; the tolerances hold what those runs do not show).
+        assert seen < plain.objective + 0.5
+        left = float(np.sqrt(np.mean(plain.residual[: problem.inputs][hidden[: problem.inputs]] ** 2)))
+        assert told.rms(problem.inputs, run) == pytest.approx(left, rel=0.12)
+
+
+def test_an_answer_that_the_runs_cannot_tell_from_another_is_no_surer_than_a_half():
+    rows = [Hypothesis("named", ("a",), 0.9), Hypothesis("named", ("b",), 0.06), Hypothesis("unknown", (), 0.04)]
+    said = shared(rows, ("b",))
+    assert [(row.effects, round(row.probability, 9)) for row in said] == [(("a",), 0.5), (("b",), 0.46), ((), 0.04)]
+    unlisted = shared(rows, ("an unlisted one",))
+    assert [(row.effects, round(row.probability, 9)) for row in unlisted] == [(("a",), 0.5), ((), 0.44), (("b",), 0.06)]
+    assert [round(row.probability, 9) for row in shared(rows, ())] == [0.5, 0.3, 0.2]
+    assert shared([Hypothesis("named", ("a",), 0.4), *rows[1:]], ("b",))[0].probability == 0.4
 
 
 HELD = "tolerances: {inertia: 0.01, coulomb: 0.05, viscous: 0.05, force_gain: 0.005, force_offset_n: 0.3}\n"

@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from tests.support.effect_machines import linear_axis, rotary_axis
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
+from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.hypotheses import search
@@ -23,6 +24,7 @@ from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import Estimate, FreeParameter
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Signature, start_of
+from workbench.diagnose.readiness.checks import check_runs
 from workbench.effects import Effect, effects_for, find, forget_users, load_effects, ranges_of
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, default_hoist, with_values
@@ -274,6 +276,14 @@ def test_a_second_cause_is_named_however_much_the_first_one_explains(
     campaign = Campaign("made", Path("made"), nominal("hoist"), runs)
     d = diagnose(campaign, candidates=asked, most_effects=3, study=False)
     assert set(d.verdict.effects) == {*first, *second}, d.verdict.sentence
+
+
+def test_an_axis_under_gravity_passes_for_no_other_machine_unless_its_torque_is_upside_down():
+    runs = runs_of(nominal("axis-rotary"))
+    flipped = tuple(replace(run, signals={**run.signals, "torque_nm": -run["torque_nm"]}) for run in runs)
+    assert check_runs(Campaign("made", Path("made"), nominal("axis-rotary"), runs)) == ()
+    with pytest.raises(InputError, match="speed rises against torque_nm in"):
+        check_runs(Campaign("made", Path("made"), nominal("axis-rotary"), flipped))
 
 
 def test_the_same_seed_gives_the_same_answer_to_the_last_digit():

@@ -11,14 +11,18 @@ import numpy as np
 import pytest
 
 from tests.support.searched_campaign import simulated_search
+from workbench.core.run import Run
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Scalar
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.isolability import angle_between, isolability, smallest_amount
+from workbench.diagnose.hypotheses.signatures import Projection
+from workbench.diagnose.isolability import angle_between, isolability, separations, smallest_amount
+from workbench.diagnose.isolability import best_signatures as signatures
 from workbench.diagnose.isolation.lines import Line
-from workbench.diagnose.isolation.next_run import APART, LEAST, chance_to_decide, next_run, separation
-from workbench.diagnose.isolation.planned import from_moves, menu, seen_in
+from workbench.diagnose.isolation.next_run import APART, LEAST, Offer, chance_to_decide, choose, next_run, separation
+from workbench.diagnose.isolation.planned import Planned, from_moves, menu, seen_in
 from workbench.machines import save_machine
+from workbench.references import Limits
 from workbench.study.load import load_study
 from workbench.view.diagnosis import write_next_run
 
@@ -66,6 +70,16 @@ def test_a_run_that_sees_the_parameter_otherwise_sets_apart_what_the_campaign_di
     now = separation(fitted(), fitted(), [campaign])
     assert now == pytest.approx(1.0, rel=1e-3)
     assert separation(fitted(), fitted(), [campaign, new]) > 100.0 * now
+
+
+def offer(apart: float, seconds: float, *signals: str) -> Offer:
+    run = Run("r", np.array([0.0, seconds]), {})
+    return Offer(Planned(run, 0.0, "slow", (), Limits(1.0, 1.0, 1.0), 0.0), signals, apart)
+
+
+def test_the_shortest_run_that_decides_is_chosen_before_one_that_sets_more_apart():
+    offers = [offer(9.0, 60.0), offer(4.0, 20.0), offer(2.0, 10.0), offer(30.0, 10.0, "tension_dead_line_n")]
+    assert choose(offers, 0.5) is offers[1]
 
 
 def test_the_menu_stays_within_what_the_logs_show(heavier: SearchResult):
@@ -169,6 +183,31 @@ def test_an_offset_and_an_error_of_mass_are_alike_and_a_bump_is_like_neither(hea
     text = " ".join(answer.sentences)
     assert "torque_offset" in text and "carriage_mass_error" in text
     assert "friction_position_dependent" not in text
+
+
+def test_a_special_case_is_no_fault_of_the_campaign(heavier: SearchResult):
+    answer = isolability(heavier.problem, heavier)
+    at = {name: k for k, name in enumerate(answer.names)}
+    assert answer.angle[at["friction_viscous"], at["friction_viscous_asymmetric"]] < 1.0
+    assert "friction_viscous" not in " ".join(answer.sentences)
+    projection = Projection.of(heavier.problem, heavier.within_tolerances)
+    scale = heavier.problem.share * heavier.problem.inputs
+    best = signatures(projection, heavier.signatures, scale)
+    apart = separations(best, projection.priors, scale)
+    i, j = (list(best).index(name) for name in ("friction_viscous", "friction_viscous_asymmetric"))
+    assert apart[i, j] == math.inf
+
+
+def test_visible_amounts_are_in_the_first_parameters_unit_and_below_what_was_put_in(heavier: SearchResult):
+    answer = isolability(heavier.problem, heavier)
+    name, amount = answer.visible["torque_offset"]
+    assert name == "offset_nm"
+    assert 0.5 < amount < 40.0
+    least = 0.02 * heavier.problem.noise  # of some hundred independent samples a tenth of the noise shows
+    name, amount = answer.visible["friction_position_dependent"]
+    machine = heavier.problem.machine
+    assert name == "peak_n"
+    assert amount > least / machine.lift_m_per_rad
 
 
 def test_a_verdict_that_rests_on_less_than_a_model_error_says_so(heavier: SearchResult):

@@ -154,6 +154,16 @@ def test_an_offset_withheld_from_a_real_axis_comes_back(emps: Emps, more: str):
     assert "friction_coulomb_asymmetric" in diagnosis.verdict.alike  # by nature
 
 
+def test_what_a_real_axis_leaves_itself_moves_no_base_parameter_off(emps: Emps):
+    diagnosis = emps()
+    far = [
+        abs(z)
+        for z, parameter in zip(diagnosis.search.base.z, diagnosis.search.base.free, strict=True)
+        if not parameter.logarithmic
+    ]
+    assert max(far) < 1.0
+
+
 def test_what_is_stated_as_held_out_is_what_a_search_without_the_run_leaves_there(shared_data: Path):
     """Without half_slow another minimum of friction near standstill is the best: 0.91 N m are left, not 0.57."""
     campaign = read_campaign(shared_data / "campaigns" / "05")

@@ -1,4 +1,4 @@
-"""What a diagnosis writes: the fixed keys of diagnosis.json, a machine that is accepted, a page, all or nothing."""
+"""What a diagnosis writes: the fixed keys of diagnosis.json, probabilities that add up, the page's steps."""
 
 from __future__ import annotations
 
@@ -155,6 +155,3 @@ def test_every_place_of_a_gap_is_marked_once_on_the_drawing(subsystem: str):
     drawn = fromstring(marked_machine(d.campaign.machine, subsystem, d.shrink))
     named = [text.text for text in drawn.iter() if text.get("font-weight") == "bold"]
     assert named == [subsystem.removesuffix("_sensor")]
-
-
-# The figures of a diagnosis carry the data they are given, with units, and one colour for before and after.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,10 +25,11 @@ from workbench.diagnose.gap import UNLIKELY, alike_of, outliers
 from workbench.diagnose.hypotheses.fit import Fitted, covariance, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import FreeParameter, Scalar, base_parameters, effect_parameters
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
-from workbench.diagnose.hypotheses.model_error import ErrorModel
+from workbench.diagnose.hypotheses.model_error import ErrorModel, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
 from workbench.diagnose.verdict.unknown_cause import (
+    cancellation,
     lasting_share,
     loaded_share,
     repeated_share,
@@ -68,6 +70,16 @@ def test_what_depends_on_a_variable_is_neither_white_nor_unrelated(name: str):
     assert name in test.related
 
 
+def test_a_first_order_process_is_coloured():
+    random = np.random.default_rng(7)
+    left, x = np.empty(400), 0.0
+    for k, e in enumerate(random.normal(size=400)):
+        left[k] = x = 0.5 * x + e
+    test = residual_test("a", left, {}, 1.0)
+    assert test.autocorrelation[0] == pytest.approx(0.5, abs=0.12)
+    assert not test.white
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return simulated_campaign(tmp_path_factory.mktemp("left") / "lifts", true_machine())
@@ -82,6 +94,13 @@ def test_of_a_machine_that_is_the_true_one_noise_is_left_and_of_a_wrong_one_more
     heavier = with_values(campaign.machine, TRUTH | {"carriage.mass_kg": 1.02 * campaign.machine.carriage.mass_kg})
     wrong = residual_tests(replay_runs(heavier, campaign.runs))
     assert not any(test.white for test in wrong)
+
+
+def test_a_run_unlike_the_others_is_an_outlier_and_scatter_is_none():
+    assert outliers(np.array([0.50, 0.55, 0.52, 0.51, 0.54, 1.6]))[-1] < 0.01
+    assert min(outliers(np.array([0.50, 0.55, 0.52, 0.51, 0.54, 0.60]))) > 0.05
+    assert min(outliers(np.array([0.3, 1.2, 0.5, 0.8, 0.4, 1.6]))) > 0.05  # all differ
+    assert list(outliers(np.array([0.5, 5.0]))) == [1.0, 1.0]
 
 
 def test_as_many_runs_are_called_unlike_by_chance_as_the_test_says():
@@ -146,6 +165,16 @@ def problem() -> Problem:
     return Problem(machine, hoist_runs(machine))
 
 
+def test_the_discrepancy_of_a_hoist_grows_with_the_torque_and_near_standstill(problem: Problem):
+    d = np.hypot(*model_error_of(problem.bench, problem.rows))
+    speed = np.concatenate([np.abs(m.speed[r]) for m, r in zip(problem.bench.motions, problem.rows, strict=True)])
+    torque = np.concatenate([np.abs(u[r]) for u, r in zip(problem.bench.measured, problem.rows, strict=True)])
+    assert np.all(d >= kind_of(problem.machine).model_error.load * torque - 1e-9)
+    slow, fast = speed < 0.02 * problem.bench.scale, speed > 0.5 * problem.bench.scale
+    if np.any(slow) and np.any(fast):
+        assert np.mean(d[slow]) > np.mean(d[fast])
+
+
 # Intervals of fitted parameters: what noise and discrepancy scatter, and what a simple law cannot know.
 
 
@@ -197,6 +226,20 @@ def test_what_a_law_simplifies_is_no_more_than_the_value_may_be(effect: Effect, 
     assert s <= parameter.highest - parameter.lowest or parameter.scan == "drum_angle"  # that one is in rad already
     if parameter.vanishes_at is not None:
         assert of(effect, **{parameter.symbol: parameter.vanishes_at})[parameter.symbol] == 0.0
+
+
+@pytest.mark.parametrize("tau", [0.3, 0.7, 1.5])
+def test_a_brake_that_lets_go_before_the_motor_turns_stays_within_the_interval(tau: float):
+    """Its torque has fallen to T exp(−0.2 s/τ) when the log first shows it."""
+    torque = 100.0
+    seen = torque * math.exp(-0.2 / tau)
+    assert torque - seen < 1.6449 * of(named("brake_drag", "T"), T=seen, tau=tau)["T"]
+
+
+@pytest.mark.parametrize("climb", [0.05, 0.3, 0.6])
+def test_a_layer_that_is_climbed_at_once_or_slowly_begins_within_the_interval(climb: float):
+    """What is fitted is the middle of the climb, in rad of the drum; it begins half of it earlier."""
+    assert 0.5 * climb < 1.6449 * of(named("drum_layer_change", "th_0"))["th_0"]
 
 
 # What comes again with place or speed is told from what each run has of its own.
@@ -301,6 +344,14 @@ def test_tolerances_that_are_not_kept_are_stretched():
     assert np.median([tolerance_excess(LINEAR, linear(random, off=3.0)) for _ in range(40)]) > 3.0
 
 
+def test_what_an_inexact_effect_may_bend_is_no_stretch():
+    fit = linear(np.random.default_rng(8), off=4.0)
+    excesses = [tolerance_excess(LINEAR, fit, allowed) for allowed in (0.0, 1.0, 10.0, 100.0, 1e6)]
+    assert excesses[0] == tolerance_excess(LINEAR, fit) > 3.0
+    assert all(a > b for a, b in itertools.pairwise(excesses))
+    assert excesses[-1] < 0.0
+
+
 # On a hoist
 
 
@@ -338,6 +389,18 @@ def test_a_stand_in_that_leaves_no_residual_stretches_the_tolerances(
 
 
 # Two effects
+
+
+def test_a_pair_that_stands_in_for_one_cause_is_against_itself_and_a_true_pair_is_not():
+    pair = ("payload_mass_error", "torque_scale")
+    begin = {"payload_scale": 1.01, "gain": 0.99}
+    same, instead = answered({"gearbox_inertia": {"inertia_kg_m2": 1.0}}, pair, begin)
+    true = {"friction_viscous": {"viscous_n_s_per_m": 2000.0}, "payload_mass_error": {"payload_scale": 1.06}}
+    problem, both = answered(true, tuple(true), {"viscous_n_s_per_m": 1500.0, "payload_scale": 1.05})
+    base = len(base_parameters(problem.machine, problem.runs))
+    assert cancellation(same, instead, base) > 0.5
+    assert cancellation(problem, both, base) < 0.1
+    assert cancellation(problem, replace(both, effects=both.effects[:1]), base) == 0.0
 
 
 # One run that is not like the others is named: a wrong payload, swapped signals; and sound runs are not.

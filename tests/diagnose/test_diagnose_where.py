@@ -19,19 +19,26 @@ from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.location.places import Placed, weighed
+from workbench.diagnose.location.places import Placed, Weigher, pulses_of, weighed
 from workbench.diagnose.location.profiles import (
     Free,
     Variable,
     best_of,
     explain,
     forward,
+    spacing,
+    times,
     variables,
+    wave_along_the_way,
+    wave_in_time,
+    way,
 )
-from workbench.diagnose.location.survey import Course, Survey, at_rows, survey_of
+from workbench.diagnose.location.survey import Course, Survey, at_rows, loop_of, survey_of
 from workbench.diagnose.location.where import where_of
 from workbench.diagnose.machines import refitted_machine
+from workbench.effects import find
 from workbench.logs import Campaign, read_campaign
+from workbench.machines import Hoist
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.25}}
@@ -84,6 +91,40 @@ def test_a_gap_made_of_one_variable_is_explained_by_it_on_runs_that_were_held_ou
     assert best.interval[0] <= best.share <= best.interval[1]
 
 
+def test_noise_alone_is_explained_by_nothing_however_many_bins_there_are(even: tuple[Campaign, SearchResult]):
+    problem = even[1].problem
+    gap = 3.0 * noise_of(problem)
+    shares = [explain(problem, gap, v, nothing_free(problem), 0) for v in variables(problem)]
+    assert max(share.share for share in shares) < 0.1
+
+
+def test_a_wave_in_time_with_a_phase_of_each_run_is_found_at_its_frequency(even: tuple[Campaign, SearchResult]):
+    problem = even[1].problem
+    phase = problem.run_of_row[: problem.inputs] * 2.0
+    gap = 8.0 * problem.noise * np.sin(2.0 * np.pi * 0.31 * times(problem) + phase) + noise_of(problem)
+    wave, profile = wave_in_time(problem, gap, 0)
+    assert wave.variable.at[0] == pytest.approx(0.31, abs=0.01)
+    assert wave.share > 0.9
+    mine = np.searchsorted(profile.edges, 0.31) - 1
+    assert profile.share[mine] == np.max(profile.share) > 0.9
+    assert np.max(profile.share[profile.edges[:-1] > 0.6]) < 0.1
+
+
+def test_a_wave_along_the_way_is_found_at_its_length(even: tuple[Campaign, SearchResult]):
+    problem = even[1].problem
+    assert isinstance(problem.machine, Hoist)
+    turns = way(problem) / problem.machine.lift_m_per_rad / (2.0 * np.pi)
+    phase = problem.run_of_row[: problem.inputs] * 2.0
+    gap = 8.0 * problem.noise * np.sin(2.0 * np.pi * 1.0 * turns + phase) + noise_of(problem)
+    wave_and_profile = wave_along_the_way(problem, gap, 0)
+    assert wave_and_profile is not None
+    wave, profile = wave_and_profile
+    assert wave.variable.at[0] == pytest.approx(1.0 / (2.0 * np.pi * problem.machine.lift_m_per_rad), rel=0.01)
+    assert wave.share > 0.8
+    assert profile.regime == "periodic"
+    assert profile.edges[np.argmax(profile.share)] <= wave.variable.at[0] <= profile.edges[np.argmax(profile.share) + 1]
+
+
 def test_a_bump_in_the_rail_is_found_in_the_guide_by_its_height_without_any_candidate(
     bump: tuple[Campaign, SearchResult],
 ):
@@ -96,12 +137,39 @@ def test_a_bump_in_the_rail_is_found_in_the_guide_by_its_height_without_any_cand
     assert sum(where.energy_by_run.values()) == pytest.approx(1.0)
 
 
+def test_windows_of_a_named_bump_are_its_passages(bump: tuple[Campaign, SearchResult]):
+    problem, search = bump[1].problem, bump[1]
+    fit = search.fits[("friction_position_dependent",)]
+    where = where_of(problem, search.within_tolerances, fit, [find("friction_position_dependent", "hoist")])
+    assert (where.subsystem, where.regime) == ("guide", "position")
+    assert where.share > 0.6
+    assert where.interval[0] <= where.share <= where.interval[1]
+    height = next(v for v in variables(problem) if v.name == "position").at
+    t, runs = times(problem), problem.run_of_row[: problem.inputs]
+    inside = np.zeros(problem.inputs, dtype=bool)
+    for window in where.windows:
+        j = [run.name for run in problem.runs].index(window.run)
+        inside |= (runs == j) & (t >= window.from_s) & (t <= window.to_s)
+    near = np.abs(height - 9.6) < 0.35
+    assert np.mean(near[inside]) > 0.75
+    assert np.sum(spacing(problem)[inside]) < 0.6 * np.sum(spacing(problem))
+
+
 def gap_in(campaign: Campaign, search: SearchResult) -> Gap:
     problem = search.problem
     keys = base_parameters(problem.machine, problem.runs)
     refitted = refitted_machine(problem, keys, search.within_tolerances)
     plain, after = (replay_runs(m, campaign.runs, problem.band_hz) for m in (problem.machine, refitted))
     return gap_of(problem, search, plain, after)
+
+
+def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Campaign, SearchResult]):
+    gap = gap_in(*even)
+    assert not gap.significant
+    assert gap.residual_rms < 1.3 * gap.noise_rms
+    assert abs(gap.worst_tolerance[1]) < 3.0
+    assert gap.nominal_residual_rms > 2.0 * gap.residual_rms
+    assert gap.speed_rmse_percent < 0.2 * gap.nominal_speed_rmse_percent
 
 
 PRACTICE = {
@@ -226,8 +294,21 @@ def test_motor_signals_alone_do_not_say_what_an_impact_struck(struck: Placed):
     assert len(struck.places) > 3
 
 
+def test_noise_has_no_events(even_places: Survey):
+    noise = np.random.default_rng(3).normal(scale=even_places.noise, size=len(even_places.residual))
+    quiet = replace(even_places, residual=noise)
+    pulses = pulses_of(quiet, weigher := Weigher(quiet))
+    assert pulses is None or pulses.evidence.log - pulses.choices < weigher.nothing()
+
+
 def test_an_impact_at_every_start_is_no_event(even_places: Survey):
     assert weighed(with_force(even_places, FORCES["a brake"][2])).pulses == ()
+
+
+def test_a_linear_loops_law_accounts_for_the_input_it_asked_for(followed: Problem):
+    loop = loop_of(followed)
+    assert loop is not None
+    assert np.sqrt(np.mean(loop.residual**2)) < 3.0 * followed.noise
 
 
 def bumped(problem: Problem, begin_s: float, size_nm: float) -> Problem:

@@ -158,6 +158,20 @@ def test_a_folder_that_others_can_write_to_is_made_its_owner_s_alone(temporary, 
     assert folder.stat().st_mode & 0o777 == 0o755
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
+def test_a_pipe_a_link_and_a_file_of_somebody_else_are_no_kernels(tmp_path, monkeypatch):
+    path, pipe, link = (tmp_path / name for name in ("kernel", "pipe", "link"))
+    native._write(path, {"run": b"code"})
+    assert native._read(path) == {"run": b"code"}
+    os.mkfifo(pipe)
+    link.symlink_to(path)
+    assert native._read(pipe) is None
+    assert native._read(link) is None
+    somebody_else = os.getuid() + 1
+    monkeypatch.setattr(os, "getuid", lambda: somebody_else)
+    assert native._read(path) is None
+
+
 DOUBLE = """
 from numba import njit
 

@@ -119,6 +119,13 @@ def test_an_effect_at_no_place_is_refused_with_the_list_of_places():
         HOIST.rates(0.0, list(s[:3]), list(s[3:]), hold, p, constant_at("guide_force", 1.0))
 
 
+def test_effects_at_one_place_are_summed():
+    s, hold, p = hanging()
+    both = Effects({"motor_torque_nm": [lambda s, p: 20.0, lambda s, p: -5.0]})
+    one = constant_at("motor_torque_nm", 15.0)
+    assert traced_rates(s, hold, p, both) == pytest.approx(traced_rates(s, hold, p, one), abs=1e-12)
+
+
 def eccentric(s: Any, p: Any) -> Scalar:
     """An uneven drum with a second harmonic: what it winds beyond radius times angle, m."""
     return 0.01 * sin(s.theta_w) + 0.004 * cos(2.0 * s.theta_w)

@@ -127,6 +127,12 @@ def test_standard_errors_are_as_large_as_the_errors_are(draws):
     assert 0.7 < float(np.sqrt(np.mean(scores**2))) < 1.4
 
 
+def test_the_sum_of_the_friction_levels_is_found_within_2_per_cent(draws):
+    for d in draws:
+        level_sum = sum(d.fit.values()[key] for key in LEVELS)
+        assert level_sum == pytest.approx(sum(float(get_value(d.truth, key)) for key in LEVELS), rel=0.02)
+
+
 def test_the_fit_leaves_the_noise_and_not_much_more(draws):
     for d in draws:
         assert d.fit.residual_rms < 1.25 * d.fit.noise_rms
@@ -144,6 +150,20 @@ def levels_only() -> list[Draw]:
     return out
 
 
+@pytest.mark.parametrize("index", [0, 1], ids=["hoisting", "lowering"])
+def test_the_scatter_over_noises_is_the_standard_error_within_a_factor_of_two(levels_only, index):
+    values = np.array([d.fit.value[index] for d in levels_only])
+    said = float(np.mean([d.fit.std_error[index] for d in levels_only]))
+    assert 0.5 < float(np.std(values, ddof=1)) / said < 2.0
+
+
+@pytest.mark.parametrize("key", LEVELS)
+def test_levels_alone_are_found_without_bias(levels_only, key):
+    errors = np.array([d.error(key) for d in levels_only])
+    truth = float(get_value(levels_only[0].truth, key))
+    assert abs(np.mean(errors)) < 0.005 * truth
+
+
 def test_the_papers_iteration_settles_and_gets_each_level_within_10_per_cent(levels_only):
     for d in levels_only[:3]:
         levels = friction_levels(InverseSimulation(NOMINAL, d.runs))
@@ -153,6 +173,16 @@ def test_the_papers_iteration_settles_and_gets_each_level_within_10_per_cent(lev
         assert levels.backward[-1] == pytest.approx(3900.0, rel=0.1)
         assert len(levels.forward) == len(levels.backward) <= 31
         assert np.all(np.sign(levels.speed) == np.sign(levels.force))
+
+
+def test_without_noise_the_values_are_those_of_the_machine():
+    rng = np.random.default_rng(7)
+    truth = with_values(NOMINAL, {LEVELS[0]: 7000.0, LEVELS[1]: 4000.0, "motor.rotor_inertia_kg_m2": 0.84})
+    runs = campaign(truth, rng, noise=0.0)
+    values = fitted(runs, (*LEVELS, "motor.rotor_inertia_kg_m2")).values()
+    assert values[LEVELS[0]] == pytest.approx(7000.0, rel=0.005)
+    assert values[LEVELS[1]] == pytest.approx(4000.0, rel=0.005)
+    assert values["motor.rotor_inertia_kg_m2"] == pytest.approx(0.84, rel=0.005)
 
 
 def statements(result: Fit) -> str:
@@ -168,6 +198,20 @@ def test_payload_and_gain_that_one_payload_cannot_tell_apart_are_said(levels_onl
     assert "sensors.payload_scale" in said
     assert "sensors.torque_gain" in said
     assert "told apart poorly" in said
+
+
+def test_a_value_that_the_runs_do_not_show_is_said_to_come_from_its_tolerance(levels_only):
+    slow = [run for run in levels_only[0].runs if "25 rad/s" in run.name]
+    said = statements(fitted(slow))
+    assert "carriage.mass_kg: the data say hardly more than its tolerance does" in said
+
+
+def test_a_value_far_beyond_its_tolerance_is_pointed_out():
+    truth = with_values(NOMINAL, {"carriage.mass_kg": 8400.0})  # twelve tolerances
+    runs = campaign(truth, np.random.default_rng(5))
+    said = statements(fitted(runs, ("carriage.mass_kg",)))
+    assert "carriage.mass_kg" in said
+    assert "tolerances from its nominal value" in said
 
 
 def axis_campaign(machine: LinearAxis) -> Campaign:
@@ -200,6 +244,15 @@ def test_an_axis_is_found_from_far_away_and_its_levels_and_load_are_said_to_hang
     assert "cannot be told apart from the constant load by these data: they were held alike" in statements(
         identified.fit
     )
+
+
+def test_levels_of_an_axis_with_a_known_load_are_found_each():
+    known = AXIS.model_copy(update={"gravity": AXIS.gravity.model_copy(update={"constant_n": 3.0})})
+    keys = ("mass_kg", "friction.viscous_n_s_per_m", "friction.coulomb_forward_n", "friction.coulomb_backward_n")
+    fitted_values = identify(axis_campaign(known), free=keys).fit
+    assert fitted_values.values()["friction.coulomb_forward_n"] == pytest.approx(20.0, abs=0.3)
+    assert fitted_values.values()["friction.coulomb_backward_n"] == pytest.approx(24.0, abs=0.3)
+    assert "held alike" not in statements(fitted_values)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pyarrow.parquet
 import pytest
 import scipy.io
 
-from tests.support.log_campaign import AXIS, RUNS, csv_text, hoist_columns, write_campaign
+from tests.support.log_campaign import AXIS, RUNS, axis_columns, csv_text, hoist_columns, write_campaign
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
 from workbench.machines import Hoist, LinearAxis
@@ -99,6 +99,23 @@ def test_logged_sum_gives_way_to_both_motors_and_that_is_said(tmp_path):
     assert run.notes == ("torque_motor_nm is not used: both motors are logged for themselves",)
 
 
+def test_axis_reads_with_velocity_alone(tmp_path):
+    columns = axis_columns()
+    columns["velocity_m_s"] = np.gradient(columns.pop("position_m"), columns["time_s"])
+    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
+    run = read_campaign(write_campaign(tmp_path, columns, runs=runs, machine=AXIS)).runs[0]
+    assert (run.payload_kg, run.start_position_m) == (0.0, 0.0)
+    assert "velocity_m_s" in run
+
+
+def test_axis_without_position_and_velocity_is_refused(tmp_path):
+    columns = axis_columns()
+    del columns["position_m"]
+    runs = "runs:\n- {name: lift, file: runs/lift.csv}\n"
+    write_campaign(tmp_path, columns, runs=runs, machine=AXIS)
+    assert "lift: no column position_m or velocity_m_s; did you mean 'position_reference_m'?" in refusal(tmp_path)
+
+
 def two_runs(folder: Path, **changes: str) -> str:
     second = {"name": "back", "file": "runs/back.csv"} | changes
     (folder / "runs" / "back.csv").write_text(csv_text(hoist_columns(400)))
@@ -114,12 +131,6 @@ def test_selected_runs_are_read_and_the_others_not_even_opened(tmp_path):
     assert [run.name for run in read_campaign(tmp_path, select="lift").runs] == ["lift"]
     assert [run.name for run in read_campaign(tmp_path, select=["lift"]).runs] == ["lift"]
     assert "no run 'lft'; did you mean 'lift'?" in refusal(tmp_path, select="lft")
-
-
-def test_two_runs_under_one_name_are_refused_with_both_lines(tmp_path):
-    write_campaign(tmp_path, hoist_columns())
-    (tmp_path / "runs.yaml").write_text(two_runs(tmp_path, name="lift"))
-    assert "runs.yaml:3: runs[1].name: 'lift' is used twice; it names the run on line 2 too" in refusal(tmp_path)
 
 
 def test_copied_log_is_pointed_out(tmp_path):
@@ -141,6 +152,7 @@ RUNS_MISTAKES = {
     ("runs/lift.csv", "machine.yaml"): "a file that ends in '.yaml' is not read by this version",
     ("runs/lift.csv", '"a\\0b.csv"'): "runs.yaml:2: lift:",
     (RUNS, "runs: []\n"): "runs",
+    (RUNS, RUNS + RUNS.partition("\n")[2]): "runs.yaml:3: runs[1].name: 'lift' is used twice; it names",
     ("runs:\n", "format: 3\nruns:\n"): "runs.yaml:1: format: 3, expected 1",
     ("runs:\n", "columns: {torque_motor: T}\nruns:\n"): "columns.torque_motor: unknown signal 'torque_motor'; did",
     ("runs:\n", "columns: {time_s: {column: t, scale: 0.0}}\nruns:\n"): "columns.time_s.scale: 0.0, expected a number",

@@ -276,6 +276,13 @@ def test_slow_run_in_rpm_is_found_by_where_it_would_take_the_carriage(tmp_path):
     assert "the rail goes from 0 to 25 m; is the speed in rpm" in refusal(tmp_path, columns)
 
 
+def test_dead_velocity_beside_a_position_is_dropped_and_said(tmp_path):
+    columns = axis_columns() | {"velocity_m_s": np.zeros(500)}
+    run = read_campaign(write_campaign(tmp_path, columns, runs=AXIS_RUNS, machine=AXIS)).runs[0]
+    assert "velocity_m_s" not in run
+    assert run.notes == ("velocity_m_s dropped: it is zero throughout",)
+
+
 # Samples that are no measurement: dropouts, spikes, absurd sizes, optional signals in another unit.
 
 
@@ -409,13 +416,13 @@ def test_steps_pulses_and_loud_signals_are_no_spikes():
     assert find_spikes(time, np.where(np.arange(1000) % 10 == 0, 100.0, 0.1 * noise)) == []
 
 
-# Sizes and scales
-
-
 def test_a_position_of_1e308_is_refused(tmp_path):
     still = np.full(500, 1e308)
     with pytest.raises(InputError, match=r"lift: position_m reaches 1e\+308, expected at most 1e\+09 in SI units"):
         read_axis(tmp_path, axis_columns() | {"position_m": still, "position_reference_m": still})
+
+
+# Sizes and scales
 
 
 @pytest.mark.parametrize("scale", [9.5493, -1.0, 0.01])

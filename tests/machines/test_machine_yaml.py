@@ -75,9 +75,6 @@ MISTAKES = {
     ("ratio: 31.0", "ratio: '31'"): "gearbox.ratio: '31', expected a number without quotes",
     ("ratio: 31.0", "ratio: 31,0"): "gearbox.ratio: '31,0', expected a number with a decimal point",
     ("ratio: 31.0", "ratio: 31 rad"): "units belong to the key's name",
-    ("ratio: 31.0", "ratio: .nan"): "gearbox.ratio: nan, expected a finite number",
-    ("ratio: 31.0", "ratio: yes"): "gearbox.ratio: 'yes', expected a number",
-    ("ratio: 31.0", "ratio:"): "gearbox.ratio: empty, expected a number",
     ("ratio: 31.0", "ration: 31.0"): "gearbox.ration: unknown key 'ration'; did you mean 'ratio'?",
     ("gearbox:\n  ratio: 31.0\n", ""): "gearbox: is missing; expected a block with ratio",
     ("coefficient: 0.02", "coefficient: 20"): "expected a number less than 1",
@@ -211,12 +208,12 @@ REFUSED = {
     "a: !!python/object/apply:os.system [ls]\n": (1, "tag 'tag:yaml.org,2002:python/object/apply:os.system'"),
     "a: 1\n---\nb: 2\n": (2, "a second document"),
     "a: *nowhere\n": (1, "alias *nowhere"),
+    "# only a comment\n": (None, "is empty"),
     "a: &x {b: 1}\nc: {<<: *x}\n": (2, "merge keys"),
     "? [1, 2]\n: 3\n": (1, "a key must be a plain word"),
     "a: &x [*x]\n": (1, "alias *x"),
     "a: '\x01'\n": (1, "is not YAML"),
     "": (None, "is empty"),
-    "# only a comment\n": (None, "is empty"),
 }
 
 
@@ -242,10 +239,22 @@ def test_deep_nesting_is_refused_without_recursion_error():
         loads("[" * 500 + "]" * 500, "deep.yaml")
 
 
+def test_device_for_a_file_is_said():
+    with pytest.raises(InputError, match="is not a regular file"):
+        load("/dev/zero")
+
+
 def test_byte_that_is_not_utf8_is_named_by_line(tmp_path):
     file = tmp_path / "machine.yaml"
     file.write_bytes(b"a: 1\nname: Kran f\xfcr Rohre\n")
     with pytest.raises(InputError, match=r"machine.yaml:2: byte 0xfc is not UTF-8"):
+        load(file)
+
+
+def test_log_given_for_yaml_is_refused_by_size(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_bytes(b"1,2,3\n" * 1_000_000)
+    with pytest.raises(InputError, match="larger than 5 MB"):
         load(file)
 
 
@@ -304,8 +313,6 @@ def test_no_number_may_be_anything(record):
         ("  speed_delay_s: 5", "drive.speed_delay_s: 5, expected a number from 0 to 0.2; is it in milliseconds?"),
         ("  rotor_inertia_kg_m2: 8e299", "8e+299, expected a number from 1e-09 to 1e+09; is it in kg m²?"),
         ("  ratio: 1e308", "gearbox.ratio: 1e+308, expected a number from 0.001 to 100000"),
-        ("  ratio: 1e-320", "gearbox.ratio: 1e-320, expected a number from 0.001 to 100000"),
-        ("  ratio: -31", "gearbox.ratio: -31, expected a number greater than 0"),
         ("  coulomb_hoisting_n: -1", "guide.coulomb_hoisting_n: -1, expected a number of at least 0"),
     ],
 )
@@ -340,3 +347,15 @@ def test_allowances_and_the_logs_lateness_are_at_work_as_effects_are():
     assert values["friction_viscous__viscous_n_s_per_m"] == 28.0
     assert values["speed_delay__delay_s"] == pytest.approx(0.004)
     assert not any(name.startswith("log.") for name in value_names(DELIVERED))
+
+
+def test_a_run_has_its_own_values_and_every_other_run_the_machines():
+    active = of(DELIVERED)
+    assert active.values_of(0.0, "full")["heave__phase_rad"] == 2.0
+    assert active.values_of(0.0, "empty")["heave__phase_rad"] == 1.0
+
+
+def test_a_runs_own_value_of_an_effect_that_is_not_there_is_one_error():
+    log = DELIVERED.log.model_copy(update={"of_runs": {"full": {"haeve": {"phase_rad": 2.0}}}})
+    with pytest.raises(InputError, match=r"haeve is no effect of this machine.*heave"):
+        of(DELIVERED.model_copy(update={"log": log}))

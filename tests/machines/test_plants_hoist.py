@@ -114,6 +114,16 @@ def test_a_hanging_load_settles_at_weight_over_stiffness(payload):
     assert hold == pytest.approx(p.D_w / 2.0 / p.ratio * (k * d1 + 0.5 * line * 15.0), rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("payload", "stretch_mm", "hold_nm"), [(0.0, 29.0, 383.5), (4500.0, 45.2, 597.1), (9000.0, 61.5, 810.7)]
+)
+def test_the_default_machine_holds_its_loads_with_the_figures_of_the_docs(payload, stretch_mm, hold_nm):
+    p = values(payload)
+    q, hold = HOIST.equilibrium(10.0, p)
+    assert hold == pytest.approx(hold_nm, abs=0.06)
+    assert 1e3 * elongations([*q, 0.0, 0.0, 0.0], p)[0] == pytest.approx(stretch_mm, abs=0.06)
+
+
 def even(speed_motor: float, payload: float = 4500.0, height: float = 10.0) -> list[float]:
     q, y, _ = HOIST.start_of(height, speed_motor, values(payload))
     return [*q, *y]
@@ -131,3 +141,12 @@ def test_top_and_bottom_of_a_fall_differ_by_the_weight_of_its_free_length(height
     stretch = sum(elongations(s, p)[:2])
     assert hanging == pytest.approx(2.0 * line * (p.L - height) - 0.5 * line * stretch, abs=1e-6)
     assert 0.5 * line * stretch / 2.0 < 0.85  # N a fall: nothing
+
+
+def test_a_slack_fall_shows_no_elastic_tension_and_only_its_own_weight_at_the_top():
+    p = values()
+    s = even(0.0)
+    slack = [s[0] - 3.0 * p.ratio, *s[1:]]  # three radians of drum paid out: fall 1 is slack
+    shown = outputs(slack, 0.0, p)
+    assert shown["tension_min_n"] == 0.0
+    assert shown["tension_drum_n"] == pytest.approx(0.5 * 7850.0 * p.A * p.g * (p.L - 10.0))

@@ -13,7 +13,7 @@ import pytest
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
 from workbench.machines import KINDS, PLANTS, Drive, default_hoist, with_values
-from workbench.metrics import LoopMetric, measure, metrics
+from workbench.metrics import LoopMetric, measure, metrics, observer
 from workbench.simulate import loop
 from workbench.simulate.loop import LoopCase, simulate_loop
 
@@ -177,6 +177,11 @@ def test_samples_count_each_until_the_next_and_changes_by_the_time_between():
     assert metric("slack_time_s", run) == pytest.approx(0.3)
     assert metric("torque_rate_max_nm_per_s", run) == pytest.approx(50.0 / 0.3)
     assert metric("peak_carriage_jerk_m_s3", run) == pytest.approx(2.0)
+
+
+def test_without_a_breaking_load_there_is_no_safety_factor():
+    assert "wire_safety_factor" not in measure(trace(), P)
+    assert {m.name for m in observer().metrics if m.optional} == {"wire_safety_factor"}
 
 
 def test_every_metric_has_a_unit_in_its_name_and_a_sentence():

@@ -11,25 +11,12 @@ from click.testing import CliRunner
 
 from tests.support.commands import Commands
 from tests.support.dashboard_app import page
-from tests.support.scenario_text import write
+from tests.support.scenario_text import GOOD, write
 from workbench.cli import cli
 from workbench.machines import default_hoist
 from workbench.metrics import LoopMetric, RunMetric, add, columns, find, forget_added
 from workbench.study.store import read_finished
 
-SCENARIO = """\
-format: 1
-name: declared
-payloads_kg: [0, 9000]
-start_position_m: 4.0
-moves: [{by_m: 1.5}, {dwell_s: 0.5}, {to_m: 4.0}]
-limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}
-references: [ruckig]
-controller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}
-outputs: {signals: none}
-"""
-SWEEP = "sweep: {controller.kp_nm_s_per_rad: [15, 31]}\n"
-SAMPLE = "sample: {count: 32, values: {machine.carriage.mass_kg: {distribution: uniform, low: 7000, high: 9000}}}\n"
 # Numbers of its own, from accumulators that the compiled loop keeps already.
 DRUM = LoopMetric(
     name="peak_drum_torque_nm", unit="N m", label="drum torque peak", better="lower", visible=10.0,
@@ -54,19 +41,13 @@ def declared() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def folders(declared: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Results of a plain study, of one with a weaker controller, of a sweep and of a sample."""
+    """Results of a plain study and of one with a weaker controller."""
     folder = tmp_path_factory.mktemp("declared")
-    texts = {
-        "plain": SCENARIO,
-        "weaker": SCENARIO.replace("kp_nm_s_per_rad: 31.0", "kp_nm_s_per_rad: 15.0"),
-        "sweep": SCENARIO + SWEEP,
-        "sample": SCENARIO + SAMPLE,
-    }
+    texts = {"plain": GOOD, "weaker": GOOD.replace("kp_nm_s_per_rad: 31.0", "kp_nm_s_per_rad: 15.0")}
     for name, text in texts.items():
         file = write(folder, text, f"{name}.yaml")
         done = CliRunner().invoke(cli, ["study", str(file), "--out", str(folder / name)], catch_exceptions=False)
         assert done.exit_code == 0, done.output
-        (folder / f"{name}.txt").write_text(done.output)
     return {name: folder / name for name in texts}
 
 

@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 
 from workbench.core.errors import InputError
+from workbench.effects.registry import find
 from workbench.machines import default_hoist
 from workbench.machines.multibody import switches_of
 from workbench.machines.multibody.exudyn_import import engine
+from workbench.machines.multibody.switches import _EFFECTS
 
 OWN = ("workbench.core.", "workbench.machines.multibody.")
 PACKAGE = Path(__file__).resolve().parents[2] / "workbench" / "machines" / "multibody"
@@ -49,6 +51,16 @@ def test_without_the_extra_one_line_says_how_to_get_it(monkeypatch: pytest.Monke
     with pytest.raises(InputError, match=r"pip install '\.\[multibody\]'"):
         engine()
     engine.cache_clear()
+
+
+@pytest.mark.parametrize("name", sorted(_EFFECTS))
+def test_an_effect_is_taken_under_the_librarys_names(name: str):
+    parameters = {parameter.named("hoist") for parameter in find(name, "hoist").parameters}
+    assert set(_EFFECTS[name]) == parameters
+    values = dict.fromkeys(parameters, 0.125)
+    changed = switches_of(MACHINE.model_copy(update={"effects": {name: values}}))
+    fields = {field for parameter in parameters for field in _EFFECTS[name][parameter]}
+    assert all(getattr(changed, field) == 0.125 for field in fields)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -60,6 +59,12 @@ def shaft_inertia(machine: Hoist, payload: float) -> float:
     inertia = machine.motor.count * machine.motor.rotor_inertia_kg_m2 + machine.winch.inertia_kg_m2 * i**2
     inertia += machine.sheave.inertia_kg_m2 * (lever / (machine.sheave.diameter_m / 2.0)) ** 2
     return inertia + (machine.carriage.mass_kg + payload) * lever**2
+
+
+def test_hanging_still_it_stays_where_it_is():
+    run = move(MACHINE, 4500.0, 9.0, torque(lambda t: 0.0), 1.0, step_s=0.004).run
+    assert np.max(np.abs(run["speed_motor_rad_s"])) < 1e-8
+    assert run["position_carriage_m"] == pytest.approx(9.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("more", [25.0, -40.0])
@@ -229,13 +234,17 @@ def test_a_wire_pulls_and_never_pushes():
     assert np.all(fallen <= 0.5 * MACHINE.gravity_m_s2 * run.time_s**2 * 1.001 + 1e-9)  # falls, and is not thrown
 
 
+def test_a_motion_that_does_not_converge_ends_with_time_and_state():
+    result = move(MACHINE, 4500.0, 9.0, torque(lambda t: math.nan if t > 0.1 else 0.0), 0.2, step_s=0.004)
+    assert result.outcome is Outcome.DIVERGED
+    assert "height 9.000 m" in result.at and "motor speed" in result.at
+
+
 def test_an_arm_too_soft_for_its_load_ends_at_once_with_height_and_payload():
     soft = with_values(MACHINE, {"arm.roller_stiffness_n_per_m": 2e4})
-    began = time.process_time()
     result = move(soft, 4500.0, 8.0, torque(lambda t: 0.0), 1.0)
     assert result.outcome is Outcome.NO_EQUILIBRIUM and len(result.run.time_s) == 0
     assert "at height 8.000 m with 4500 kg" in result.at
-    assert time.process_time() - began < 5.0  # it took minutes
 
 
 def test_heave_weighs_on_the_wire():

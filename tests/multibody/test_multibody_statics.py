@@ -9,6 +9,7 @@ import pytest
 from workbench.core.errors import InputError
 from workbench.machines import Hoist, default_hoist, with_values
 from workbench.machines.multibody import Switches, geometry_of, hang
+from workbench.machines.multibody.switches import wound_m
 
 MACHINE = default_hoist()
 STIFF = with_values(MACHINE, {"arm.roller_stiffness_n_per_m": 1e10, "arm.cylinder_stiffness_n_per_m": 1e10})
@@ -108,6 +109,11 @@ def test_the_linkage_closes_at_every_reach(reach: float):
     assert points["head_pivot"][1] == points["lower_pivot"][1] == 7.0  # on a level line, whatever the reach
 
 
+def test_the_bodies_weigh_what_the_carriage_and_the_payload_do():
+    bodies = geometry_of(MACHINE, 4500.0, 5.0).bodies
+    assert sum(b.mass_kg for b in bodies.values()) == pytest.approx(MACHINE.carriage.mass_kg + 4500.0)
+
+
 @pytest.mark.parametrize(
     ("values", "said"),
     [
@@ -123,3 +129,26 @@ def test_the_linkage_closes_at_every_reach(reach: float):
 def test_an_arm_that_cannot_be_is_one_clear_error(values: dict[str, float], said: str):
     with pytest.raises(InputError, match=said):
         with_values(MACHINE, values)
+
+
+@pytest.mark.parametrize("height", HEIGHTS)
+def test_a_hose_bundle_hangs_from_the_top_with_the_wire(height: float):
+    rest = hang(MACHINE, 4500.0, height, Switches(hose_kg_per_m=8.0))
+    top, hold = by_hand(MACHINE, 4500.0, height, 8.0 + 7850.0 * MACHINE.wire.effective_area_m2)
+    assert rest.tension_drum_n == pytest.approx(top, rel=1e-6)
+    assert rest.hold_torque_nm == pytest.approx(hold, rel=1e-6)
+
+
+def test_a_layer_more_lengthens_the_arm_of_the_wire():
+    level, layered = (hang(MACHINE, 4500.0, 9.0, Switches(layer_m=d, layer_rad=20.0)) for d in (0.0, 0.02))
+    arm = MACHINE.winch.drum_diameter_m / 2.0
+    assert layered.hold_torque_nm / level.hold_torque_nm == pytest.approx((arm + 0.02) / arm, rel=1e-6)
+
+
+def test_wire_on_the_drum_is_the_integral_of_its_arm():
+    wound = wound_m(Switches(layer_m=0.02, layer_rad=3.0, eccentricity_m=0.01, eccentricity_rad=0.4), 0.3)
+    step = 1e-5
+    for angle in (-1.0, 0.0, 2.9, 3.1, 3.29, 7.0):
+        slope = (wound(angle + step)[0] - wound(angle - step)[0]) / (2.0 * step)
+        assert slope == pytest.approx(wound(angle)[1], rel=1e-6)
+    assert wound(0.0)[0] == pytest.approx(0.0)

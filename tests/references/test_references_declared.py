@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from workbench.references import (
     add,
     forget_added,
     motion_time_s,
+    move_shape,
     move_time_s,
     plan_motion,
     planned,
@@ -88,3 +90,12 @@ def test_a_scenario_runs_it_and_all_that_shows_a_study_shows_it(tmp_path: Path) 
     for file in (out / "study.html", report):
         text = file.read_text(encoding="utf-8")
         assert "half acceleration" in text and "#CC79A7" in text, file.name
+
+
+def test_a_kind_may_take_the_time_of_any_other(declared: PlannedKind) -> None:
+    quick = Limits(LIMITS.speed_m_s, 1.5 * LIMITS.acceleration_m_s2)
+    add(replace(declared, name="quick", move=lambda move: shortest_move(move.distance_m, quick)))
+    as_long = replace(planned_kind("ruckig_equal_time"), name="as_long_as_quick", same_time_as="quick")
+    wanted = 12.0 / 0.7 + 0.7 / 0.75
+    assert move_shape(as_long, 12.0, LIMITS).duration_s == pytest.approx(wanted, abs=1e-9)
+    assert move_time_s(as_long, 12.0, LIMITS) == pytest.approx(wanted, abs=1e-9)

@@ -140,12 +140,23 @@ def test_a_served_axis_nears_the_speed_at_which_friction_and_load_take_its_force
     assert abs(session.plant.signals["velocity_m_s"]) < 1e-3  # friction has stopped it
 
 
-# The session.
+def test_a_client_over_udp_pushes_an_axis():
+    with Served(AXIS, watchdog_s=5.0) as served:
+        client = Client(served.port)
+        client.send(65.0, flags=1)  # a brake that it has not
+        now, at_work, *rest = client.receive().numbers
+        assert now > 0.0 and at_work == 65.0 and len(rest) == 4  # three signals and the time that was left out
+        assert client.order({"get": ["velocity_m_s"]})["get"]["velocity_m_s"] > 0.0
+        client.close()
+    assert any("stands still until the first force; 5.0 N hold it" in line for line in served.said)
 
 
 def test_time_stands_still_until_the_first_command(session: Session, clock: Hand):
     steps(session, clock, 500)
     assert session.plant.time_s == 0.0 and session.flags & BITS["waiting"]
+
+
+# The session.
 
 
 def test_a_silent_client_loses_its_torque_and_the_brake_closes(session: Session, clock: Hand, said: list[str]):

@@ -20,8 +20,8 @@ from workbench.machines import save_machine
 from workbench.serve import tcp
 from workbench.serve.plant import LivePlant
 from workbench.serve.serve import Wish
-from workbench.serve.session import Session
-from workbench.serve.udp import BYTE_ORDER
+from workbench.serve.session import MOST_BEHIND_S, Session
+from workbench.serve.udp import BYTE_ORDER, SILENT_S
 
 TOKEN = "winch-7-bench"
 
@@ -102,6 +102,22 @@ def test_a_second_client_reads_only_and_is_told_so_until_the_first_is_silent():
         second.close()
 
 
+def test_states_stop_a_second_after_the_last_command():
+    with Served(HOIST, watchdog_s=30.0) as served:
+        client = Client(served.port)
+        client.send(served.session.plant.hold)
+        begun = last = time.monotonic()
+        client._line.settimeout(SILENT_S + 2.0)
+        try:
+            while time.monotonic() - begun < 30.0:
+                client.receive()
+                last = time.monotonic()
+        except TimeoutError:
+            pass
+        assert 0.5 * SILENT_S < last - begun < SILENT_S + 1.0
+        client.close()
+
+
 def test_other_addresses_ask_for_a_token(tmp_path: Path, commands: Commands):
     save_machine(HOIST, tmp_path / "machine.yaml")
     for address in ("0.0.0.0", "::", "192.0.2.1", "plant.example"):
@@ -126,6 +142,24 @@ def test_without_the_token_there_is_no_answer_at_all():
         assert served.session.counts["refused_token"] == 5
         stranger.close()
         client.close()
+
+
+def test_time_that_was_left_out_is_flagged_and_counted():
+    clock = Hand()
+    session = session_of(clock=clock)
+    session.pace.begin(0.0)
+    session.pace.start(5.0)  # before the first command: time does not run yet
+    session.command(session.plant.hold)
+    session.pace.end(5.0)
+    assert not session.flags & BITS["skipped"]
+    session.pace.start(session.pace.due_s + MOST_BEHIND_S + 3.0)
+    assert session.flags & BITS["skipped"] and session.skipped_s == pytest.approx(3.0)
+    assert session.order({"get": ["skipped_s", "is_skipped"]})["get"] == pytest.approx(
+        {"skipped_s": 3.0, "is_skipped": 1}
+    )
+    session.set({"reset": 1})
+    session.command(session.plant.hold)
+    assert not session.flags & BITS["skipped"]
 
 
 def test_a_wire_that_carries_more_than_its_breaking_load_is_told_until_reset():
@@ -172,6 +206,22 @@ def test_idle_connections_are_closed_and_the_33rd_is_not_let_in(monkeypatch: pyt
         with socket.create_connection(("127.0.0.1", served.port)) as line:
             line.sendall(struct.pack(">HHHBBHH", 1, 0, 6, 1, 4, 0, 2))
             assert len(line.recv(100)) == 13
+
+
+def test_a_modbus_client_reads_only_while_another_controls():
+    pymodbus = pytest.importorskip("pymodbus.client")
+    kind = pymodbus.ModbusTcpClient.DATATYPE.FLOAT32
+    with Served(HOIST, protocol="modbus", watchdog_s=5.0) as served:
+        first, second = (pymodbus.ModbusTcpClient("127.0.0.1", port=served.port) for _ in range(2))
+        assert first.connect() and second.connect()
+        hold = first.convert_to_registers(served.session.plant.hold, kind)
+        assert not first.write_registers(0, hold).isError()
+        refused = second.write_registers(0, hold)
+        assert refused.isError() and refused.exception_code == 6
+        assert second.write_coil(2, True).exception_code == 6
+        assert not second.read_input_registers(0, count=2).isError()
+        first.close()
+        second.close()
 
 
 def test_a_modbus_client_shows_the_token_in_its_registers():

@@ -12,7 +12,9 @@ import pytest
 from tests.support.commands import Commands
 from tests.support.log_campaign import AXIS, csv_text
 from tests.support.simulated_campaign import TORQUE_NOISE_NM, simulated_campaign, true_machine
-from workbench.machines import save_machine
+from workbench.logs import read_campaign
+from workbench.machines import default_hoist, save_machine, with_values
+from workbench.simulate.replay import replay_runs
 
 
 @pytest.fixture(scope="module")
@@ -111,3 +113,11 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert done.out == ""
     assert len([line for line in done.err.splitlines() if line.lower().startswith("error")]) == 1
     assert sorted(p.name for p in tmp_path.iterdir()) == ["axis.yaml"]
+
+
+def test_an_identified_machine_is_compared_in_its_own_band(campaign: Path):
+    read = read_campaign(campaign)
+    machine = with_values(default_hoist(), {"wire.youngs_modulus_pa": 8e10})
+    known = machine.model_copy(update={"identified": {"band_hz": 1.25}})
+    assert replay_runs(known, read.runs).band_hz == 1.25
+    assert replay_runs(machine, read.runs).band_hz != 1.25

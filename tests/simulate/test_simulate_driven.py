@@ -160,6 +160,11 @@ def gain_at(frequency_hz: float, band_hz: float, time: np.ndarray = TIME) -> com
     return complex(in_phase, quadrature)
 
 
+@pytest.mark.parametrize("band", [0.5, 1.7, 8.0])
+def test_the_gain_at_the_band_is_minus_3_db(band):
+    assert abs(gain_at(band, band)) == pytest.approx(1.0 / math.sqrt(2.0), rel=1e-3)
+
+
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 1.5, 2.0, 4.0])
 def test_the_gain_is_that_of_a_fourth_order_butterworth_run_both_ways(ratio):
     f0 = 1.7 / (math.sqrt(2.0) - 1.0) ** 0.125

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from tests.support.batches import RUNS, SCENARIO, SHORT, chunks_of, environment,
 from workbench.cli.study import study as command
 from workbench.core.errors import InputError
 from workbench.study.load import Study, load_study
-from workbench.study.store import LOCK, Chunk, Progress, locked, on_this_computer, place_for, run_batch
+from workbench.study.store import LOCK, Chunk, Progress, on_this_computer, place_for, run_batch
 
 SMALL = SHORT.replace(f"steps: {RUNS // 4}", "steps: 75").replace("name: batch", "name: three")
 
@@ -59,6 +59,11 @@ def stopping_after(chunks: int, study: Study, numbers: Sequence[int]) -> Iterato
     """Runs some chunks, then is stopped as by Ctrl-C."""
     yield from on_this_computer(study, numbers[:chunks])
     raise KeyboardInterrupt
+
+
+def never(study: Study, numbers: Sequence[int]) -> Iterator[tuple[int, Chunk]]:
+    assert not numbers, "was run"
+    return iter(())
 
 
 def resumed(file: Path, out: Path, index: bytes, kept: int) -> None:
@@ -112,15 +117,6 @@ def test_while_one_process_runs_a_study_another_says_so_and_ctrl_c_says_what_is_
     resumed(file, out, index, kept)
 
 
-def test_a_lock_file_that_a_dead_process_left_is_taken_over(tmp_path: Path) -> None:
-    (tmp_path / LOCK).write_text("process 1 on elsewhere, killed long ago")
-    with locked(tmp_path):
-        assert (tmp_path / LOCK).read_text().startswith(f"process {os.getpid()} on ")
-        with pytest.raises(InputError, match=f"is being written by process {os.getpid()} on"), locked(tmp_path):
-            raise AssertionError("locked twice")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_batch_on_one_core_or_several_stopped_or_not_gives_the_same_bytes(
     small: Study, whole: bytes, tmp_path: Path
 ) -> None:
@@ -148,6 +144,25 @@ def test_a_kept_chunk_that_is_damaged_is_run_again(small: Study, whole: bytes, t
     assert (out / "index.parquet").read_bytes() == whole
 
 
+def test_a_result_that_another_process_finished_meanwhile_is_left_alone(small: Study, tmp_path: Path) -> None:
+    place = place_for(small, tmp_path / "out")  # found unfinished ...
+    run_batch(small, place)
+    before = (place.folder / "manifest.json").stat()
+    run_batch(small, place, spread=never)
+    assert (place.folder / "manifest.json").stat() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_another_study_does_not_go_on_with_the_chunks_of_this_one(small: Study, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(small, place_for(small, tmp_path / "out"), spread=partial(stopping_after, 1))
+    other = replace(small, scenario=small.scenario.model_copy(update={"settle_s": 9.0}))
+    told: list[Progress] = []
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(other, place_for(other, tmp_path / "out"), spread=partial(stopping_after, 1), tell=told.append)
+    assert told[0].kept == 0
+
+
 PEAK = """
 import resource, sys
 from workbench.cli import main
@@ -165,14 +180,14 @@ def peak_mb(file: Path, out: Path) -> float:
 
 
 def test_memory_is_the_same_for_ten_times_the_runs(tmp_path: Path) -> None:
-    # The signals alone are 0.2 MB a run: 800 of them held in memory would show.
+    # The signals alone are 0.2 MB a run: 400 of them held in memory would show.
     taken = {}
-    for runs in (80, 800):
+    for runs in (40, 400):
         text = SCENARIO.replace(f"steps: {RUNS // 4}", f"steps: {runs // 4}").replace("none", "thinned, every_s: 0.02")
         path = tmp_path / f"{runs}.yaml"
         path.write_text(text, encoding="utf-8")
         taken[runs] = peak_mb(path, tmp_path / f"out{runs}")
-    assert taken[800] < taken[80] + 60.0, taken
+    assert taken[400] < taken[40] + 60.0, taken
 
 
 def test_several_files_go_into_folders_of_their_names(tmp_path: Path) -> None:

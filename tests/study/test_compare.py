@@ -51,6 +51,19 @@ def test_runs_of_other_ids_are_matched_by_payload_reference_and_assigned_values(
     assert compare(A, renamed).changes[0].mean_delta == compare(A, B).changes[0].mean_delta
 
 
+def test_runs_that_values_cannot_tell_apart_are_not_matched_by_chance() -> None:
+    twins = [row("x"), row("y")]
+    pairs, only_a, only_b = matched(twins, [row("v"), row("w")])
+    assert (pairs, only_a, only_b) == ([], ["x", "y"], ["v", "w"])
+
+
+def test_runs_without_a_partner_and_runs_that_newly_fail_are_named() -> None:
+    comparison = compare([*A, row("gone", 5.0)], [B[0], failed(B[1]), B[2], row("new", 6.0)])
+    assert (comparison.only_a, comparison.only_b) == (("gone",), ("new",))
+    assert [pair.name for pair in comparison.newly_failed] == ["b"]
+    assert comparison.changes[0].runs == 2
+
+
 @pytest.mark.parametrize(
     ("metric", "a", "b", "percent"),
     [

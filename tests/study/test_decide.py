@@ -162,6 +162,20 @@ def test_the_weight_from_which_the_gain_is_not_worth_it_turns_the_two_round():
         assert again.taken is not None and again.taken.reference == wanted
 
 
+def test_who_breaks_a_limit_is_out_and_where_all_do_none_is_taken():
+    rows = list(result().rows)
+    peaks = sorted(r[PEAK] for r in rows)
+    made = decided(
+        result().study, rows, given={"peak_torque_motor_nm": CriterionBlock(most=0.5 * (peaks[0] + peaks[1]))}
+    )
+    assert [c.reference for c in made.left] == [next(r.reference for r in rows if r[PEAK] == peaks[0])]
+    assert "Out: " in take_sentences([made])[0]
+    (none,) = take_sentences(
+        [decided(result().study, rows, given={"peak_torque_motor_nm": CriterionBlock(most=100.0)})]
+    )
+    assert none.startswith("Take none of these at 9000 kg: ") and "at most 100 N m" in none
+
+
 @pytest.mark.parametrize(
     ("new", "changes"),
     [
@@ -373,6 +387,14 @@ def test_what_lies_below_the_bound_runs_faster_in_the_closed_loop_than_the_bound
         assert f"{words_of(name)} by" in said
         assert (f"{words_of(name)} by" in below) == faster, name
     assert below.count("(beyond the speed limit)") == 1 and "(beyond" not in said.partition(" Below ")[0]
+
+
+def test_overload_is_red_and_said_first():
+    heavy = result(20000.0, REFERENCES[:2])
+    uses = {use.what: use for use in utilisation(heavy.rows, heavy.study.machine)}
+    assert uses["torque peak"].light == "red" and uses["rms torque"].light == "red"
+    said = alarm(list(uses.values()))
+    assert said is not None and said.startswith("Overload: torque peak 100 % of the limit")
 
 
 def test_the_bound_is_below_every_motion_of_its_time_and_the_limit_that_equal_time_exceeds_is_named():

@@ -111,11 +111,31 @@ def test_jerk_and_acceleration_trade_time_for_torque_and_the_knee_is_inside() ->
         assert sooner["peak_torque_motor_nm"] > later["peak_torque_motor_nm"]
 
 
+def test_a_harder_emergency_stop_unloads_the_wire_going_up_and_loads_the_motors_going_down() -> None:
+    rows = rows_of("emergency_stop")
+    for payload in (0.0, 9000.0):
+        up = where(rows, payload_kg=payload, **{"sweep__moves[0]__by_m": 11.0})
+        down = where(rows, payload_kg=payload, **{"sweep__moves[0]__by_m": -11.0})
+        assert all(a > b for a, b in pairwise(column(up, "min_wire_tension_n")))
+        assert all(a < b for a, b in pairwise(column(down, "peak_torque_motor_nm")))
+        # v²/2a is soon done: the stop ends where it should, whatever the deceleration.
+        assert all(abs(value) < 0.05 for value in column([*up, *down], "position_error_end_m"))
+
+
 def test_one_motor_carries_what_its_overload_allows_and_no_more() -> None:
     for row in rows_of("motor_failure"):
         # Hoisting at constant speed: weight and friction, in (8000 kg + payload)·g/2 falls·0.3 m/31 and guide.
         wanted = ((8000.0 + row.payload_kg) * 9.81 + 6000.0) / 2.0 * 0.3 / 31.0
         assert (abs(row["position_error_end_m"]) < 0.01) == (wanted < 480.0 * 1.6)
+
+
+def test_a_brake_that_is_open_in_time_changes_nothing_and_a_late_one_costs_torque() -> None:
+    for payload in (0.0, 9000.0):
+        rows = where(rows_of("brake_late"), payload_kg=payload, sweep__controller__anti_windup="back_calculation")
+        peaks, errors = column(rows, "peak_torque_motor_nm"), column(rows, "speed_error_max_rad_s")
+        assert peaks[0] == pytest.approx(peaks[1], rel=1e-9)
+        assert errors[1] < errors[2] < errors[3] < errors[4]
+        assert peaks[4] == pytest.approx(768.0)
 
 
 def test_torque_peaks_scatter_within_the_tolerances_about_the_nominal_one() -> None:

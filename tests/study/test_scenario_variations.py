@@ -75,16 +75,6 @@ def test_a_linear_range_has_its_ends_and_even_steps(low: float, width: float, st
     np.testing.assert_allclose(values, np.linspace(low, low + width, steps), rtol=1e-10, atol=1e-9)
 
 
-@pytest.mark.parametrize("signals", ["none", "thinned", "full"])
-def test_outputs_say_how_many_samples_are_kept(signals: str) -> None:
-    spec = specs_of(outputs={"signals": signals, "every_s": 0.02})[0]
-    assert spec.record_every == {"none": 0, "thinned": 20, "full": 1}[signals]
-    ((_, run),) = run_specs([spec])
-    assert (run is None) == (signals == "none")
-    if run is not None:
-        assert run.sample_time_s == pytest.approx(spec.record_every * 0.001)
-
-
 def test_values_that_do_not_fit_together_are_a_row_with_the_reason() -> None:
     specs = specs_of(
         references=["ruckig"], payloads_kg=[0.0],

@@ -29,7 +29,7 @@ from workbench.study.size import (
     sized,
     sto_stop,
 )
-from workbench.view.size import candidates_table, sentences
+from workbench.view.size import candidates_table, sentences, why_not
 
 ROOT = Path(__file__).resolve().parents[2]
 FILE = ROOT / "scenarios" / "size" / "racker.yaml"
@@ -235,3 +235,14 @@ def test_what_does_not_fit_is_one_sentence_with_its_place(text, said, tmp_path):
     with pytest.raises(InputError) as error:
         size(file)
     assert said in str(error.value)
+
+
+def test_a_users_own_table_is_a_catalogue_and_where_none_passes_the_nearest_is_named(capsys, tmp_path):
+    file = write(tmp_path, "motors: mine.csv\ncount: [2]\n", mine="name,power_kw,speed_rpm\nsmall,45,1500\n")
+    done = Commands(capsys)("size", file)
+    assert done.status == 1 and "None of 1 drives passes. Nearest is 2 × small (45 kW)" in done.out
+    weak = size(write(tmp_path, "motors: mine.csv\n", mine="name,power_kw,speed_rpm\ntiny,1,1500\n"))
+    assert weak.taken is None and "holding the load" in why_not(weak.candidates[0])
+    assert sentences(weak) == ["None of 1 drives passes: none turns fast enough and holds the load."]
+    fallen = replace(weak, candidates=(replace(weak.candidates[0], checks=(), reason="the carriage left the rail"),))
+    assert sentences(fallen) == ["None of 1 drives passes: the carriage left the rail."]

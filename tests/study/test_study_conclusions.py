@@ -35,6 +35,30 @@ def row(assigned: dict[str, float | str], payload: float = 9000.0, kind: str = "
     return Row(name, "s", "ok", "", payload, kind, metrics | changes, assigned)
 
 
+def front_rows() -> list[Row]:
+    """Move time against peak: a hyperbola, and one run that another beats in both."""
+    rows = [
+        row({JERK: 10.0 / t}, move_time_s=30.0 + t, peak_torque_motor_nm=400.0 + 200.0 / t)
+        for t in (1.0, 2.0, 4.0, 8.0)
+    ]
+    return [*rows, row({JERK: 9.0}, move_time_s=39.0, peak_torque_motor_nm=650.0)]
+
+
+def test_the_knee_is_said_with_its_price_per_move_and_what_it_takes_off():
+    # To 0…1: x = (t − 1)/7, y = (200/t − 25)/175; farthest below the chord is t = 2 or 4 by symmetry of 1/t about √8.
+    (knee,) = [text for text in sentences(front_rows(), LIMIT) if "knee" in text]
+    assert "with jerk 5 m/s³: 32 s and 500 N m" in knee or "with jerk 2.5 m/s³: 34 s and 450 N m" in knee
+    assert "between 31 s for 600 and 38 s for 425 at the ends" in knee and "edge" not in knee
+
+
+def test_a_sweep_is_judged_on_the_references_that_read_it():
+    """A trapezoid knows no jerk: its peak, the worst of all, hides nothing of what the jerk does to ruckig."""
+    rows = [row({JERK: j}, peak_torque_motor_nm=400.0 + 50.0 * j) for j in (1.0, 2.0)]
+    rows += [row({JERK: j}, kind="trapezoid", peak_torque_motor_nm=600.0) for j in (1.0, 2.0)]
+    (text,) = [sentence for sentence in sentences(rows, LIMIT) if sentence.startswith("Jerk ")]
+    assert "the torque peak per motor goes from 450 to 500 N m" in text
+
+
 def sample_rows(n: int = 200) -> list[Row]:
     rng = np.random.default_rng(3)
     mass, stiffness = rng.normal(8000.0, 30.0, n), rng.normal(1e11, 5e9, n)
@@ -90,9 +114,6 @@ def test_a_cycle_that_is_said_to_be_repeatable_heats_no_winding_beyond_nominal_t
         heat = heat * per_cycle + rise
         hottest = max(hottest, heat)
     assert hottest <= 1.0  # of what nominal torque heats to
-
-
-# Pareto fronts and knees, against a set made by hand and against brute force.
 
 
 # Time against torque. (4, 6) and (6, 5) are beaten; the second (3, 3) is the first one again.

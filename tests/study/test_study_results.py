@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from workbench.study.conclude import sentences
 from workbench.study.load import Study, load_study
 from workbench.study.rows import read_rows
 from workbench.study.run import StudyResult, run_study
-from workbench.study.store import SavedRuns, place_for, run_batch
+from workbench.study.store import Chunk, SavedRuns, place_for, run_batch
 from workbench.view.study import run_table, save_study_page
 
 SCENARIO = """\
@@ -120,6 +121,16 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_result(study: Study, tmp_path
     with pytest.raises(InputError, match="small: no results written: No space left on device"):
         run_batch(study, place_for(study, tmp_path / "small"), extras={"study.html": full})
     assert not (tmp_path / "small").exists()
+
+
+def test_a_place_that_cannot_be_written_is_known_before_anything_is_run(study: Study, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+
+    def never(*_: object) -> Iterator[tuple[int, Chunk]]:
+        raise AssertionError("was run")
+
+    with pytest.raises(InputError, match="small: no results can be written there: a file stands where"):
+        run_batch(study, place_for(study, tmp_path / "file" / "small"), spread=never)
 
 
 def test_a_finished_result_is_never_overwritten(study: Study, tmp_path: Path) -> None:

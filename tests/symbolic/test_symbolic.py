@@ -170,6 +170,13 @@ def test_physics_that_branches_on_a_traced_value_is_refused(branch):
         branch()
 
 
+def test_a_number_of_numpy_may_stand_left_of_a_traced_scalar():
+    three: Any = np.float64(3.0)
+    assert three * X is 3.0 * X
+    assert (three < X) is (X > 3.0)
+    assert three / X is 3.0 / X
+
+
 def test_threads_that_trace_at_once_get_one_object_for_equal_expressions():
     def build(_: int) -> list[Scalar]:
         e: Scalar = X

@@ -79,15 +79,3 @@ def test_a_notebooks_figure_has_no_button_that_uploads(chromium: Browser, tmp_pa
     page = chromium.new_page()
     looked_at(page, tmp_path / "cell.html", empty=False)
     page.close()
-
-
-def test_the_dashboards_figures_have_no_button_that_uploads(chromium: Browser, tmp_path: Path):
-    with (
-        browser.dashboard(tmp_path / "server") as address,
-        browser.visit(chromium, address, tmp_path / "shots") as visit,
-    ):
-        visit.go("Loop")
-        visit.drawn(figures=1)
-        titles = visit.page.evaluate(BUTTONS)
-        assert titles and not [title for title in titles if "hare" in title or "loud" in title]
-        assert visit.page.evaluate(SERVER) == ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.load import load_study
 from workbench.study.run import StudyResult
@@ -173,6 +175,14 @@ def test_a_result_that_is_not_whole_is_refused_in_one_line(copy: Path, commands,
     assert said in done.err and str(copy) in done.err
     assert len(done.err.strip().splitlines()) == 1
     assert not (copy / "report.html").exists()
+
+
+def test_a_manifest_that_counts_other_runs_is_refused(copy: Path) -> None:
+    manifest = json.loads((copy / "manifest.json").read_text())
+    manifest["runs"]["all"] = 5
+    (copy / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match=r"holds 4 runs, its manifest\.json says 5"):
+        read_finished(copy)
 
 
 def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path, commands) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import resource
 import shutil
 import sqlite3
@@ -17,6 +18,7 @@ from benchmarks.attack.watch_states import HOIST, RULES, make_state, put, short_
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
 from workbench.machines import save_machine
+from workbench.watch.store import Store
 from workbench.watch.watch import Watch
 
 OPTIONS = "--settle", "0.02", "--healthy", str(RULES.healthy), "--skip-diagnosis"
@@ -198,3 +200,11 @@ def test_what_cannot_be_rebuilt_is_one_line(place: Path, commands: Commands):
     assert done.status == 2 and "there is no cycles.parquet to rebuild it from" in one_line(done.err)
     other = commands(*words(place, "--once", "--healthy", 30))
     assert other.status == 2
+
+
+@pytest.mark.skipif(os.name != "posix", reason="allowed: pipes of POSIX")
+def test_a_pipe_in_the_place_of_the_state_is_refused_and_not_waited_for(tmp_path: Path):
+    (tmp_path / "state").mkdir()
+    os.mkfifo(tmp_path / "state" / "watch.sqlite")
+    with pytest.raises(InputError, match="is not a regular file"):
+        Store(tmp_path / "state", HOIST, RULES)

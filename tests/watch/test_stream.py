@@ -75,6 +75,12 @@ def test_a_cycle_lies_between_two_stands_and_a_dwell_is_part_of_it():
         )
 
 
+def test_a_stream_that_begins_in_a_motion_waits_for_a_stand():
+    cutter = Cutter(RULES)
+    play(cutter, 2.4, 11.9)
+    assert [round(cut.moves_s[0] - 1008.0) for cut in cutter.cycles] == [0]
+
+
 @pytest.mark.parametrize("late", [0.0, 0.7])
 def test_a_stream_that_stops_in_a_motion_spoils_that_cycle_only(late: float):
     cutter = Cutter(RULES)
