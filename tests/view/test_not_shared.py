@@ -15,8 +15,7 @@ from workbench.view.page import Section, save_page
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-# Title of each button of the first figure, and where that figure would send itself.
-BUTTONS = """() => [...document.querySelectorAll('.modebar-btn')].map(b => b.getAttribute('data-title') || b.title)"""
+# Where a figure would send itself.
 SERVER = "() => document.querySelector('.js-plotly-plot')._context.plotlyServerURL"
 
 
@@ -37,7 +36,7 @@ def figure() -> Any:
 def looked_at(page: Page, file: Path, empty: bool = True) -> None:
     page.goto(file.as_uri())
     page.wait_for_selector(".modebar-btn", state="attached")
-    titles = page.evaluate(BUTTONS)
+    titles = page.evaluate(browser.BUTTONS)
     assert titles and not [title for title in titles if "hare" in title or "loud" in title], titles
     if empty:
         assert page.evaluate(SERVER) == ""
@@ -48,7 +47,7 @@ def test_a_figure_of_plain_plotly_has_the_button_that_is_looked_for(chromium: Br
     figure().write_html(tmp_path / "plain.html", include_plotlyjs=True)
     page.goto((tmp_path / "plain.html").as_uri())
     page.wait_for_selector(".modebar-btn", state="attached")
-    assert any("Share" in title for title in page.evaluate(BUTTONS))
+    assert any("Share" in title for title in page.evaluate(browser.BUTTONS))
     page.close()
 
 
