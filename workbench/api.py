@@ -12,8 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from workbench.analysis.family import family, operating_points
 from workbench.analysis.linearise import STIFFNESS_BY_LENGTH, Motion
+from workbench.analysis.margins import family, operating_points
 from workbench.analysis.tune import Goal, TuneProgress, Weights
 from workbench.analysis.tune import tune as search_gains
 from workbench.analysis.usual import usual_controller

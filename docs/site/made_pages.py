@@ -23,8 +23,8 @@ from workbench.core.yaml_strict import bounds_of, load
 from workbench.effects import Effect, library_effects
 from workbench.effects.declare import words
 from workbench.effects.registry import library_for
-from workbench.logs.formats.known import section
-from workbench.logs.runs_file import RunsFile
+from workbench.logs.formats.opening import section
+from workbench.logs.campaign import RunsFile
 from workbench.machines import KINDS, RECORDS, default_hoist, kind_of, load_machine
 from workbench.metrics import LoopMetric, Metric, metrics, run_metrics, set_of
 from workbench.references import planned_kinds, recorded_kinds

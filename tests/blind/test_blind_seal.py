@@ -16,11 +16,10 @@ import pytest
 
 from workbench.blind import make as making
 from workbench.blind import run, seal
-from workbench.blind.answer import Answer, text_of
-from workbench.blind.ledger import Entry, copy_of, entries
 from workbench.blind.make import Asked, Made, Maker, make
+from workbench.blind.run import Answer, text_of
 from workbench.blind.score import OPENED, open_all, open_and_score, sheet_of
-from workbench.blind.seal import Label, Order
+from workbench.blind.seal import Entry, Label, Order, copy_of, entries
 from workbench.cli import main
 from workbench.core.errors import InputError
 from workbench.view.blind import sentences

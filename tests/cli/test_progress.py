@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from workbench.cli import progress
+from workbench.cli import show
 from workbench.study.store import Progress
 
 
@@ -12,10 +12,10 @@ def test_lines_say_where_a_study_goes_on_and_how_fast_it_is(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     clock = [100.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(show.time, "monotonic", lambda: clock[0])
 
     def stopped() -> None:
-        with progress.shown(["a"]) as tell:
+        with show.shown(["a"]) as tell:
             for seconds, done, failed in ((0.0, 20, 0), (5.0, 40, 0), (6.0, 64, 1)):
                 clock[0] += seconds
                 tell(Progress("a", done=done, runs=100, kept=20, failed=failed))

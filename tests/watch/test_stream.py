@@ -17,7 +17,7 @@ from tests.support.commands import Commands
 from tests.support.opcua_machine import OpcUaMachine
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.logs.runs_file import Entry
+from workbench.logs.raw_run import Entry
 from workbench.machines import default_hoist, save_machine
 from workbench.watch.arrivals import Arrivals, Arrived
 from workbench.watch.estimate import estimate

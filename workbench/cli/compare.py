@@ -8,7 +8,7 @@ from typing import Annotated
 
 import click
 
-from workbench.cli.campaign import load_campaign
+from workbench.cli.measured import load_campaign
 from workbench.cli.options import OtherMachine, command
 from workbench.cli.show import filled, print_table, print_text
 from workbench.core.errors import InputError

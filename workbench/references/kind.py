@@ -29,8 +29,7 @@ from typing import Any
 
 from workbench.core.errors import InputError, nearest
 from workbench.machines import Load
-from workbench.references.limits import Limits
-from workbench.references.shape import Shape
+from workbench.references.shape import Limits, Shape
 
 
 @dataclass(frozen=True)

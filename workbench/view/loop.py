@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from workbench.analysis.family import Member, Weakest, weakest
 from workbench.analysis.loop import StepResponse, load_step, position_answer, step_response
-from workbench.analysis.margins import Margins
+from workbench.analysis.margins import Margins, Member, Weakest, weakest
 from workbench.analysis.search import rounded_down
 from workbench.analysis.tune import GIVEN_AWAY, WIDER
 from workbench.control import Cascade

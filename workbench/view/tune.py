@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.analysis.family import weakest
+from workbench.analysis.margins import weakest
 from workbench.analysis.tune import GIVEN_AWAY, WIDER, Candidate, Tuned, Weights
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError

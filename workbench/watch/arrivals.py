@@ -18,9 +18,9 @@ from workbench.core.errors import InputError
 from workbench.core.record import Finite, Payload, Position, Record
 from workbench.core.run import Run
 from workbench.core.yaml_strict import load, validate
-from workbench.logs.formats.known import suffixes
-from workbench.logs.reading import read_run
-from workbench.logs.runs_file import Column, Entry, Name, read_runs
+from workbench.logs.campaign import Column, read_run, read_runs
+from workbench.logs.formats.opening import suffixes
+from workbench.logs.raw_run import Entry, Name
 from workbench.machines import Axis, Hoist, kind_of
 
 

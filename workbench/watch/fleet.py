@@ -23,7 +23,7 @@ from workbench.core.names import unit_of
 from workbench.core.record import Finite, Record
 from workbench.core.yaml_strict import load, validate
 from workbench.effects import check
-from workbench.logs.runs_file import Name
+from workbench.logs.raw_run import Name
 from workbench.machines import load_machine
 from workbench.study.cluster import client_on
 from workbench.watch.judge import Rules

@@ -17,11 +17,13 @@ import ctypes
 import importlib
 import json
 import os
+import pkgutil
 import select
 import signal
 import struct
 import subprocess
 import sys
+import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -32,11 +34,74 @@ from typing import IO, Any
 
 import numpy as np
 
+import workbench.logs.formats as folder
 from workbench.core.errors import InputError
 from workbench.core.input_file import readable_file
 from workbench.core.run import Array
-from workbench.logs.formats.declared import Limits, LogFormat, Opened, plain_errors
-from workbench.logs.formats.known import format_of
+from workbench.logs.formats.declared import MB, Limits, LogFormat, Opened, plain_errors
+
+# Every LogFormat of a module NAME_file.py; CSV, which needs no extra, is named first.
+FORMATS: list[LogFormat] = [
+    declared
+    for module in sorted(module.name for module in pkgutil.iter_modules(folder.__path__) if "_file" in module.name)
+    for declared in vars(importlib.import_module(f"{folder.__name__}.{module}")).values()
+    if isinstance(declared, LogFormat)
+]
+# What people also keep logs in. It is not read, and the error says what it is.
+_NOT_YET = {
+    ".dat": "MDF3", ".xlsx": "Excel", ".xls": "Excel", ".gz": "gzip",
+    ".zip": "zip", ".h5": "HDF5", ".hdf5": "HDF5", ".feather": "Feather",
+}  # fmt: skip
+
+
+def suffixes() -> tuple[str, ...]:
+    """The endings of all log files that are read, such as ".csv"."""
+    return tuple(suffix for log_format in FORMATS for suffix in log_format.suffixes)
+
+
+def listed() -> str:
+    """The first ending of each format as a sentence has them: ".csv, .mat or .parquet"."""
+    first = [log_format.suffixes[0] for log_format in FORMATS]
+    return " or ".join([", ".join(first[:-1]), first[-1]])
+
+
+def format_of(file: Path) -> LogFormat:
+    """The format of a file by its ending. InputError for one that is not read."""
+    suffix = file.suffix.lower()
+    for log_format in FORMATS:
+        if suffix in log_format.suffixes:
+            return log_format
+    what = f"{_NOT_YET[suffix]} files are" if suffix in _NOT_YET else f"a file that ends in '{suffix}' is"
+    raise InputError(f"{what} not read by this version; save the log as {listed()}", file=file)
+
+
+def section() -> str:
+    """The formats with their endings and properties, and the limits, for the documentation."""
+    lines = []
+    for one in FORMATS:
+        text = f"- **{one.name}** ({', '.join(f'`{suffix}`' for suffix in one.suffixes)}): {one.about}"
+        lines.append(textwrap.fill(text, 116, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False))
+    lines += ["", "Limits of one log, counted in what is produced from it:", ""]
+    lines += ["| format | whose | rows | unpacked | processor time | memory of the reader | read in |"]
+    lines += ["|---|---|---|---|---|---|---|"]
+    for one in FORMATS:
+        own = "a worker" if one.isolated else "this process"
+        lines.append(f"| {one.name} | your own | {_cells(one.own)} | {own} |")
+        lines.append(f"| {one.name} | uploaded | {_cells(one.uploaded)} | a worker |")
+    return "\n".join(lines) + "\n"
+
+
+def _cells(limits: Limits) -> str:
+    memory = limits.memory_bytes / MB
+    return f"{limits.rows / MB:g} million | {limits.bytes / MB:g} MB | {limits.seconds:g} s | {memory:g} MB"
+
+
+# Opens a log as columns of numbers, within the limits of its format: here, or apart, in a process that may die and
+# that can open nothing but the one log. Where the system can fork, the worker itself never touches a file: it loads
+# the parsers once, and each log is parsed by a child of its own, with limits on processor time and memory. A child
+# that dies takes the worker with it, by exit status 128 + signal. Elsewhere (Windows) the worker parses one log and
+# ends, and only time is limited. Either side sends lines of JSON; samples follow theirs as they lie in memory.
+# Nothing that a worker sends is unpickled or executed.
 
 
 @dataclass(frozen=True)
