@@ -49,7 +49,7 @@ from workbench.references import (
 )  # fmt: skip
 from workbench.simulate.loop import NO_EVENTS, LoopCase, LoopResult, simulate_loop
 from workbench.simulate.lowpass import check_band
-from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
+from workbench.simulate.models import check_multibody, simulate_multibody_loop
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.study.compare import Comparison, why_unmatched
 from workbench.study.compare import compare as compare_rows

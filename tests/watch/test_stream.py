@@ -19,12 +19,21 @@ from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.logs.raw_run import Entry
 from workbench.machines import default_hoist, save_machine
-from workbench.watch.arrivals import Arrivals, Arrived
 from workbench.watch.estimate import estimate
 from workbench.watch.judge import Rules
-from workbench.watch.opcua import Line, nodes_of, still_speed
-from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid, with_payload
-from workbench.watch.watch import Watch
+from workbench.watch.opcua import (
+    TRIGGER,
+    Cut,
+    CutRules,
+    Cutter,
+    Line,
+    Logs,
+    nodes_of,
+    on_grid,
+    still_speed,
+    with_payload,
+)
+from workbench.watch.watch import Arrivals, Arrived, Watch
 
 HOIST = default_hoist()
 RULES = CutRules("speed", still=0.1, stand_s=1.0, silent_s=1.0)

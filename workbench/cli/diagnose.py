@@ -31,7 +31,7 @@ from workbench.effects.loading import know
 from workbench.effects.registry import UserFile, user_files
 from workbench.logs import Campaign
 from workbench.view.diagnosis import brief_sections, write_diagnosis
-from workbench.view.numbers import NOTHING, figures
+from workbench.view.words import NOTHING, figures
 
 
 @command("diagnose", effects=True)

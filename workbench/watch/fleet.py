@@ -27,9 +27,8 @@ from workbench.logs.raw_run import Name
 from workbench.machines import load_machine
 from workbench.study.cluster import client_on
 from workbench.watch.judge import Rules
-from workbench.watch.opcua import SCHEME, Line, nodes_of, still_speed
+from workbench.watch.opcua import SCHEME, TRIGGER, CutRules, Line, nodes_of, still_speed
 from workbench.watch.store import replace_table
-from workbench.watch.stream import TRIGGER, CutRules
 from workbench.watch.watch import Say, Watch, patient
 
 STATES = ("failed", "alarm", "learning", "healthy")  # in the order of the table
