@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import multiprocessing
 import os
-import shutil
-import signal
 import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -24,7 +18,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from workbench import __version__
-from workbench.blind.make import validation
+from workbench.blind.make import mapped, validation
 from workbench.blind.seal import (
     CAMPAIGNS,
     Entry,
@@ -229,10 +223,12 @@ def run(
         begun, done = time.monotonic(), 0
         if kept and todo:
             tell(f"goes on after {len(kept)} of {len(wanted)}")
-        how = diagnose or partial(answered, most_effects=most_effects)
-        given = _answers(folder, todo, processes, how) if cluster is None else _on_cluster(folder, todo, cluster, how)
+        given = _answers(folder, todo, processes, cluster, diagnose or partial(answered, most_effects=most_effects))
         for name, text in given:
-            _keep(folder, found, name, text)
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            # The ledger first: an answer without its line would count as changed.
+            append(folder, found, Entry(name, sha256(text.encode()), now, __version__, manifest_hash(folder)))
+            save(text, answer_file(folder, name))
             done += 1
             each_s = (time.monotonic() - begun) / done
             left = each_s * (len(todo) - done)
@@ -247,13 +243,6 @@ def answered(folder: Path, most_effects: int = MOST_EFFECTS) -> str:
 
 def answer_file(folder: Path, name: str) -> Path:
     return folder / ANSWERS / f"{name}.json"
-
-
-def _keep(folder: Path, found: list[Entry], name: str, text: str) -> None:
-    """The ledger first: an answer without its line would count as changed."""
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    append(folder, found, Entry(name, sha256(text.encode()), now, __version__, manifest_hash(folder)))
-    save(text, answer_file(folder, name))
 
 
 def _said(text: str) -> str:
@@ -273,82 +262,42 @@ def _alone(folder: Path) -> Iterator[None]:
         yield
 
 
-def _answers(folder: Path, names: Sequence[str], processes: int, diagnose: Diagnose) -> Iterator[tuple[str, str]]:
-    """Each as soon as it is there. A campaign is copied to a folder of its own, which is all that its process knows."""
+def _answers(
+    folder: Path, names: Sequence[str], processes: int, cluster: str | None, diagnose: Diagnose
+) -> Iterator[tuple[str, str]]:
+    """Each as soon as it is there. A campaign's files in a folder of their own are all that its process knows."""
     if not names:
         return
-    with tempfile.TemporaryDirectory(prefix="workbench-blind-") as temporary:
-        if processes > 1 and len(names) > 1:
-            yield from _in_processes(folder, names, temporary, min(processes, len(names)), diagnose)
-            return
-        for name in names:
-            room = _room(folder, temporary, name)
-            yield name, diagnose(room)
-            shutil.rmtree(room)
+    task = partial(_answered_apart, __version__, diagnose)
 
+    def sent(name: str) -> tuple[str, dict[str, bytes]]:
+        campaign = folder / CAMPAIGNS / name
+        files = (path for path in campaign.rglob("*") if path.is_file())
+        return name, {path.relative_to(campaign).as_posix(): read_input(path, "log") for path in files}
 
-def _room(folder: Path, temporary: str, name: str) -> Path:
-    room = Path(temporary) / name
-    shutil.copytree(folder / CAMPAIGNS / name, room)
-    return room
-
-
-def _in_processes(
-    folder: Path, names: Sequence[str], temporary: str, processes: int, diagnose: Diagnose
-) -> Iterator[tuple[str, str]]:
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read by the processes as they start
-    before = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _settle, (temporary,))
-    waiting, running = iter(names), dict[Future[str], Path]()
-    try:
-        while True:
-            for name in itertools.islice(waiting, 2 * processes - len(running)):
-                room = _room(folder, temporary, name)
-                running[pool.submit(diagnose, room)] = room
-            if not running:
-                return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                room = running.pop(future)
-                yield room.name, future.result()
-                shutil.rmtree(room)
-    except BrokenProcessPool as error:
-        raise InputError(
-            "a process ended in the middle of a diagnosis, perhaps for want of memory; what was answered is kept, the "
-            "same command goes on, with one process in less memory"
-        ) from error
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
-
-
-def _settle(temporary: str) -> None:
-    """A process of the pool: it stands in the temporary folder; Ctrl-C is the parent's to hear."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.chdir(temporary)
-
-
-def _on_cluster(folder: Path, names: Sequence[str], cluster: str, diagnose: Diagnose) -> Iterator[tuple[str, str]]:
-    if not names:
+    if cluster is None:
+        with (
+            tempfile.TemporaryDirectory(prefix="workbench-blind-") as room,
+            mapped(min(processes, len(names)), room) as over,
+        ):
+            yield from over(partial(task, room=room), map(sent, names))
         return
     from workbench.study.cluster import client_on, each_on
 
-    def files_of(name: str) -> dict[str, bytes]:
-        campaign = folder / CAMPAIGNS / name
-        return {p.relative_to(campaign).as_posix(): read_input(p, "log") for p in campaign.rglob("*") if p.is_file()}
-
     with client_on(cluster) as client:
-        task = partial(_answered_elsewhere, __version__, diagnose)
-        yield from each_on(client, cluster, names, lambda name: (task, name, files_of(name)))
+        yield from (answer for _, answer in each_on(client, cluster, names, lambda name: (task, sent(name))))
 
 
-def _answered_elsewhere(version: str, diagnose: Diagnose, name: str, files: Mapping[str, bytes]) -> str:
-    """On a worker: the campaign's files in a folder of their own, diagnosed there. InputError for another version."""
+def _answered_apart(
+    version: str, diagnose: Diagnose, sent: tuple[str, Mapping[str, bytes]], room: str | None = None
+) -> tuple[str, str]:
+    """A campaign's name and answer, from its files in a folder of their own. InputError for another version."""
     if version != __version__:
         raise InputError(f"a worker has workbench {__version__}, expected {version}")
-    with tempfile.TemporaryDirectory(prefix="workbench-blind-") as temporary:
+    name, files = sent
+    with tempfile.TemporaryDirectory(prefix="workbench-blind-", dir=room) as temporary:
         for path, data in files.items():
             file = Path(temporary) / name / path
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(data)
-        return diagnose(Path(temporary) / name)
+        return name, diagnose(Path(temporary) / name)
