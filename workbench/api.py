@@ -18,7 +18,7 @@ from workbench.analysis.tune import Goal, TuneProgress, Weights
 from workbench.analysis.tune import tune as search_gains
 from workbench.analysis.usual import usual_controller
 from workbench.control import Events, PiSettings, Settings
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known
 from workbench.core.yaml_strict import Document
 from workbench.effects import check
 from workbench.identify.identify import Identification
@@ -216,8 +216,7 @@ def simulate(
     plant: lumped or multibody; the second needs the extra 'multibody', takes seconds and gives forces of joints too.
     InputError for a motion that is not possible.
     """
-    if plant not in PLANTS:
-        raise InputError(f"unknown plant '{plant}'; {nearest(plant, PLANTS)}", place="plant")
+    check_known("unknown plant", plant, PLANTS, place="plant")
     given = default_hoist() if machine is None else machine_of(machine)
     machine = studied(given)
     if machine is None:

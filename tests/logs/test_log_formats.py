@@ -18,6 +18,7 @@ import scipy.io
 
 from tests.support import log_openers
 from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
+from tests.support.made_pages import made_pages
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
 from workbench.logs.formats import opening
@@ -72,7 +73,7 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
     with pytest.raises(InputError, match=r"save the log as \.csv, \.mat, \.mf4, \.parquet, \.xml, \.tdms or \.made"):
         read_campaign(folder)
 
-    assert "- **made-up** (`.made`): arrays that numpy has saved." in opening.section()
+    assert "- **made-up** (`.made`): arrays that numpy has saved." in made_pages().log_formats_page()
     for name in ("workbench.dashboard.chosen", "workbench.cli.options", "workbench.cli.measured"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     from workbench.cli.measured import replay as command

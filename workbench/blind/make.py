@@ -27,7 +27,7 @@ from workbench import __version__
 from workbench.blind import recorded
 from workbench.blind.recording import recording
 from workbench.blind.seal import CAMPAIGNS, Label, Order, Truth, fernet, hashes, key_of, read_manifest, seal, write_key
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known
 from workbench.core.whole_folder import check_free, whole_folder
 
 Tell = Callable[[str], None]
@@ -123,8 +123,7 @@ def make(
 def maker_of(asked: Asked, seed: int, tell: Tell) -> Maker:
     """What makes the campaigns that are asked for, of the sources that are asked for."""
     for name in asked.sources:
-        if name not in SOURCES:
-            raise InputError(f"unknown source '{name}'; {nearest(name, SOURCES)}", place="source")
+        check_known("unknown source", name, SOURCES, place="source")
     if recorded.SOURCE not in asked.sources:
         played: Maker = validation().maker(asked, seed)
         return played

@@ -10,7 +10,7 @@ import click
 
 from workbench.cli.options import Band, CampaignFolder, OtherMachine, Runs, command, names_in
 from workbench.cli.show import print_notes, print_table, print_text
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known
 from workbench.core.whole_folder import check_free
 from workbench.effects import check, effects_for
 from workbench.identify.identify import Identification
@@ -79,8 +79,7 @@ def chosen_candidates(text: str | None, machine: Hoist | Axis) -> tuple[str, ...
     if not names:
         raise InputError(f"no effect is named, expected names with commas between, or '{ALL}'", place="candidates")
     for name in names:
-        if name not in known:
-            raise InputError(f"unknown effect '{name}'; {nearest(name, known)}", place="candidates")
+        check_known("unknown effect", name, known, place="candidates")
     if repeated := [name for name in names if names.count(name) > 1]:
         raise InputError(f"'{repeated[0]}' is named twice, expected each effect once", place="candidates")
     return tuple(names)

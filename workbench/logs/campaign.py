@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known, nearest
 from workbench.core.input_file import readable_file
 from workbench.core.record import Finite, Record, long_form
 from workbench.core.run import Run
@@ -282,8 +282,7 @@ def _selected(entries: Sequence[Entry], select: Sequence[str] | str | None, file
     names = [name.strip() for name in select.split(",")] if isinstance(select, str) else list(select)
     known = [entry.name for entry in entries]
     for name in names:
-        if name not in known:
-            raise InputError(f"no run '{name}'; {nearest(name, known)}", file=file)
+        check_known("no run", name, known, file=file)
     if not names:
         raise InputError("no run is selected", file=file)
     return [entry for entry in entries if entry.name in names]

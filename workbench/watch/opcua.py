@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from workbench.core.errors import InputError, UnwritableError, nearest
+from workbench.core.errors import InputError, UnwritableError, check_known, nearest
 from workbench.core.record import Finite, Payload, Position, Record, long_form
 from workbench.core.run import Array
 from workbench.core.whole_folder import whole_file, writable
@@ -351,8 +351,7 @@ def nodes_of(file: Path | None, machine: Hoist | Axis) -> Nodes:
         made = validate(NodesFile, load(file))
     known = [*wanted, *([PAYLOAD] if kind.payload else [])]
     for name in made.nodes:
-        if name not in known:
-            raise InputError(f"unknown signal '{name}'; {nearest(name, known)}", file=file, place="nodes")
+        check_known("unknown signal", name, known, file=file, place="nodes")
     for group in kind.signals.needed:
         ways = [[name for name in way if name != TIME] for way in group]
         if not any(all(name in made.nodes for name in way) for way in ways):

@@ -23,7 +23,6 @@ import signal
 import struct
 import subprocess
 import sys
-import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -38,7 +37,7 @@ import workbench.logs.formats as folder
 from workbench.core.errors import InputError
 from workbench.core.input_file import readable_file
 from workbench.core.run import Array
-from workbench.logs.formats.declared import MB, Limits, LogFormat, Opened, plain_errors
+from workbench.logs.formats.declared import Limits, LogFormat, Opened, plain_errors
 
 # Every LogFormat of a module NAME_file.py; CSV, which needs no extra, is named first.
 FORMATS: list[LogFormat] = [
@@ -73,27 +72,6 @@ def format_of(file: Path) -> LogFormat:
             return log_format
     what = f"{_NOT_YET[suffix]} files are" if suffix in _NOT_YET else f"a file that ends in '{suffix}' is"
     raise InputError(f"{what} not read by this version; save the log as {listed()}", file=file)
-
-
-def section() -> str:
-    """The formats with their endings and properties, and the limits, for the documentation."""
-    lines = []
-    for one in FORMATS:
-        text = f"- **{one.name}** ({', '.join(f'`{suffix}`' for suffix in one.suffixes)}): {one.about}"
-        lines.append(textwrap.fill(text, 116, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False))
-    lines += ["", "Limits of one log, counted in what is produced from it:", ""]
-    lines += ["| format | whose | rows | unpacked | processor time | memory of the reader | read in |"]
-    lines += ["|---|---|---|---|---|---|---|"]
-    for one in FORMATS:
-        own = "a worker" if one.isolated else "this process"
-        lines.append(f"| {one.name} | your own | {_cells(one.own)} | {own} |")
-        lines.append(f"| {one.name} | uploaded | {_cells(one.uploaded)} | a worker |")
-    return "\n".join(lines) + "\n"
-
-
-def _cells(limits: Limits) -> str:
-    memory = limits.memory_bytes / MB
-    return f"{limits.rows / MB:g} million | {limits.bytes / MB:g} MB | {limits.seconds:g} s | {memory:g} MB"
 
 
 # Opens a log as columns of numbers, within the limits of its format: here, or apart, in a process that may die and

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known, nearest
 from workbench.machines import Hoist
 
 PINNED = "1.13.6"
@@ -159,10 +159,7 @@ def switches_of(machine: Hoist) -> Switches:
     for name, parameters in machine.effects.items():
         if name in _SENSORS:
             continue
-        if name not in _EFFECTS:
-            raise InputError(
-                f"the multi-body machine has no effect '{name}'; {nearest(name, _EFFECTS)}", place="effects"
-            )
+        check_known("the multi-body machine has no effect", name, _EFFECTS, place="effects")
         for parameter, value in parameters.items():
             fields = _EFFECTS[name].get(parameter, ())
             if not fields:
