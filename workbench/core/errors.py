@@ -63,6 +63,6 @@ def nearest(name: str, valid: Iterable[str]) -> str:
 def check_known(
     problem: str, name: str, valid: Collection[str], *, file: object = None, line: int | None = None, place: str = ""
 ) -> None:
-    """InputError with the nearest name for one that is not valid. problem: before the name, such as "unknown signal"."""
+    """InputError with the nearest name for one that is not valid. problem: what stands before it: unknown signal."""
     if name not in valid:
         raise InputError(f"{problem} '{name}'; {nearest(name, valid)}", file=file, line=line, place=place or None)
