@@ -17,7 +17,6 @@ import ctypes
 import importlib
 import json
 import os
-import pkgutil
 import select
 import signal
 import struct
@@ -33,19 +32,14 @@ from typing import IO, Any
 
 import numpy as np
 
-import workbench.logs.formats as folder
+from workbench.core.declared import library
 from workbench.core.errors import InputError
 from workbench.core.input_file import readable_file
 from workbench.core.run import Array
 from workbench.logs.formats.declared import Limits, LogFormat, Opened, plain_errors
 
 # Every LogFormat of a module NAME_file.py; CSV, which needs no extra, is named first.
-FORMATS: list[LogFormat] = [
-    declared
-    for module in sorted(module.name for module in pkgutil.iter_modules(folder.__path__) if "_file" in module.name)
-    for declared in vars(importlib.import_module(f"{folder.__name__}.{module}")).values()
-    if isinstance(declared, LogFormat)
-]
+FORMATS = library("workbench.logs.formats", LogFormat, "_file")
 # What people also keep logs in. It is not read, and the error says what it is.
 _NOT_YET = {
     ".dat": "MDF3", ".xlsx": "Excel", ".xls": "Excel", ".gz": "gzip",
