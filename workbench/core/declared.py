@@ -7,7 +7,6 @@ import importlib
 import pkgutil
 import sys
 from collections.abc import Iterator
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
@@ -32,6 +31,8 @@ def library(package: str, kind: type[T], ending: str = "") -> list[T]:
 
 def of_entry_points(group: str, kind: type[T]) -> Iterator[tuple[str, list[T]]]:
     """(the entry's place, what it declares): a module, or one object. InputError for one that cannot be loaded."""
+    from importlib.metadata import entry_points
+
     for entry in entry_points(group=group):
         place = f"entry point {entry.name}"
         try:
