@@ -11,10 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.family import Member, family, operating_points, weakest
 from workbench.analysis.linearise import OperatingPoint, linearise
 from workbench.analysis.loop import linear_loop, load_step, step_response
-from workbench.analysis.margins import margins
+from workbench.analysis.margins import Member, family, margins, operating_points, weakest
 from workbench.analysis.search import Search, anti_resonances, best_rejection, for_bandwidth, make_search
 from workbench.analysis.tune import Goal, Score, Trial, Tuned, Weights, try_out, tune, usual_trial
 from workbench.analysis.usual import usual_controller

@@ -24,7 +24,7 @@ from tests.support.log_campaign import RUNS, csv_text, hoist_columns, write_camp
 from workbench.core.errors import InputError
 from workbench.dashboard import session, uploads
 from workbench.dashboard.uploads import KEPT, Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
-from workbench.logs.formats import known
+from workbench.logs.formats import opening
 
 
 @pytest.fixture
@@ -73,8 +73,8 @@ def told(given_: list[Uploaded], workspace: Path) -> str:
 
 def limit_uploads(monkeypatch: pytest.MonkeyPatch, **limits: Any) -> None:
     """Every log format with other limits for what is uploaded."""
-    smaller = [replace(log_format, uploaded=replace(log_format.uploaded, **limits)) for log_format in known.FORMATS]
-    monkeypatch.setattr(known, "FORMATS", smaller)
+    smaller = [replace(log_format, uploaded=replace(log_format.uploaded, **limits)) for log_format in opening.FORMATS]
+    monkeypatch.setattr(opening, "FORMATS", smaller)
 
 
 def as_zip(files: Mapping[str, bytes], workspace: Path, root: str = "lifts/") -> str:

@@ -16,7 +16,7 @@ import scipy.io
 
 from benchmarks.attack.edits import EDITS, edited
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, csv_text, hoist_columns, write_campaign
-from workbench.cli.campaign import load_campaign
+from workbench.cli.measured import load_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.logs import read_campaign

@@ -17,7 +17,7 @@ from workbench.logs import read_campaign
 from workbench.machines import default_hoist
 from workbench.machines.files import machine_text
 from workbench.references import Step, motor_speed_rad_s, plan_motion
-from workbench.references.limits import Limits
+from workbench.references.shape import Limits
 from workbench.study.grid import RunSpec, plan_runs
 from workbench.study.load import Study, load_study
 from workbench.study.run import run_specs

@@ -20,8 +20,17 @@ from workbench.core.run import Run
 from workbench.machines import default_hoist, save_machine
 from workbench.watch.estimate import estimate
 from workbench.watch.judge import Rules
-from workbench.watch.opcua import Line, nodes_of, still_speed
-from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, on_grid, with_payload
+from workbench.watch.opcua import (
+    TRIGGER,
+    Cut,
+    CutRules,
+    Cutter,
+    Line,
+    nodes_of,
+    on_grid,
+    still_speed,
+    with_payload,
+)
 from workbench.watch.watch import Watch
 
 HOIST = default_hoist()
