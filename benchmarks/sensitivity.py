@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
-from workbench.blind.answer import load, save
 from workbench.blind.make import mapped
 from workbench.blind.measures import Row, Share, calibration_error, right, right_or_alike
+from workbench.blind.run import load, save
 from workbench.blind.score import open_all, sheet_of
 from workbench.blind.seal import CAMPAIGNS
 from workbench.core.table import Column, Table, words

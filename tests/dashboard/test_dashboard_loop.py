@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.dashboard_app import downloads, ended, errors, figures, good, made_job, page, the_job, titles, words
 from tests.support.log_campaign import hoist_columns, write_campaign
-from workbench.analysis.family import family, operating_points
+from workbench.analysis.margins import family, operating_points
 from workbench.analysis.usual import usual_controller
 from workbench.control import PiSettings
 from workbench.core.yaml_strict import dumps, loads

@@ -9,13 +9,13 @@ import pytest
 
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
-from workbench.effects import effects_for, parts, ranges_of, searchable
-from workbench.machines import LinearAxis, default_hoist, with_values
+from workbench.effects import effects_for, parts, ranges_of, searchable, sizes_of
+from workbench.machines import LINEAR, LinearAxis, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation, changed
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.lowpass import LowpassAt, lowpass
 from workbench.simulate.motion import bridged, moving, repeated_impacts
-from workbench.simulate.replay import replay_runs
+from workbench.simulate.replay import replay_runs, simulate_replays
 
 MACHINE = default_hoist()
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
@@ -283,3 +283,14 @@ def test_the_acceleration_runs_straight_across_an_impact_and_is_kept_beside_it()
     a = 2.0 * t + np.where(np.abs(t - 0.5) < 0.005, 100.0, 0.0)
     assert bridged(t, a, np.array([0.5])) == pytest.approx(2.0 * t, abs=1e-12)
     assert bridged(t, a, np.zeros(0)) is a
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_the_replay_of_an_axis_that_stands_throughout_is_judged_by_the_speed_of_its_size():
+    axis = LINEAR.example()
+    t: Array = np.asarray(0.002 * np.arange(500), dtype=float)
+    still = {"velocity_m_s": np.zeros_like(t), "position_m": np.full_like(t, 0.3)}
+    bench = InverseSimulation(axis, [Run("still", t, {"force_n": np.full_like(t, 3.0), **still}, 0.0, 0.3, 0.0)], 90.0)
+    assert bench.scale == sizes_of(axis).speed
+    (states,) = simulate_replays(bench)
+    assert np.isfinite(states[0]).all()

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from workbench.analysis.family import Member, family
 from workbench.analysis.linearise import OperatingPoint
+from workbench.analysis.margins import Member, family
 from workbench.analysis.search import NEAR, Search, Shaped, best_rejection, for_bandwidth, kp_for, make_search
 from workbench.control import Events, InputShaper, Notch, ScheduledGains, Settings
 from workbench.core.errors import InputError

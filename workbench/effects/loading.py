@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.declared import declared_in
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.effects.active import RUN_SYMBOLS, compiled
-from workbench.effects.declare import Effect, declared_in
+from workbench.effects.declare import Effect
 from workbench.effects.registry import UserFile, add, read_user_file
 from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.machines import PLANTS, Effects
@@ -60,7 +61,7 @@ def _declared(file: UserFile) -> tuple[Effect, ...]:
     sys.modules[file.module] = module  # where dataclasses and the like look for it
     try:
         exec(compile(file.text, file.path, "exec", dont_inherit=True), vars(module))
-        effects = tuple(effect for effect in declared_in(module) if effect.function.__module__ == file.module)
+        effects = tuple(effect for effect in declared_in(module, Effect) if effect.function.__module__ == file.module)
         if not effects:
             raise InputError("declares no effect; see workbench.effects.effect")
         for effect in effects:

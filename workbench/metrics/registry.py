@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known
 from workbench.core.run import Run
 from workbench.machines import HOIST
 from workbench.metrics import axis, hoist
@@ -62,8 +62,7 @@ def by_name() -> Mapping[str, Metric]:
 def find(name: str) -> Metric:
     """The metric of that name. InputError with the nearest one where there is none."""
     known = by_name()
-    if name not in known:
-        raise InputError(f"unknown metric '{name}'; {nearest(name, known)}")
+    check_known("unknown metric", name, known)
     return known[name]
 
 

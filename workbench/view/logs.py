@@ -17,12 +17,12 @@ from workbench.logs import Campaign
 from workbench.logs.importing import Proposed
 from workbench.simulate.loop import LoopResult
 from workbench.study.labels import metric_label
-from workbench.view.numbers import figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
 from workbench.view.replay import input_profiles
 from workbench.view.study_figures import over_time
 from workbench.view.style import BLUE, line
+from workbench.view.words import figures
 
 
 def run_figure(run: Run) -> Any:

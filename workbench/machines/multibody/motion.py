@@ -14,11 +14,16 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.machines import Hoist
-from workbench.machines.multibody.assemble import System, truth_of
-from workbench.machines.multibody.exudyn_import import engine
-from workbench.machines.multibody.laws import PLAIN, guide_level
-from workbench.machines.multibody.statics import DidNotConvergeError, Hanging, set_wire, settle, wire_weight_n
-from workbench.machines.multibody.switches import Switches, switches_of, wound_m
+from workbench.machines.multibody.assemble import (
+    DidNotConvergeError,
+    Hanging,
+    System,
+    set_wire,
+    settle,
+    truth_of,
+    wire_weight_n,
+)
+from workbench.machines.multibody.switches import PLAIN, Switches, engine, guide_level, switches_of, wound_m
 
 SPECTRAL_RADIUS = 0.8  # of the generalised-α method: damps what the step cannot resolve
 FINER = (1, 2, 4)  # parts of a step, tried in turn
