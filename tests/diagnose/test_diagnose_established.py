@@ -415,6 +415,21 @@ def test_a_play_that_no_impact_tells_of_is_none_where_most_stays(
     assert (why and why.over) == (None if struck else over)
 
 
+@pytest.mark.parametrize(("excess", "over"), [(0.5, None), (2.0, "the other effect")])
+def test_effects_that_cancel_are_none_where_they_leave_more_than_a_machine_without_a_gap(
+    excess: float, over: str | None, monkeypatch: pytest.MonkeyPatch
+):
+    """A drift, a gearbox' loss and a wire's mass came at their true values and cancelled by 1.3: the loaded run was the
+    second of four."""
+    for name, value in (("cancellation", 1.3), ("smooths", False), ("_on_bound", False)):
+        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
+    both, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (0.1, 1.0))
+    problem, names = SimpleNamespace(struck=False), ("friction_thermal_drift", "gearbox_efficiency")
+    weighed = SimpleNamespace(names=names, fit=both, score=SimpleNamespace(excess=excess))
+    why = judge._against(cast(Any, problem), cast(Any, weighed), cast(Any, near))
+    assert (why and why.over) == over
+
+
 @pytest.mark.parametrize("idle", ["friction_coulomb", "torque_scale"])
 def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     idle: str, monkeypatch: pytest.MonkeyPatch
