@@ -28,7 +28,7 @@ from workbench.view import diagnosis
 from workbench.view.diagnosis import save_diagnosis_page, write_diagnosis
 from workbench.view.diagnosis_figures import ALL, RunSeries, residuals, series_of, shrink_bars
 from workbench.view.diagnosis_json import probabilities, to_json
-from workbench.view.place import marked_machine
+from workbench.view.film import marked_machine
 from workbench.view.style import AFTER, BEFORE, REST, WINDOW
 
 FIXED = [

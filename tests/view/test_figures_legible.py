@@ -11,8 +11,8 @@ from tests.support import axes
 from workbench.analysis.loop import StepResponse
 from workbench.machines import kind_of
 from workbench.references import by_name
+from workbench.view.film import marked_machine
 from workbench.view.loop import load_for
-from workbench.view.place import marked_machine
 from workbench.view.style import GROUND, LINES, SPARE, line, on_dark
 
 SHRINK = SimpleNamespace(before=8.2e-5, after=2e-5, noise=1.9e-5, unit="N m")
