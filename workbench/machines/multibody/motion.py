@@ -143,20 +143,6 @@ def move(
     return MotionResult(run, hanging, outcome, "" if done else motion.place(), cpu, steps, switches, reactions)
 
 
-def sampled(driven: Driven, sample_time_s: float) -> Driven:
-    """A drive that is asked at its own sample times only and holds its torque between them."""
-    taken, given = -1, (0.0, 0.0)
-
-    def held(shaft: Shaft, until_s: float) -> tuple[float, float]:
-        nonlocal taken, given
-        sample = math.floor(shaft.time_s / sample_time_s + 1e-6)
-        if sample > taken:
-            taken, given = sample, driven(shaft, until_s)
-        return given
-
-    return held
-
-
 class _Motion:
     """One simulation: what is set before each step, what is kept of it."""
 
