@@ -190,6 +190,8 @@ def batches(visit: Visit, tmp_path: Path) -> None:
     visit.shot("9 batches")
     page.get_by_role("tab", name="Figures").click()
     visit.drawn(figures=3)
+    titles = page.evaluate(browser.BUTTONS)
+    assert titles and not [title for title in titles if "hare" in title or "loud" in title]
     with page.expect_download() as report:
         page.get_by_role("button", name="Report").click()
     report.value.save_as(tmp_path / "report.html")

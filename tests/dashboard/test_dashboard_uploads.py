@@ -89,12 +89,6 @@ def test_a_zip_of_a_campaigns_folder_is_read_and_called_as_the_zip(files, worksp
     assert campaign.path.parent == workspace and campaign.path.stat().st_mode & 0o077 == 0
 
 
-def test_loose_files_are_found_by_their_base_names(files, workspace):
-    campaign = read_uploaded(loose(files), workspace)
-    assert len(campaign.run("lift").time_s) == 500
-    assert (campaign.path / "runs" / "lift.csv").is_file()
-
-
 def test_only_what_runs_yaml_names_is_stored(files, workspace):
     more = {**files, "evil.sh": b"rm -rf /", "runs/other.csv": b"x", ".profile": b"x", "__MACOSX/._runs.yaml": b"x"}
     campaign = read_uploaded([Uploaded("lifts.zip", zipped(more))], workspace)
@@ -245,13 +239,6 @@ def test_a_log_that_takes_too_long_is_refused(files, workspace, monkeypatch):
     assert as_zip(with_log(files, "mat", endless), workspace).startswith("runs/lift.mat: lift: ")
     said = as_zip(with_log(files, "mat", bytes(50_000_000)), workspace)
     assert said == "runs/lift.mat: lift: is not a readable MAT file: it begins with zeros"
-
-
-@pytest.mark.parametrize("suffix", ["parquet", "mat"])
-def test_parquet_and_mat_logs_are_read(files, workspace, tmp_path, suffix):
-    log = as_log(tmp_path, suffix, hoist_columns())
-    campaign = read_uploaded(loose(with_log(files, suffix, log)), workspace)
-    assert len(campaign.run("lift").time_s) == 500
 
 
 def test_a_session_keeps_its_newest_campaigns_only(files, workspace):

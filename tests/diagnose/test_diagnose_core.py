@@ -59,25 +59,6 @@ def float_of(value: float | tuple[float, ...]) -> float:
 # Knobs
 
 
-def test_a_logarithmic_value_moves_by_factors_and_never_reaches_zero():
-    parameter = Scalar("x", 40.0, 0.5, least=0.0, logarithmic=True)
-    assert parameter.values([2.0])["x"] == pytest.approx(40.0 * math.e)
-    assert 0.0 < float_of(parameter.values([-40.0])["x"]) < 1e-6
-    assert parameter.lowest == (-math.inf,)
-    assert parameter.highest == (math.inf,)
-
-
-@pytest.mark.parametrize("logarithmic", [False, True])
-def test_the_bounds_of_a_value_are_where_z_says(logarithmic: bool):
-    parameter = Scalar("x", 3.0, 0.7, least=1.0, most=8.0, logarithmic=logarithmic)
-    (low,), (high,) = parameter.lowest, parameter.highest
-    assert parameter.values([low])["x"] == pytest.approx(1.0)
-    assert parameter.values([high])["x"] == pytest.approx(8.0)
-    assert parameter.values([high + 5.0])["x"] == 8.0
-    near = replace(parameter, furthest=0.25)
-    assert (near.lowest, near.highest) == ((-0.25,), (0.25,))
-
-
 @given(st.floats(0.0, 6.28), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 def test_the_quadratures_of_a_wave_add_up(origin: float, a: float, b: float):
     """A sin(x + phi) is linear in z, whatever angle the fit began at."""

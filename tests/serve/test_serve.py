@@ -151,12 +151,12 @@ def test_a_client_over_udp_pushes_an_axis():
     assert any("stands still until the first force; 5.0 N hold it" in line for line in served.said)
 
 
-# The session.
-
-
 def test_time_stands_still_until_the_first_command(session: Session, clock: Hand):
     steps(session, clock, 500)
     assert session.plant.time_s == 0.0 and session.flags & BITS["waiting"]
+
+
+# The session.
 
 
 def test_a_silent_client_loses_its_torque_and_the_brake_closes(session: Session, clock: Hand, said: list[str]):

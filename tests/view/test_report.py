@@ -16,7 +16,7 @@ from workbench.metrics import fixed_columns
 from workbench.study.load import load_study
 from workbench.study.run import StudyResult
 from workbench.study.store import place_for, read_finished, run_batch
-from workbench.view.study import conclusions, figures_of, run_tables, what_was_run, write_study_report
+from workbench.view.study import conclusions, figures_of, what_was_run, write_study_report
 
 SCENARIO = """\
 format: 1
@@ -40,10 +40,6 @@ GAINS = """\
 sweep:
   controller.kp_nm_s_per_rad: [15, 31]
   controller.anti_windup: [back_calculation, conditional]
-"""
-SAMPLE = """\
-outputs: {signals: none}
-sample: {count: 32, tolerances: true}
 """
 
 
@@ -132,16 +128,6 @@ def test_a_sweep_of_limits_has_its_fronts_with_the_knee_named_and_no_curves_with
     assert sum(1 for trace in front.data if trace.name == "knee") == 2  # a panel a payload
     assert sum("knee" in note.text for note in front.layout.annotations) == 2
     assert any("the knee of move time against torque peak per motor is" in text for text in conclusions(result))
-
-
-def test_a_sample_has_its_spread_and_what_it_hangs_on(results) -> None:
-    result = read_finished(results(SAMPLE))
-    assert titles(result) == ["Spread of the results", "What the torque peak per motor depends on"]
-    tornado = figures_of(result)[1][0]
-    assert all(-1.0 <= value <= 1.0 for trace in tornado.data for value in trace.x)
-    assert len(run_tables(result.rows)[0].rows) == 4 * 5  # 128 runs: quantiles of each payload and reference
-    lines = what(result)
-    assert " to " in lines["drawn: carriage mass"] and lines["drawn: carriage mass"].endswith(" kg")
 
 
 def test_the_same_result_gives_the_same_bytes(results, tmp_path: Path) -> None:
