@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known, nearest
 from workbench.core.run import Array, Run
 from workbench.effects.declare import Effect, EffectMemory, Ranged
 from workbench.effects.registry import effects_for, find, library_effects, library_for
@@ -207,11 +207,7 @@ def _numbers(effect: Effect, given: Mapping[str, float], sizes: Sizes, place: st
     ranges = effect.ranges(sizes)
     known = [ranged.name for ranged in ranges]
     for name, value in given.items():
-        if name not in known:
-            raise InputError(
-                f"effect '{effect.id}' has no parameter '{name}'; {nearest(name, known)}",
-                place=f"{place}.{effect.id}.{name}",
-            )
+        check_known(f"effect '{effect.id}' has no parameter", name, known, place=f"{place}.{effect.id}.{name}")
         effect.check(name, value, sizes.kind)
     amounts = [ranged.name for ranged in ranges if ranged.vanishes_at is not None]
     if not any(name in given for name in amounts):
