@@ -14,10 +14,10 @@ import pytest
 
 from benchmarks.serve import Client, Served, case_at, closed_loop, off_percent
 from tests.support.commands import Commands
+from tests.support.effect_machines import linear_axis
 from workbench.core.errors import InputError
 from workbench.export.fmu import host_compiler
 from workbench.machines import default_hoist, save_machine
-from workbench.machines.kinds.axis import LinearAxis
 from workbench.serve.plant import LiveAxis, LivePlant
 from workbench.serve.serve import Wish, pace_lines
 from workbench.serve.session import FLAGS, Pace, Session
@@ -116,13 +116,7 @@ def test_an_effect_that_is_ready_is_off_until_it_is_set(clock: Hand):
 
 # An axis.
 
-AXIS = LinearAxis.model_validate(
-    {
-        "mass_kg": 95.0,
-        "friction": {"coulomb_forward_n": 20.0, "coulomb_backward_n": 25.0, "viscous_n_s_per_m": 200.0},
-        "gravity": {"constant_n": 5.0},
-    }
-)
+AXIS = linear_axis(backward=25.0, constant=5.0)
 
 
 def test_a_served_axis_nears_the_speed_at_which_friction_and_load_take_its_force(clock: Hand, said: list[str]):

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.support.effect_machines import linear_axis
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
 from workbench.effects import effects_for, parts, ranges_of, searchable, sizes_of
@@ -120,13 +121,7 @@ def test_drift_fools_the_open_loop_and_not_the_restarted_replay(runs):
 
 def axis_run(noise: float = 0.0) -> tuple[LinearAxis, Run]:
     """An axis that swings as a sine, and the force that takes, by hand."""
-    machine = LinearAxis.model_validate(
-        {
-            "mass_kg": 95.0,
-            "friction": {"coulomb_forward_n": 20.0, "coulomb_backward_n": 25.0, "viscous_n_s_per_m": 200.0},
-            "gravity": {"constant_n": 4.0},
-        }
-    )
+    machine = linear_axis(backward=25.0, constant=4.0)
     t = np.arange(8000, dtype=np.float64) * 0.001
     w = 2.0 * np.pi * 0.5
     x, v, a = 0.1 * np.sin(w * t), 0.1 * w * np.cos(w * t), -0.1 * w**2 * np.sin(w * t)

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
+from tests.support.scenario_text import GOOD
 from workbench.cli.study import study as command
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
@@ -25,16 +26,7 @@ from workbench.study.run import StudyResult, run_study
 from workbench.study.store import Chunk, SavedRuns, place_for, run_batch
 from workbench.view.study import run_table, save_study_page
 
-SCENARIO = """\
-format: 1
-name: small
-payloads_kg: [0, 9000]
-start_position_m: 4.0
-moves: [{by_m: 1.5}, {dwell_s: 0.5}, {to_m: 4.0}]
-limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}
-controller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}
-settle_s: 3.0
-"""
+SCENARIO = GOOD.replace("references: [trapezoid, ruckig]\n", "") + "settle_s: 3.0\n"
 
 
 @pytest.fixture(scope="module")

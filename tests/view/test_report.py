@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.scenario_text import GOOD
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.load import load_study
@@ -18,18 +19,7 @@ from workbench.study.run import StudyResult
 from workbench.study.store import place_for, read_finished, run_batch
 from workbench.view.study import conclusions, figures_of, what_was_run, write_study_report
 
-SCENARIO = """\
-format: 1
-name: small
-description: What is asked.
-payloads_kg: [0, 9000]
-start_position_m: 4.0
-moves: [{by_m: 1.5}, {dwell_s: 0.5}, {to_m: 4.0}]
-limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}
-references: [trapezoid, ruckig]
-controller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}
-settle_s: 3.0
-"""
+SCENARIO = GOOD + "description: What is asked.\nsettle_s: 3.0\n"
 SWEEP = """\
 sweep:
   limits.acceleration_m_s2: [0.3, 0.5, 0.7]
