@@ -26,7 +26,7 @@ from workbench.view import diagnosis
 from workbench.view.diagnosis import save_diagnosis_page
 from workbench.view.diagnosis_figures import series_of
 from workbench.view.diagnosis_json import probabilities, to_json
-from workbench.view.place import marked_machine
+from workbench.view.film import marked_machine
 
 FIXED = [
     "format", "campaign", "verdict", "effects", "ranking", "alike", "next_run", "where", "parameters",

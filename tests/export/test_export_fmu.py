@@ -201,8 +201,9 @@ def test_an_axis_rests_where_its_plant_says_and_moves_as_the_replay(machine: Axi
     assert one.get(f"{plant.input.removesuffix(unit)}hold_{unit}") == pytest.approx([hold], abs=1e-8)
     t: Array = np.asarray(0.002 * np.arange(1000), dtype=float)
     u: Array = hold + (60.0 if machine is LINEAR else 6.0) * np.sin(2.0 * np.pi * 0.5 * t)
-    zero = {plant.speeds[0]: np.zeros_like(t), plant.positions[0]: np.full_like(t, 0.3)}
-    states = replayed(machine, Run("made", t, {plant.input: u, **zero}, 0.0, 0.3, 0.0))
+    # Of the logged motion a replay takes the start, and the largest speed, which its steps are judged by.
+    logged = {plant.speeds[0]: np.where(t > 1.0, 0.1, 0.0), plant.positions[0]: np.full_like(t, 0.3)}
+    states = replayed(machine, Run("made", t, {plant.input: u, **logged}, 0.0, 0.3, 0.0))
     speed = states[:, len(plant.positions)]
     out = one.replay(t, u, plant.input, [plant.speeds[0]])[:, 0]
     # The blow of a flank is sharper than any step; without play the standstill alone is.

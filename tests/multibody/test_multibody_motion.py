@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.validation.multibody import sampled
 from workbench.core.run import Array
 from workbench.machines import Hoist, default_hoist, with_values
-from workbench.machines.multibody import Driven, MotionResult, Outcome, Shaft, Switches, move, sampled
+from workbench.machines.multibody import Driven, MotionResult, Outcome, Shaft, Switches, move
 
 MACHINE = default_hoist()
 SMOOTH = with_values(

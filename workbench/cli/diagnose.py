@@ -105,12 +105,12 @@ def diagnose(
 
 def _one(read: Campaign, options: dict[str, Any], out: Path | None) -> None:
     print_notes(read.doubts)
-    with shown(writes=out is not None) as stages:
+    with shown(writes=out is not None) as (tell, writing):
 
         def run() -> Diagnosis:
-            return cause.diagnose(read, **options, tell=stages.tell)
+            return cause.diagnose(read, **options, tell=tell)
 
-        diagnosis = run() if out is None else write_diagnosis(run, out, stages.writing)
+        diagnosis = run() if out is None else write_diagnosis(run, out, writing)
     click.echo()
     print_sections(brief_sections(diagnosis))
     if out is None:

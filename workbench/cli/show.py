@@ -58,9 +58,8 @@ def filled(text: str, first: str = "", then: str = "") -> str:
     Words joined by `TIE` stay together too. All blanks are printed as plain ones.
     """
     tied = _NUMBER_AND_UNIT.sub(lambda match: match[0].replace(" ", TIE), text)
-    whole = textwrap.fill(
-        tied, min(_width(), WIDTH), initial_indent=first, subsequent_indent=then, break_long_words=False
-    )  # fmt: skip
+    width = min(shutil.get_terminal_size((100, 24)).columns - 2, WIDTH)
+    whole = textwrap.fill(tied, width, initial_indent=first, subsequent_indent=then, break_long_words=False)
     return whole.replace(TIE, " ")
 
 
@@ -85,10 +84,6 @@ def print_notes(notes: Sequence[str]) -> None:
         for note in notes:
             click.echo(filled(note, "  ", "    "))
         click.echo()
-
-
-def _width() -> int:
-    return shutil.get_terminal_size((100, 24)).columns - 2
 
 
 # Progress on stderr: a bar on a terminal, otherwise lines. One bar serves studies, tuning and diagnosis.
@@ -182,39 +177,29 @@ def tuning() -> Iterator[Callable[[TuneProgress], None]]:
         raise
 
 
-class Stages:
-    """Counts the stages of a diagnosis from 1; the last one is the report's, where there is one to write."""
-
-    def __init__(self, show: Show, writes: bool) -> None:
-        from workbench.diagnose.progress import Remaining, Stage
-
-        self._show, self._total, self._remaining = show, len(Stage) if writes else len(Stage) - 1, Remaining()
-
-    def tell(self, progress: DiagnoseProgress) -> None:
-        """Receives the progress of the diagnosis."""
-        from workbench.view.diagnosis import progress_words
-
-        left = self._remaining(progress)
-        rest = "" if left is None else f"; usually at most {max(left, 1.0):.0f} s more"
-        self._at(f"{progress_words(progress)}{rest}", progress.stage.value + 1)
-
-    def writing(self, sentence: str) -> None:
-        """The report is being written."""
-        self._at(sentence, self._total)
-
-    def _at(self, sentence: str, stage: int) -> None:
-        self._show(f"{stage}/{self._total} {sentence}", stage - 1, self._total)
-
-
 @contextmanager
-def stages(writes: bool) -> Iterator[Stages]:
-    """The receiver of the stages while the block runs; without a terminal a line for each new message."""
-    last = [""]
+def stages(writes: bool) -> Iterator[tuple[Callable[[DiagnoseProgress], None], Callable[[str], None]]]:
+    """The receivers of a diagnosis' progress, and of what is said while its report is written: the last stage, where
+    there is one. Stages are counted from 1; without a terminal each new message is a line."""
+    from workbench.diagnose.progress import Remaining, Stage
+    from workbench.view.diagnosis import progress_words
 
-    def line(sentence: str, done: int, total: int | None) -> None:
-        if sentence != last[0]:
-            last[0] = sentence
+    last, total, remaining = "", len(Stage) if writes else len(Stage) - 1, Remaining()
+
+    def line(sentence: str, done: int, of: int | None) -> None:
+        nonlocal last
+        if sentence != last:
+            last = sentence
             click.echo(sentence, err=True)
 
     with _shown(line) as show:
-        yield Stages(show, writes)
+
+        def at(sentence: str, stage: int) -> None:
+            show(f"{stage}/{total} {sentence}", stage - 1, total)
+
+        def tell(progress: DiagnoseProgress) -> None:
+            left = remaining(progress)
+            rest = "" if left is None else f"; usually at most {max(left, 1.0):.0f} s more"
+            at(f"{progress_words(progress)}{rest}", progress.stage.value + 1)
+
+        yield tell, lambda sentence: at(sentence, total)

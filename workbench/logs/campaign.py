@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -23,8 +23,6 @@ from workbench.logs.raw_run import Entry, RawRun
 from workbench.logs.samples import checked_runs
 from workbench.machines import TIME, Axis, Hoist, kind_of, load_machine
 from workbench.machines.files import CheckEffects
-
-Fail = Callable[..., InputError]
 
 
 class Column(Record):
@@ -55,44 +53,34 @@ class RunsFile(Record):
         return long_form(data, "columns", "column")
 
 
-def read_runs(file: Path, machine: Hoist | Axis, signals: tuple[str, ...]) -> tuple[RunsFile, Document]:
-    """runs.yaml, checked against its machine. InputError names file, line and place."""
+def read_runs(file: Path, machine: Hoist | Axis) -> tuple[RunsFile, Document]:
+    """runs.yaml, checked against its machine: signals that there are, and keys that runs of its kind need. InputError
+    names file, line and place."""
     document = load(file)
-    runs = validate(RunsFile, document)
+    runs, kind, seen = validate(RunsFile, document), kind_of(machine), dict[str, int]()
 
     def fail(problem: str, *place: str | int) -> InputError:
         return InputError(problem, file=file, line=document.line(place), place=dotted(place))
 
     for signal in runs.columns:
-        if signal not in signals:
-            raise fail(f"unknown signal '{signal}'; {nearest(signal, signals)}", "columns", signal)
-    seen: dict[str, int] = {}
+        if signal not in kind.signals.names:
+            raise fail(f"unknown signal '{signal}'; {nearest(signal, kind.signals.names)}", "columns", signal)
     for index, entry in enumerate(runs.runs):
+        start, place = entry.start_position_m, ("runs", index, "start_position_m")
         if entry.name in seen:
             first = document.line(("runs", seen[entry.name], "name"))
             raise fail(f"'{entry.name}' is used twice; it names the run on line {first} too", "runs", index, "name")
         seen[entry.name] = index
-        _check_entry(entry, index, machine, fail)
+        if kind.payload and entry.payload_kg is None:
+            raise fail(f"run '{entry.name}' needs payload_kg, in kg and at least 0", "runs", index, "payload_kg")
+        if kind.start is None:
+            continue
+        if start is None:
+            raise fail(f"run '{entry.name}' needs start_position_m, {kind.start.said}", *place)
+        low, high, top = kind.start.range(machine)
+        if not low <= start <= high:
+            raise fail(f"{start} m, expected {kind.start.noun} from {low:g} to {high} m, {top}", *place)
     return runs, document
-
-
-def _check_entry(entry: Entry, index: int, machine: Hoist | Axis, fail: Fail) -> None:
-    """Check the keys that runs of this kind of machine need."""
-    kind = kind_of(machine)
-    if kind.payload and entry.payload_kg is None:
-        raise fail(f"run '{entry.name}' needs payload_kg, in kg and at least 0", "runs", index, "payload_kg")
-    if kind.start is None:
-        return
-    if entry.start_position_m is None:
-        raise fail(
-            f"run '{entry.name}' needs start_position_m, {kind.start.said}", "runs", index, "start_position_m"
-        )  # fmt: skip
-    low, high, top = kind.start.range(machine)
-    if not low <= entry.start_position_m <= high:
-        raise fail(
-            f"{entry.start_position_m} m, expected {kind.start.noun} from {low:g} to {high} m, {top}",
-            "runs", index, "start_position_m",
-        )  # fmt: skip
 
 
 # One run, from its file to checked and repaired signals. This module has the order of the checks, which matters.
@@ -189,11 +177,9 @@ class Campaign(Shown):
 
     def run(self, name: str) -> Run:
         """The run of that name; InputError with the nearest one when there is none."""
-        for run in self.runs:
-            if run.name == name:
-                return run
-        names = [run.name for run in self.runs]
-        raise InputError(f"no run '{name}'; {nearest(name, names)}", file=self.path / "runs.yaml")
+        runs = {run.name: run for run in self.runs}
+        check_known("no run", name, runs, file=self.path / "runs.yaml")
+        return runs[name]
 
     @property
     def all_notes(self) -> tuple[str, ...]:
@@ -219,7 +205,7 @@ def read_campaign(
     """
     folder, runs_yaml = _places(path)
     machine = load_machine(folder / "machine.yaml", check_effects=check_effects)
-    runs_file, document = read_runs(runs_yaml, machine, kind_of(machine).signals.names)
+    runs_file, document = read_runs(runs_yaml, machine)
     entries = _selected(runs_file.runs, select, runs_yaml)
     expect((folder / entry.file for entry in entries), uploaded=uploaded)
     runs: list[Run] = []

@@ -71,7 +71,7 @@ class Arrivals:
         """
         entries: dict[str, Entry] = {}
         if self._runs.is_file():
-            described, _ = read_runs(self._runs, self._machine, self._kind.signals.names)
+            described, _ = read_runs(self._runs, self._machine)
             self.columns = described.columns
             entries = {Path(entry.file).name: entry for entry in described.runs}
         complete, waiting = [], 0

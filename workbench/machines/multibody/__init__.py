@@ -4,11 +4,10 @@ It shares no equation with `workbench.machines`: that the two agree is a finding
 """
 
 from workbench.machines.multibody.assemble import Geometry, Hanging, geometry_of, hang
-from workbench.machines.multibody.motion import Driven, MotionResult, Outcome, Shaft, move, sampled
-from workbench.machines.multibody.switches import NO_SWITCHES, Switches, engine, switches_of
+from workbench.machines.multibody.motion import Driven, MotionResult, Outcome, Shaft, move
+from workbench.machines.multibody.switches import Switches, engine, switches_of
 
 __all__ = [
-    "NO_SWITCHES",
     "Driven",
     "Geometry",
     "Hanging",
@@ -20,6 +19,5 @@ __all__ = [
     "geometry_of",
     "hang",
     "move",
-    "sampled",
     "switches_of",
 ]

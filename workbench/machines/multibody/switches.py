@@ -91,8 +91,6 @@ class Switches:
     payload_scale: float = 1.0
 
 
-NO_SWITCHES = Switches()
-
 # Effect of machine.yaml -> its parameters -> the switches that they are.
 _EFFECTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "friction_viscous": {"viscous_n_s_per_m": ("viscous_up", "viscous_down")},
