@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -77,3 +78,27 @@ def test_the_page_shows_a_quick_run_and_another_reference_beside_it():
     assert "9000 kg" in app.markdown[0].value and f"height: {LARGE}px" in app.get("iframe")[0].proto.srcdoc
     app.slider(key="machine payload").set_value(12000).run()  # shown, or told
     assert not app.exception
+
+
+@pytest.fixture
+def chosen(offer: Any) -> Any:
+    """The state of a session whose Validate page shows a campaign."""
+
+    def at(folder: Path) -> Any:
+        offer(folder)
+        validate = page("Validate").run()
+        app = page("Machine")
+        for key in ("campaign chosen", "campaigns read"):
+            app.session_state[key] = validate.session_state[key]
+        app.run()
+        return app.radio(key="machine source").set_value("a run of the campaign").run()
+
+    return at
+
+
+def test_a_measured_run_of_the_validated_campaign_can_be_shown(chosen, tmp_path):
+    app = chosen(simulated_campaign(tmp_path / "spring"))
+    app.selectbox(key="machine measured").set_value("full").run()
+    assert not app.exception and errors(app) == []
+    assert "spring, full" in app.markdown[0].value
+    assert "of the model under the measured motor speed" in app.caption[0].value

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from benchmarks.serve import Served
 from tests.support.dashboard_app import errors, good, page
 from workbench.analysis.usual import usual_controller
 from workbench.core.errors import InputError
@@ -79,6 +80,17 @@ def test_the_built_in_client_yields_to_another_one(plant: ByHand):
     plant.now += 1.0
     session.step()  # the built-in one is silent
     assert session.command(400.0, who="a PLC") and session.controller == "a PLC"
+
+
+def test_a_plant_of_another_process_is_reached_over_udp():
+    with Served(HOIST, watchdog_s=0.2) as served:
+        process = PlantProcess(HOIST, served.port)
+        assert process.greeting(WITHIN_S)
+        asked = process.ask("order", {"set": {"slack_m": 0.1, "brake_closed": 1}, "get": ["slack_m"]})
+        assert asked["get"] == {"slack_m": 0.1}
+        with pytest.raises(InputError, match="unknown point 'slak_m'"):
+            process.ask("order", {"set": {"slak_m": 0.1}})
+        process.end()
 
 
 def until(app: Any, there: Any) -> Any:

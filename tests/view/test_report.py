@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -185,3 +186,11 @@ def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path
     assert out.read_text() == "<html>notes</html>"
     done = commands("report", copy, "--out", tmp_path)
     assert done.status == 2 and "is a folder" in done.err
+
+
+def test_sentences_are_plain_text_and_hold_no_marks_of_markdown():
+    templates = sorted((Path(__file__).parents[2] / "workbench").rglob("*_words.j2"))
+    assert len(templates) > 5
+    for template in templates:
+        said = re.sub(r"\{#.*?#\}", "", template.read_text(encoding="utf-8"), flags=re.DOTALL)
+        assert "`" not in said, template.name
