@@ -20,8 +20,8 @@ from benchmarks.validation.content import kind_of
 from benchmarks.validation.entry import content_of
 from benchmarks.validation.families import FAMILIES, Family
 from benchmarks.validation.hoist_causes import ALIKE
-from workbench.blind.answer import save
 from workbench.blind.make import mapped
+from workbench.blind.run import save
 from workbench.blind.seal import Order
 from workbench.diagnose.diagnose import chosen_effects
 from workbench.diagnose.hypotheses.free_parameters import base_parameters

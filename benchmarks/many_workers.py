@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 
 from workbench import __version__
-from workbench.cli.campaign import load_campaign
 from workbench.cli.diagnose import answered
+from workbench.cli.measured import load_campaign
 from workbench.study.cluster import client_on, each_on
 
 

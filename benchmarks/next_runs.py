@@ -23,8 +23,8 @@ from benchmarks.validation.content import Content, kind_of
 from benchmarks.validation.entry import content_of
 from benchmarks.validation.families import FAMILIES
 from benchmarks.validation.next_run import extended
-from workbench.blind.answer import save
 from workbench.blind.make import mapped
+from workbench.blind.run import save
 from workbench.blind.seal import Order
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.isolation.next_run import APART

@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from workbench.blind.answer import answer, load, save, text_of
 from workbench.blind.make import mapped
+from workbench.blind.run import answer, load, save, text_of
 from workbench.view import blind as tables
 
 

@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
-from workbench.blind.answer import load, save
 from workbench.blind.make import mapped
 from workbench.blind.measures import Row, Share, calibration_error, right, right_or_alike
+from workbench.blind.run import load, save
 from workbench.blind.score import open_all, sheet_of
 from workbench.blind.seal import CAMPAIGNS
 from workbench.core.table import Column, Table, words
@@ -40,7 +40,6 @@ SHARE = "missed_"  # how names begin that are shares, 1 at most
 # Why calibration.json has each number; a weight of evidence for an unknown cause has the evidence's own reason.
 REASONS = {
     "threshold": "merit that a machine without a gap does not reach, nor a freer law over a simpler one by chance",
-    "pair": "merit that a second effect costs beside its parameters",
     "temperature": "merits count divided by it: the sureness of the answers",
     "elsewhere": "of the logarithm of the number of hypotheses: of many, one looks good by chance",
     "surer": "factor on the log odds where nothing speaks for an unknown cause: of what is stated, no answer changes",

@@ -19,8 +19,8 @@ from typing import Any
 from benchmarks.many_causes import problem_of
 from benchmarks.validation.campaign import make_campaign
 from benchmarks.validation.entry import content_of
-from workbench.blind.answer import save
 from workbench.blind.make import mapped
+from workbench.blind.run import save
 from workbench.blind.seal import Order
 from workbench.core.run import Run
 from workbench.diagnose.hypotheses.fit import Fitted

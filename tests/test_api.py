@@ -75,13 +75,6 @@ def test_every_name_of_the_face_is_what_its_stub_says_it_is():
         assert (thing.__doc__ or "").strip(), name
 
 
-def test_dir_lists_about_25_names_and_a_wrong_one_is_an_attribute_error():
-    assert sorted(set(dir(wb)) - {"__version__"}) == sorted([*_WHERE, *_VERBS])
-    assert 20 <= len(dir(wb)) <= 30
-    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
-        wb.simulat  # type: ignore[attr-defined]  # noqa: B018
-
-
 def test_the_face_loads_nothing_until_a_name_is_used():
     code = (
         "import sys, workbench as wb\n"
@@ -133,19 +126,6 @@ def test_a_wrong_table_figure_metric_or_signal_suggests_the_nearest():
         study.rows[0]["peak_torque"]
     with pytest.raises(wb.InputError, match="no signal 'speed_motor'; did you mean 'speed_motor_rad_s'"):
         run["speed_motor"]
-
-
-def test_a_campaign_may_be_a_path_and_take_another_machine():
-    whole = wb.replay(str(DEMO))
-    assert len(whole.runs) == 6
-    identified = result("Identification")
-    better = wb.replay(result("Campaign"), machine=identified.machine)
-    assert better.residual_rms_moving == pytest.approx(identified.after.residual_rms_moving)
-    axis = wb.LinearAxis.model_validate(
-        {"mass_kg": 1.0, "friction": {"coulomb_forward_n": 1.0, "coulomb_backward_n": 1.0, "viscous_n_s_per_m": 1.0}}
-    )
-    with pytest.raises(wb.InputError, match="expected a Hoist"):
-        wb.replay(result("Campaign"), machine=axis)
 
 
 def test_a_study_takes_a_file_a_dict_another_machine_and_other_values():

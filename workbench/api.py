@@ -12,13 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from workbench.analysis.family import family, operating_points
 from workbench.analysis.linearise import STIFFNESS_BY_LENGTH, Motion
+from workbench.analysis.margins import family, operating_points
 from workbench.analysis.tune import Goal, TuneProgress, Weights
 from workbench.analysis.tune import tune as search_gains
 from workbench.analysis.usual import usual_controller
 from workbench.control import Events, PiSettings, Settings
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known
 from workbench.core.yaml_strict import Document
 from workbench.effects import check
 from workbench.identify.identify import Identification
@@ -49,7 +49,7 @@ from workbench.references import (
 )  # fmt: skip
 from workbench.simulate.loop import NO_EVENTS, LoopCase, LoopResult, simulate_loop
 from workbench.simulate.lowpass import check_band
-from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
+from workbench.simulate.models import check_multibody, simulate_multibody_loop
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.study.compare import Comparison, why_unmatched
 from workbench.study.compare import compare as compare_rows
@@ -216,8 +216,7 @@ def simulate(
     plant: lumped or multibody; the second needs the extra 'multibody', takes seconds and gives forces of joints too.
     InputError for a motion that is not possible.
     """
-    if plant not in PLANTS:
-        raise InputError(f"unknown plant '{plant}'; {nearest(plant, PLANTS)}", place="plant")
+    check_known("unknown plant", plant, PLANTS, place="plant")
     given = default_hoist() if machine is None else machine_of(machine)
     machine = studied(given)
     if machine is None:

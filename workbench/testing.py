@@ -87,15 +87,14 @@ def _fault(row: Row, metric: str, below: float | None, above: float | None) -> s
 
 
 def _chosen(rows: Sequence[Row], where: Mapping[str, float | str]) -> list[Row]:
-    from workbench.core.errors import InputError, nearest
+    from workbench.core.errors import check_known
 
     if not rows:
         raise AssertionError("there are no runs")
     columns = {"run_id", "payload_kg", "reference", *(name for row in rows for name in row.assigned)}
     chosen = list(rows)
     for column, wanted in where.items():
-        if column not in columns:
-            raise InputError(f"unknown column '{column}'; {nearest(column, columns)}", place="where")
+        check_known("unknown column", column, columns, place="where")
         chosen = [row for row in chosen if _value(row, column) == wanted]
         if not chosen:
             there = sorted({str(_value(row, column)) for row in rows})

@@ -182,7 +182,7 @@ def _upload(kind: str, content: bytes, folder: Path) -> Campaign:
 
 def _controller(content: bytes, folder: Path) -> Ended:
     """A controller's file, and the loop that it makes."""
-    from workbench.analysis.family import family, operating_points
+    from workbench.analysis.margins import family, operating_points
     from workbench.control.settings import read_controller
     from workbench.machines import default_hoist
 

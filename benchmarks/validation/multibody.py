@@ -21,7 +21,7 @@ from benchmarks.validation.hoist_motion import COLUMNS, HEIGHT, RECORD_S, SPEED,
 from benchmarks.validation.kind import Kind
 from benchmarks.validation.sources import Source
 from workbench.machines import Hoist, with_values
-from workbench.machines.multibody import Driven, Outcome, Shaft, Switches, engine, hang, move, sampled
+from workbench.machines.multibody import Driven, Outcome, Shaft, Switches, engine, hang, move
 
 Array = npt.NDArray[np.float64]
 STEP_S = 0.005  # of the engine and of the drive: motor speed converged to 1e-5 of nominal, see docs/multibody.md
@@ -31,6 +31,20 @@ USUAL = ("hoist_practice", "hoist_double", "hoist_small", "hoist_middle", "hoist
 UNLISTED = (
     "fan", "rail_step", "quadratic_drag", "roller", "gain_by_direction", "torque_walk", "dead_band", "torque_bend",
 )  # fmt: skip
+
+
+def sampled(driven: Driven, sample_time_s: float) -> Driven:
+    """A drive that is asked at its own sample times only and holds its torque between them."""
+    taken, given = -1, (0.0, 0.0)
+
+    def held(shaft: Shaft, until_s: float) -> tuple[float, float]:
+        nonlocal taken, given
+        sample = math.floor(shaft.time_s / sample_time_s + 1e-6)
+        if sample > taken:
+            taken, given = sample, driven(shaft, until_s)
+        return given
+
+    return held
 
 
 @dataclass(frozen=True)

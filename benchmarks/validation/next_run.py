@@ -16,8 +16,8 @@ from benchmarks.validation.content import Content
 from benchmarks.validation.entry import content_of
 from benchmarks.validation.kind import RunPlan
 from benchmarks.validation.rig import Rig, rig_from
-from workbench.blind.answer import Answer, answer
 from workbench.blind.measures import Row, single
+from workbench.blind.run import Answer, answer
 from workbench.blind.score import Score
 from workbench.blind.seal import Order
 from workbench.core.errors import InputError

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+import textwrap
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
@@ -23,8 +24,9 @@ from workbench.core.yaml_strict import bounds_of, load
 from workbench.effects import Effect, library_effects
 from workbench.effects.declare import words
 from workbench.effects.registry import library_for
-from workbench.logs.formats.known import section
-from workbench.logs.runs_file import RunsFile
+from workbench.logs.campaign import RunsFile
+from workbench.logs.formats import opening
+from workbench.logs.formats.declared import MB, Limits
 from workbench.machines import KINDS, RECORDS, default_hoist, kind_of, load_machine
 from workbench.metrics import LoopMetric, Metric, metrics, run_metrics, set_of
 from workbench.references import planned_kinds, recorded_kinds
@@ -239,6 +241,27 @@ def signals_page() -> str:
     return "\n".join(grid(["machine", "required", "optional"], rows))
 
 
+def log_formats_page() -> str:
+    """The formats with their endings and properties, and the limits."""
+    lines = []
+    for one in opening.FORMATS:
+        text = f"- **{one.name}** ({', '.join(f'`{suffix}`' for suffix in one.suffixes)}): {one.about}"
+        lines.append(textwrap.fill(text, 116, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False))
+    lines += ["", "Limits of one log, counted in what is produced from it:", ""]
+    lines += ["| format | whose | rows | unpacked | processor time | memory of the reader | read in |"]
+    lines += ["|---|---|---|---|---|---|---|"]
+    for one in opening.FORMATS:
+        own = "a worker" if one.isolated else "this process"
+        lines.append(f"| {one.name} | your own | {_cells(one.own)} | {own} |")
+        lines.append(f"| {one.name} | uploaded | {_cells(one.uploaded)} | a worker |")
+    return "\n".join(lines) + "\n"
+
+
+def _cells(limits: Limits) -> str:
+    memory = limits.memory_bytes / MB
+    return f"{limits.rows / MB:g} million | {limits.bytes / MB:g} MB | {limits.seconds:g} s | {memory:g} MB"
+
+
 def gallery_page() -> str:
     """The scenarios that ship, each with its own description."""
     files = sorted((Path(__file__).resolve().parents[2] / "scenarios").glob("*.yaml"))
@@ -285,7 +308,7 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "references": references_page,
     "bounds": keys_page,
     "signals": signals_page,
-    "log_formats": section,
+    "log_formats": log_formats_page,
     "gallery": gallery_page,
     "criteria": criteria_page,
     "commands": commands_page,

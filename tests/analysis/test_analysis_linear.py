@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.linearise import MOTIONS, OUTPUTS, STIFFNESS_BY_LENGTH, LinearPlant, OperatingPoint, linearise
+from workbench.analysis.linearise import OUTPUTS, STIFFNESS_BY_LENGTH, LinearPlant, OperatingPoint, linearise
 from workbench.analysis.loop import LinearLoop, Sampled, linear_controller, linear_loop, sampled_plant
 from workbench.analysis.margins import Margins, margins
-from workbench.cli import cli
 from workbench.control import FeedForward, Notch, PiSettings
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.effects import effects_for, sizes_of
-from workbench.machines import HOIST, Effects, Hoist, Memory, save_machine, with_values
+from workbench.machines import HOIST, Effects, Hoist, Memory, with_values
 from workbench.simulate.loop import LoopCase, simulate_loop
 
 PAYLOADS = (0.0, 4500.0, 9000.0)
@@ -38,7 +34,7 @@ def oscillation(plant: LinearPlant) -> tuple[float, float]:
     return abs(s) / (2.0 * np.pi), -s.real / abs(s)
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("motion", ["hoisting", "lowering", "at_rest"])
 @pytest.mark.parametrize("payload", PAYLOADS)
 def test_the_linear_plant_is_the_finite_difference_of_the_plant(payload: float, motion: Any):
     plant = linearise(ideal_hoist(), OperatingPoint(payload, 10.0, motion), height_free=True)
@@ -253,7 +249,7 @@ def margins_of(machine: Hoist, settings: PiSettings = SETTINGS) -> Margins:
     return margins(linear_loop(machine, settings, POINT))
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("motion", ["hoisting", "lowering", "at_rest"])
 @pytest.mark.parametrize("name", effects_for("hoist"))
 def test_an_effect_that_vanishes_leaves_the_linear_plant_bit_for_bit(name: str, motion: Any):
     plain, gone = (
@@ -298,28 +294,6 @@ def test_a_memory_that_the_motion_moves_is_a_state_of_the_loop():
     assert element(plant, "late_speed", "late_speed") == pytest.approx(-1.0 / tau)
     assert element(plant, "speed_carriage_m_s", "late_speed") == pytest.approx(-6000.0 / mass)
     assert plant.start[1][-1] == pytest.approx(plant.start[1][2])  # settled at the even speed
-
-
-def test_the_loop_command_says_what_is_in_the_loop_and_what_is_not(tmp_path: Path):
-    file, out = tmp_path / "machine.yaml", tmp_path / "loop"
-    machine = with_effects(gearbox_inertia={"inertia_kg_m2": 0.5}, torque_scale={"gain": 1.1})
-    save_machine(machine, file)
-    words = ["loop", "--machine", str(file), "--payloads", "0", "--heights", "5", "--out", str(out)]
-    done = CliRunner().invoke(cli, words)
-    assert done.exit_code == 0, done.output
-    said = " ".join(done.output.split())
-    assert "In the machine: gearbox_inertia." in said
-    assert "Not in the loop, for they act on the log alone: torque_scale." in said
-    written = json.loads((out / "loop.json").read_text(encoding="utf-8"))
-    assert written["effects"]["gearbox_inertia"] == {"inertia_kg_m2": 0.5}
-    computed = margins(linear_loop(machine, _rule(machine), OperatingPoint(0.0, 5.0)))
-    assert written["loops"][0]["crossover_hz"] == pytest.approx(computed.crossover_hz, rel=1e-6)
-
-
-def _rule(machine: Hoist) -> PiSettings:
-    from workbench.analysis.usual import usual_controller
-
-    return usual_controller(machine)
 
 
 # The linear loop against the compiled one: a small step on top of a slow even motion, and how it dies out.

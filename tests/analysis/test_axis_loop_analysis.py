@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from tests.support.axes import CASCADE, emps, followed, ideal_axis, two_inertia
-from workbench.analysis.family import family, operating_points, weakest
 from workbench.analysis.linearise import OperatingPoint, linearise
 from workbench.analysis.loop import linear_loop, load_step, position_answer
-from workbench.analysis.margins import margins
+from workbench.analysis.margins import family, margins, operating_points, weakest
 from workbench.analysis.tune import Goal, tune
 from workbench.analysis.usual import usual_cascade
 from workbench.control import LinearCascade

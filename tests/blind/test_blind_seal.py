@@ -16,11 +16,10 @@ import pytest
 
 from workbench.blind import make as making
 from workbench.blind import run, seal
-from workbench.blind.answer import Answer, text_of
-from workbench.blind.ledger import Entry, copy_of, entries
 from workbench.blind.make import Asked, Made, Maker, make
+from workbench.blind.run import Answer, text_of
 from workbench.blind.score import OPENED, open_all, open_and_score, sheet_of
-from workbench.blind.seal import Label, Order
+from workbench.blind.seal import Entry, Label, Order, copy_of, entries
 from workbench.cli import main
 from workbench.core.errors import InputError
 from workbench.view.blind import sentences
@@ -81,14 +80,6 @@ def test_neither_label_nor_seed_nor_key_stands_in_the_folder(made: Made):
     assert stat.S_IMODE(made.key.stat().st_mode) == 0o600 or os.name != "posix"
 
 
-def test_the_manifest_holds_the_hash_of_the_seal_and_of_every_file_from_the_start(made: Made):
-    manifest = seal.read_manifest(made.folder)
-    assert manifest.seal_sha256 == made.seal_sha256 == seal.sha256((made.folder / seal.SEALED).read_bytes())
-    assert sorted(manifest.cases) == ["001", "002", "003", "004"]
-    assert sorted(manifest.cases["002"]) == ["machine.yaml", "runs.yaml", "runs/first.csv"]
-    assert manifest.cases["002"]["machine.yaml"] == seal.sha256(b"machine.yaml of 002\n")
-
-
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -115,17 +106,6 @@ def test_a_change_after_sealing_is_found_out_and_named(made: Made, change: Any, 
     with pytest.raises(InputError, match=sentence):
         open_and_score(made.folder, made.key)
     assert not (made.folder / OPENED).exists()
-
-
-@pytest.mark.skipif(os.name != "posix", reason="allowed: pipes of POSIX")
-@pytest.mark.parametrize("name", ["manifest.json", seal.SEALED, "answers.jsonl", "answers/001.json", "KEY"])
-def test_a_pipe_in_the_place_of_a_sealed_file_is_refused_and_not_waited_for(made: Made, name: str):
-    answered(made)
-    file = made.key if name == "KEY" else made.folder / name
-    file.unlink()
-    os.mkfifo(file)
-    with pytest.raises(InputError, match="is not a regular file"):
-        open_and_score(made.folder, made.key)
 
 
 def lines_of(folder: Path) -> list[dict[str, Any]]:
@@ -286,7 +266,7 @@ def test_each_diagnosis_is_given_a_folder_of_its_own_away_from_the_seal(made: Ma
         return said(campaign)
 
     run.run(made.folder, processes=1, diagnose=look)
-    assert len({path.parent for path in seen}) == 1
+    assert len({path.parent for path in seen}) == len(seen)
     assert not any(path.exists() for path in seen)
 
 
@@ -388,12 +368,9 @@ def test_the_command_makes_runs_and_scores(tmp_path: Path, monkeypatch: pytest.M
             "--source: unknown source 'simulater'; did you mean 'simulator'?",
         ),
         (["make", "--out", "x", "--family", "hoist_smal"], "did you mean 'hoist_small'?"),
-        (["make", "--out", "x", "--effects", "friction_viscos"], "did you mean 'friction_viscous'?"),
         (["make", "--out", "x", "--source", "multibody", "--kind", "axis"], "does not play machines of kind axis"),
         (["make", "--out", "x", "--machine", "machine.yaml"], "--machine: needs runs"),
         (["run", "nowhere"], "no such folder"),
-        (["run", "."], "has no manifest.json"),
-        (["scroe", "x"], "did you mean 'score'?"),
     ],
 )
 def test_what_does_not_fit_is_one_line_and_writes_nothing(

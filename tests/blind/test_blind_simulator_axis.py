@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
 from functools import cache
 
@@ -178,13 +176,6 @@ def test_a_load_is_held_at_rest(motion):
         assert np.ptp(record[1000:, POSITION]) < 1e-4 * axis.travel
 
 
-def test_friction_only_takes_energy():
-    axis, _, record, _ = plain_run("moves")
-    power = record[:, FRICTION] * record[:, SPEED]
-    assert np.mean(power < -1e-9 * axis.force * axis.speed) < 0.01
-    assert np.sum(power) > 0.0
-
-
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("name", [*LISTED, *IN_THE_LIBRARY])
 def test_labels_use_the_names_places_and_bounds_of_the_workbenchs_library(name, motion):
@@ -234,21 +225,6 @@ def test_a_drawn_axis_follows_its_reference_within_its_travel(seed, family):
         assert axis.low - 0.05 * axis.travel < low < high < axis.low + 1.15 * axis.travel
 
 
-def test_a_campaign_of_an_axis_is_read_without_a_remark_and_its_label_says_what_is_in_it(tmp_path):
-    content = draw((5, 1), "axis_std", "singles", ["friction_viscous"])
-    label = make_campaign(tmp_path / "one", (5, 1), content)
-    campaign = read_campaign(tmp_path / "one")
-    machine = content.machine
-    assert campaign.machine.model_dump(exclude={"sensors"}) == machine.model_dump(exclude={"sensors"})
-    assert [run.name for run in campaign.runs] == [plan.name for plan in content.runs]
-    assert all(run.notes == () for run in campaign.runs)
-    said = json.loads(json.dumps(dataclasses.asdict(label)))
-    assert said["effects"] == ["friction_viscous"]
-    assert (said["kind"], said["family"], said["case"]) == ("axis", "axis_std", "singles")
-    (value,) = said["parameters"]["friction_viscous"].values()
-    assert value == said["truth"]["B_f"] == said["truth"]["B_b"]
-
-
 @pytest.mark.parametrize("seed", [2, 3])
 def test_an_axis_without_a_gap_is_identified_down_to_its_ripple_and_noise_and_an_ailing_one_is_not(tmp_path, seed):
     """The workbench's plant and this simulator share no code: that they agree says both are right."""
@@ -259,3 +235,10 @@ def test_an_axis_without_a_gap_is_identified_down_to_its_ripple_and_noise_and_an
         residual[name] = identify(read_campaign(tmp_path / "-".join(("made", *name)))).fit.residual_rms
     assert residual[()] < 0.02 * content.drawn.force
     assert residual[("friction_wave",)] > 1.4 * residual[()]
+
+
+def test_friction_only_takes_energy():
+    axis, _, record, _ = plain_run("moves")
+    power = record[:, FRICTION] * record[:, SPEED]
+    assert np.mean(power < -1e-9 * axis.force * axis.speed) < 0.01
+    assert np.sum(power) > 0.0

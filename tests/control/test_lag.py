@@ -35,15 +35,6 @@ def test_the_straight_line_has_the_exponentials_integral_and_first_moment(time_c
     assert step.mean * H == pytest.approx(exact[0], rel=1e-8)
 
 
-@pytest.mark.parametrize("time_constant_s", [1e-6, 1e-3, 0.02])
-def test_the_mean_torque_between_two_samples_is_that_of_the_exponential(time_constant_s: float):
-    held, before = 300.0, 100.0
-    now = held + (before - held) * np.exp(-H / time_constant_s)
-    mean = held + (before - held) * time_constant_s / H * (1.0 - np.exp(-H / time_constant_s))
-    w = weight_before(time_constant_s, H)
-    assert w * before + (1.0 - w) * now == pytest.approx(mean, rel=1e-9)
-
-
 def test_the_delay_of_a_lag_is_its_time_constant():
     """At low frequency the phase that a lag costs is that of a delay of its time constant."""
     f = np.array([1.0])
@@ -60,3 +51,12 @@ def test_the_simulated_run_goes_over_into_that_without_lag():
     w = [result.run["speed_motor_rad_s"] for result in (none, hardly, real)]
     assert np.abs(w[1] - w[0]).max() < 1e-4 < np.abs(w[2] - w[0]).max()
     assert hardly.metrics["energy_motoring_j"] == pytest.approx(none.metrics["energy_motoring_j"], rel=1e-4)
+
+
+@pytest.mark.parametrize("time_constant_s", [1e-6, 1e-3, 0.02])
+def test_the_mean_torque_between_two_samples_is_that_of_the_exponential(time_constant_s: float):
+    held, before = 300.0, 100.0
+    now = held + (before - held) * np.exp(-H / time_constant_s)
+    mean = held + (before - held) * time_constant_s / H * (1.0 - np.exp(-H / time_constant_s))
+    w = weight_before(time_constant_s, H)
+    assert w * before + (1.0 - w) * now == pytest.approx(mean, rel=1e-9)

@@ -41,14 +41,6 @@ def test_a_record_becomes_mappings_lists_and_numbers_in_its_own_order():
     )
 
 
-def test_numbers_of_numpy_are_numbers():
-    assert plain({"a": np.float64(1.0 / 3.0), "b": np.int64(7), "c": np.bool_(True)}, 2) == {
-        "a": 0.33,
-        "b": 7,
-        "c": True,
-    }
-
-
 def test_what_has_no_form_in_json_is_refused():
     with pytest.raises(Exception, match="object has no form in JSON"):
         plain({"a": object()})

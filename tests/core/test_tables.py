@@ -44,21 +44,6 @@ class Cells(HTMLParser):
             self.rows[-1][-1] += data
 
 
-def test_a_row_has_one_text_a_column():
-    with pytest.raises(ValueError, match="2 columns, and a row of 1"):
-        Table([words("a"), Column("b")], [["1", "2"], ["3"]])
-
-
-def test_text_sets_words_left_numbers_right_and_units_in_the_last_line_of_the_head():
-    assert TABLE.text().splitlines() == [
-        "               speed error  proba-",
-        "                 open loop  bility",
-        "run                      %",
-        "full <&> fast         1.00     0.9",
-        "empty                    –     0.1",
-    ]
-
-
 def test_html_holds_each_cell_escaped_and_the_note():
     html = TABLE.html()
     assert "full &lt;&amp;&gt; fast" in html

@@ -205,11 +205,14 @@ def test_the_console_is_free_of_errors_and_nothing_is_asked_of_the_network(
         browser.dashboard(tmp_path / "server", start) as address,
         browser.visit(chromium, address, shots / scheme, scheme) as visit,
     ):
+        buttons: set[str] = set()
         visit.go(list(PAGES)[1])  # by its own address, on a server that nobody has visited
         for title in PAGES if scheme == "dark" else [title for title in PAGES if title not in WALKED]:
             visit.turn_to(title)
             visit.shot(title.lower())
             assert visit.page.get_by_test_id("stException").count() == 0, title
+            buttons |= set(visit.page.evaluate(browser.BUTTONS))
+        assert (buttons or scheme == "light") and not [said for said in buttons if "hare" in said or "loud" in said]
         visit.go(FIRST)  # which stands at the server's own address
         assert visit.complaints == []
         assert visit.asked == []

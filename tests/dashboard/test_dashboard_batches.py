@@ -57,12 +57,6 @@ def test_a_scenario_says_what_it_would_run_before_it_runs():
         good(app.selectbox(key="batches scenario").select(name).run())
 
 
-def test_a_batch_of_an_axis_is_opened_with_its_own_numbers_and_figures(server: Path):
-    app = good(after(begun(chosen("axis")), the_job(server)))
-    assert units(app) == {"Force peak": "N", "Largest tracking error": "mm", "Move time": "s"}
-    assert figures(app)
-
-
 def test_a_batch_is_started_watched_opened_found_after_a_reload_and_removed(server: Path):
     app = begun(chosen("jog"))
     job = the_job(server)
@@ -97,14 +91,6 @@ def test_a_batch_is_stopped_kept_and_resumed(server: Path):
     assert "stopped" in words(after(app, job)) and 0 < jobs.poll(job).done < 1280
     app.button(key=f"resume {job.id}").click().run()
     assert after(app, job).subheader[0].value == "batch · 1,280 runs"
-
-
-def test_an_uploaded_scenario_is_run_from_its_copy_under_the_pages_own_name(server: Path):
-    app = uploaded(GOOD)
-    assert "**4 runs**" in words(app)
-    job = the_job(server) if begun(app) else None
-    assert job is not None and after(app, job).subheader[0].value == "small · 4 runs"
-    assert [path.name for path in job.file("inputs").iterdir()] == ["scenario.yaml"]
 
 
 @pytest.mark.parametrize(

@@ -1,28 +1,23 @@
-"""The page Gap: a campaign's diagnosis asked for, watched, cancelled, shown, kept, found again; its errors."""
+"""The page Gap: an upload is diagnosed from its copy, and a campaign that cannot be is one sentence."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from streamlit.testing.v1 import AppTest
 
-from tests.support.dashboard_app import after, errors, good, made_job, page, the_job, until, words
+from tests.support.dashboard_app import after, errors, page, the_job, words
 from tests.support.log_campaign import hoist_columns, write_campaign
-from tests.support.made_diagnosis import made_diagnosis
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.errors import InputError
-from workbench.dashboard import chosen, jobs
-from workbench.dashboard.jobs import VIEW, Job, new_id, read_view
+from workbench.dashboard import chosen
 from workbench.dashboard.pages import gap
 from workbench.diagnose import diagnose as orchestration
 from workbench.machines import load_machine
 
 BOX = "gap campaign"
-Made = Callable[..., tuple[str, Job]]
 
 
 @pytest.fixture(scope="module")
@@ -35,23 +30,6 @@ def offered(server: Path, spring: Path, offer: Callable[..., None]) -> None:
     offer(spring.parent)
 
 
-@pytest.fixture
-def made(server: Path, monkeypatch: pytest.MonkeyPatch, spring: Path) -> Made:
-    """Makes a job whose worker has found `made_diagnosis(kind)`: its workspace's id, and itself."""
-
-    def finished(kind: str, title: str = "spring", work: str = "") -> tuple[str, Job]:
-        number = work or new_id()
-        asked: dict[str, Any] = {"folder": str(spring), "name": title, "most_effects": 2, "candidates": None}
-        (server / f"work-{number}").mkdir(mode=0o700, exist_ok=True)
-        with monkeypatch.context() as patch:
-            found = made_diagnosis(kind, kind in ("named", "pair"))
-            patch.setattr(orchestration, "diagnose", lambda campaign, **_: found)
-            call = "workbench.dashboard.pages.gap:work"
-            return number, made_job(server / f"work-{number}", gap.KIND, title, call, asked)
-
-    return finished
-
-
 def shown(number: str) -> AppTest:
     app = page("Gap")
     app.query_params["work"] = number
@@ -60,43 +38,10 @@ def shown(number: str) -> AppTest:
     return app
 
 
-def one_candidate() -> AppTest:
-    """The quickest question."""
-    return page("Gap").run().selectbox(key="gap candidates").set_value(gap.OWN).run()
-
-
 def begun(app: AppTest) -> AppTest:
     app.button(key="gap start").click().run()
     assert not app.exception
     return app
-
-
-def test_a_diagnosis_is_run_in_a_process_of_its_own_and_its_answer_shown(server, spring):
-    app = one_candidate()
-    effect = app.multiselect[0].value[0]
-    app.segmented_control(key="gap most effects").set_value(1).run()
-    begun(app)
-    job = the_job(server)
-    assert job.arguments == {"folder": str(spring), "name": "spring", "most_effects": 1, "candidates": [effect]}
-    assert app.button(key=f"stop {job.id}")
-    good(after(app, job))
-    said = json.loads(job.file("result/diagnosis.json").read_text())
-    assert f"##### {said['sentence']}" in words(app) and "one effect at most · 1 candidate" in words(app)
-
-
-def test_a_diagnosis_is_cancelled_tried_again_and_removed(server):
-    app = begun(one_candidate())
-    job = the_job(server)
-    until(job, lambda progress: progress.total > 0)
-    app.run()
-    assert "Search the effects" in words(app) and "Write the report" in words(app)
-    app.button(key=f"stop {job.id}").click().run()
-    assert ":gray-badge[stopped]" in words(after(app, job)) and not job.file("result").exists()
-    app.button(key=f"resume {job.id}").click().run()
-    assert not jobs.poll(job).ended
-    app.button(key=f"stop {job.id}").click().run()
-    after(app, job).button(key=f"remove {job.id}").click().run()
-    assert not job.folder.exists() and "which effect the model lacks" in words(app)
 
 
 def test_an_uploaded_campaign_is_copied_for_its_job(server, spring, monkeypatch):
@@ -124,12 +69,3 @@ def test_runs_that_cannot_be_diagnosed_are_one_clear_sentence_without_the_server
         orchestration.diagnose(chosen.read_campaign(folder))
     assert said.endswith(refused.value.problem) and str(tmp_path) not in said
     assert ":red-badge[failed]" in words(app)
-
-
-def test_a_damaged_result_says_so(made):
-    number, job = made("named")
-    job.file(VIEW).write_text('{"campaign": "spring"}')
-    assert errors(shown(number)) == [f"{VIEW}: this result is damaged; compute it again"]
-    job.file(VIEW).unlink()
-    with pytest.raises(InputError, match="damaged"):
-        read_view(gap.View, job)

@@ -13,13 +13,11 @@ from typing import Any
 
 import pytest
 
-from tests.support.batches import ROOT, SCENARIO, environment
+from tests.support.batches import ROOT, environment
 from tests.support.dashboard_app import end_all, ended, until
-from tests.support.scenario_text import write
 from workbench.core.errors import InputError
 from workbench.dashboard import jobs, session
 from workbench.dashboard.jobs import INPUTS, Job, poll, start, stop
-from workbench.study.store import read_finished
 
 LONG: dict[str, Any] = {"to": 10_000, "each_s": 0.01}
 
@@ -183,20 +181,3 @@ def test_a_server_that_ends_takes_its_workers_along(workspace: Path):
     subprocess.run([sys.executable, "-c", code, str(workspace)], cwd=ROOT, env=environment(), check=True, timeout=60)
     (job,) = jobs.jobs_of(workspace)
     assert ended(job).state == "stopped"
-
-
-def test_a_batch_that_is_stopped_keeps_its_chunks_and_ends_as_if_it_had_never_stopped(workspace: Path, tmp_path: Path):
-    scenario = write(tmp_path, SCENARIO)
-    call = "workbench.dashboard.pages.batches:work"
-    job = start("batch", call, {"scenario": f"{INPUTS}/s.yaml"}, workspace, inputs={"s.yaml": scenario})
-    until(job, lambda progress: progress.done > 0)
-    stop(job)
-    halted = ended(job)
-    assert halted.state == "stopped" and 0 < halted.done < halted.total == 1280
-    jobs.restart(job)
-    assert until(job, lambda progress: progress.total > 0 or progress.ended).done >= halted.done
-    finished = ended(job)
-    assert (finished.state, finished.done, finished.failed) == ("done", 1280, 0)
-    assert len(read_finished(job.file("result")).rows) == 1280
-    assert len(job.file("index.csv").read_text().splitlines()) == 1281
-    assert "<title>Study batch</title>" in job.file("report.html").read_text()

@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.dashboard_app import downloads, ended, errors, figures, good, made_job, page, the_job, titles, words
 from tests.support.log_campaign import hoist_columns, write_campaign
-from workbench.analysis.family import family, operating_points
+from workbench.analysis.margins import family, operating_points
 from workbench.analysis.usual import usual_controller
 from workbench.control import PiSettings
 from workbench.core.yaml_strict import dumps, loads
@@ -65,6 +65,8 @@ def test_tune_fills_the_sliders_and_keeps_to_its_goal():
     app = page("Loop").run()
     for name, value in (("torque_lag_s", 4.0), ("speed_filter_s", 3.0), ("speed_delay_s", 2.0)):
         app.number_input(key=f"loop {name} {OWN[name]}").set_value(value)
+    app.text_input(key="loop payloads").set_value("0,9000")
+    app.text_input(key="loop heights").set_value("0")
     app.number_input(key="loop hertz").set_value(5.0)
     app.button(key="loop tune").click().run()
     assert not app.exception and errors(app) == []

@@ -1,4 +1,4 @@
-"""The page Machine: the drawing follows the run, its parts stand where they should, its sources and errors."""
+"""The page Machine: the drawing follows the run, its tensions are the model's."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.dashboard.pages.signals import RAMP, part_of, with_computed
 from workbench.logs.signal_files import Labelled, as_csv, as_mat, as_parquet
-from workbench.view.signals import Stretch, browser
+from workbench.view.logs import Stretch, browser
 
 
 def run(n: int = 50_000, name: str = "long") -> Run:

@@ -141,19 +141,6 @@ def test_a_link_shows_the_study_that_it_was_copied_from():
     assert metrics(other) == metrics(app)
 
 
-def test_each_move_of_a_widget_counts_and_so_does_what_is_changed_elsewhere():
-    app = AppTest.from_string(
-        "import streamlit as st\nfrom workbench.dashboard.widgets import held\n"
-        "kept = st.session_state.setdefault('kept', 1.0)\n"
-        "st.session_state['kept'] = st.number_input('x', 0.0, 9.0, key=held('x', kept))\n"
-    ).run()
-    for value in (2.0, 3.0, 3.0, 1.0, 2.0):
-        assert app.number_input(key="x").set_value(value).run().session_state["kept"] == value
-        assert app.run().number_input(key="x").value == value
-    app.session_state["kept"] = 7.0
-    assert app.run().number_input(key="x").value == 7.0
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [

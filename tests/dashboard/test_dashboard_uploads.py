@@ -24,7 +24,7 @@ from tests.support.log_campaign import RUNS, csv_text, hoist_columns, write_camp
 from workbench.core.errors import InputError
 from workbench.dashboard import session, uploads
 from workbench.dashboard.uploads import KEPT, Uploaded, name_of, read_stored, read_uploaded, stored_campaigns
-from workbench.logs.formats import known
+from workbench.logs.formats import opening
 
 
 @pytest.fixture
@@ -73,8 +73,8 @@ def told(given_: list[Uploaded], workspace: Path) -> str:
 
 def limit_uploads(monkeypatch: pytest.MonkeyPatch, **limits: Any) -> None:
     """Every log format with other limits for what is uploaded."""
-    smaller = [replace(log_format, uploaded=replace(log_format.uploaded, **limits)) for log_format in known.FORMATS]
-    monkeypatch.setattr(known, "FORMATS", smaller)
+    smaller = [replace(log_format, uploaded=replace(log_format.uploaded, **limits)) for log_format in opening.FORMATS]
+    monkeypatch.setattr(opening, "FORMATS", smaller)
 
 
 def as_zip(files: Mapping[str, bytes], workspace: Path, root: str = "lifts/") -> str:
@@ -87,12 +87,6 @@ def test_a_zip_of_a_campaigns_folder_is_read_and_called_as_the_zip(files, worksp
     assert campaign.name == "spring lifts"
     assert [run.name for run in campaign.runs] == ["lift"]
     assert campaign.path.parent == workspace and campaign.path.stat().st_mode & 0o077 == 0
-
-
-def test_loose_files_are_found_by_their_base_names(files, workspace):
-    campaign = read_uploaded(loose(files), workspace)
-    assert len(campaign.run("lift").time_s) == 500
-    assert (campaign.path / "runs" / "lift.csv").is_file()
 
 
 def test_only_what_runs_yaml_names_is_stored(files, workspace):
@@ -245,13 +239,6 @@ def test_a_log_that_takes_too_long_is_refused(files, workspace, monkeypatch):
     assert as_zip(with_log(files, "mat", endless), workspace).startswith("runs/lift.mat: lift: ")
     said = as_zip(with_log(files, "mat", bytes(50_000_000)), workspace)
     assert said == "runs/lift.mat: lift: is not a readable MAT file: it begins with zeros"
-
-
-@pytest.mark.parametrize("suffix", ["parquet", "mat"])
-def test_parquet_and_mat_logs_are_read(files, workspace, tmp_path, suffix):
-    log = as_log(tmp_path, suffix, hoist_columns())
-    campaign = read_uploaded(loose(with_log(files, suffix, log)), workspace)
-    assert len(campaign.run("lift").time_s) == 500
 
 
 def test_a_session_keeps_its_newest_campaigns_only(files, workspace):

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 
 from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
@@ -31,7 +34,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, signatures_of
+from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, signatures_of, stepped_aside
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation
@@ -57,25 +60,6 @@ def float_of(value: float | tuple[float, ...]) -> float:
 
 
 # Knobs
-
-
-def test_a_logarithmic_value_moves_by_factors_and_never_reaches_zero():
-    parameter = Scalar("x", 40.0, 0.5, least=0.0, logarithmic=True)
-    assert parameter.values([2.0])["x"] == pytest.approx(40.0 * math.e)
-    assert 0.0 < float_of(parameter.values([-40.0])["x"]) < 1e-6
-    assert parameter.lowest == (-math.inf,)
-    assert parameter.highest == (math.inf,)
-
-
-@pytest.mark.parametrize("logarithmic", [False, True])
-def test_the_bounds_of_a_value_are_where_z_says(logarithmic: bool):
-    parameter = Scalar("x", 3.0, 0.7, least=1.0, most=8.0, logarithmic=logarithmic)
-    (low,), (high,) = parameter.lowest, parameter.highest
-    assert parameter.values([low])["x"] == pytest.approx(1.0)
-    assert parameter.values([high])["x"] == pytest.approx(8.0)
-    assert parameter.values([high + 5.0])["x"] == 8.0
-    near = replace(parameter, furthest=0.25)
-    assert (near.lowest, near.highest) == ((-0.25,), (0.25,))
 
 
 @given(st.floats(0.0, 6.28), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
@@ -292,6 +276,34 @@ def test_a_signature_is_what_the_prediction_gains_by_that_much(hoist: Problem, n
 
 
 # Fits
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=60)
+def test_where_a_value_stops_at_its_bound_the_others_are_refitted_beside_it(seed: int):
+    """Cut off after a step of all of them, what the others did to make up for it would be left over. Against another
+    minimiser."""
+    random = np.random.default_rng(seed)
+    common = random.normal(size=(40, 1))
+    jacobian, residual = random.normal(size=(40, 6)) + 3.0 * common, random.normal(size=40)
+    std = np.array([1.0, 1.0, 1.0, 0.5, 0.5, math.inf])
+    one = SimpleNamespace(
+        lowest=(0.0, -9.0, 0.0, -9.0, 0.0, 0.0), highest=(9.0, 9.0, 0.1, 9.0, 9.0, 2.0), prior_std=tuple(std), size=6,
+        logarithmic=False,
+    )  # fmt: skip
+    fit = SimpleNamespace(
+        free=(one,), z=np.array([0.0, 0.2, 0.05, 0.0, 0.3, 0.0]), jacobian=jacobian, residual=residual
+    )
+    white = SimpleNamespace(errors=SimpleNamespace(whiten=lambda rows: rows))
+    taken = 4.0 * jacobian[:, 0] + common[:, 0]
+
+    def left(z: Array) -> float:
+        return float(np.sum((residual - taken + jacobian @ (z - fit.z)) ** 2) + np.sum((z / std) ** 2))
+
+    z = stepped_aside(cast(Any, white), cast(Any, fit), taken)
+    best = minimize(left, fit.z, bounds=list(zip(one.lowest, one.highest, strict=True)), method="L-BFGS-B").fun
+    assert np.all((z >= one.lowest) & (z <= one.highest))
+    assert left(z) < best * (1.0 + 1e-6)
 
 
 @given(st.integers(0, 10_000), st.integers(0, 2), st.integers(0, 4))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
@@ -23,9 +24,9 @@ from workbench.blind.recording import cut, recording
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.gap import delivered_of
-from workbench.diagnose.hypotheses.evidence import lag_explains, smooths
-from workbench.diagnose.hypotheses.fit import estimates, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, base_parameters
+from workbench.diagnose.hypotheses.evidence import lag_explains, smooths, weigh
+from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
+from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, base_parameters
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
@@ -271,6 +272,30 @@ def test_a_cause_that_base_values_can_stand_in_for_is_named_by_their_tolerances(
     assert judged_to_help(Search(problem, effects).singles()).names == named
 
 
+@pytest.mark.parametrize(("amplitude_nm", "wave"), [(12.0, ("torque_ripple",)), (0.01, ())])
+def test_a_small_cause_that_exceeds_the_model_error_where_it_acts_is_named_beside_another(
+    tmp_path: Path, amplitude_nm: float, wave: tuple[str, ...]
+):
+    """Two waves a turn are faster than the campaign's band but near standstill. And the evidence of both is no less for
+    a fit of one of them that is there, whichever: they are weighed in the order that says most."""
+    plain = true_machine({"guide.coulomb_hoisting_n": 6300.0, "guide.coulomb_lowering_n": 4300.0})
+    ripple = {"amplitude_nm": amplitude_nm, "order_per_turn": 2.0, "phase_rad": 1.6}
+    true = {"payload_mass_error": {"payload_scale": 1.06}, "torque_ripple": ripple}
+    campaign = read_campaign(simulated_campaign(tmp_path / "two", plain.model_copy(update={"effects": true})))
+    effects = [find(name, "hoist") for name in (*true, "torque_offset", "gearbox_inertia", "torque_scale")]
+    problem, keys = Problem(campaign.machine, campaign.runs), base_parameters(campaign.machine, campaign.runs)
+    search = searched(problem, effects, 3, base=keys)
+    named = ("payload_mass_error", *wave)
+    assert judged_to_help(search).names == named
+
+    def evidence(fits: Mapping[Names, Fitted]) -> float:
+        rows = weigh(search.problem, search.base, search.within_tolerances, fits)[0]
+        return next(row.evidence for row in rows if row.names == named)
+
+    for alone in [(name,) for name in named if wave]:
+        assert evidence({k: fit for k, fit in search.fits.items() if k != alone}) <= evidence(search.fits)
+
+
 # A cause that a law of one variable does without is none: the law's likelihood, and the verdict.
 
 
@@ -388,6 +413,21 @@ def test_a_play_that_no_impact_tells_of_is_none_where_most_stays(
     problem = SimpleNamespace(struck=struck, machine=KINDS["axis-linear"].example())
     why = judge._against(cast(Any, problem), cast(Any, SimpleNamespace(names=("backlash",), fit=play)), cast(Any, near))
     assert (why and why.over) == (None if struck else over)
+
+
+@pytest.mark.parametrize(("excess", "over"), [(0.5, None), (2.0, "the other effect")])
+def test_effects_that_cancel_are_none_where_they_leave_more_than_a_machine_without_a_gap(
+    excess: float, over: str | None, monkeypatch: pytest.MonkeyPatch
+):
+    """A drift, a gearbox' loss and a wire's mass came at their true values and cancelled by 1.3: the loaded run was the
+    second of four."""
+    for name, value in (("cancellation", 1.3), ("smooths", False), ("_on_bound", False)):
+        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
+    both, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (0.1, 1.0))
+    problem, names = SimpleNamespace(struck=False), ("friction_thermal_drift", "gearbox_efficiency")
+    weighed = SimpleNamespace(names=names, fit=both, score=SimpleNamespace(excess=excess))
+    why = judge._against(cast(Any, problem), cast(Any, weighed), cast(Any, near))
+    assert (why and why.over) == over
 
 
 @pytest.mark.parametrize("idle", ["friction_coulomb", "torque_scale"])

@@ -21,11 +21,10 @@ from workbench.diagnose.isolability import best_signatures as signatures
 from workbench.diagnose.isolation.lines import Line
 from workbench.diagnose.isolation.next_run import APART, LEAST, Offer, chance_to_decide, choose, next_run, separation
 from workbench.diagnose.isolation.planned import Planned, from_moves, menu, seen_in
-from workbench.diagnose.verdict.judge import unlisted_likely
 from workbench.machines import save_machine
 from workbench.references import Limits
 from workbench.study.load import load_study
-from workbench.view.diagnosis import said, write_next_run
+from workbench.view.diagnosis import write_next_run
 
 TRIED = (
     "torque_offset", "carriage_mass_error", "friction_viscous", "friction_viscous_asymmetric",
@@ -81,11 +80,6 @@ def offer(apart: float, seconds: float, *signals: str) -> Offer:
 def test_the_shortest_run_that_decides_is_chosen_before_one_that_sets_more_apart():
     offers = [offer(9.0, 60.0), offer(4.0, 20.0), offer(2.0, 10.0), offer(30.0, 10.0, "tension_dead_line_n")]
     assert choose(offers, 0.5) is offers[1]
-
-
-def test_nothing_open_asks_for_no_run(heavier: SearchResult):
-    assert next_run(heavier.problem, heavier, []) is None
-    assert next_run(heavier.problem, heavier, ["torque_offset"]) is None
 
 
 def test_the_menu_stays_within_what_the_logs_show(heavier: SearchResult):
@@ -225,13 +219,3 @@ def test_a_verdict_that_rests_on_less_than_a_model_error_says_so(heavier: Search
     assert opened.why.startswith("The campaign ")
     assert named.why.startswith("The runs favour torque_offset over carriage_mass_error, but set them apart by only")
     assert f"a model error of {LEAST:g} of the noise" in named.why
-
-
-def test_an_unknown_cause_leaves_those_unlisted_effects_open_that_explain_about_as_much():
-    def weighed(name: str, evidence: float, rival: bool = True) -> SimpleNamespace:
-        return SimpleNamespace(names=(name,), evidence=evidence, rival=rival)
-
-    some = [weighed("a", 90.0), weighed("listed", 80.0, rival=False), weighed("b", 60.0), weighed("c", 40.0)]
-    assert unlisted_likely(SimpleNamespace(weighed=some)) == (("a",), ("b",))  # type: ignore[arg-type]
-    assert unlisted_likely(SimpleNamespace(weighed=some[1:2])) == ()  # type: ignore[arg-type]
-    assert "needs no further run" not in said.no_next_run(True)

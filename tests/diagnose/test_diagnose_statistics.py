@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
 from tests.support.simulated_campaign import TRUTH, simulated_campaign, true_machine
-from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.gap import UNLIKELY, alike_of, outliers
@@ -448,21 +447,6 @@ def test_of_sound_runs_none_is_named_and_of_a_wrong_payload_that_run_is():
     (said,) = [warning for warning in wrong.warnings if "runs agree" in warning]
     assert said.startswith("5 runs agree; full again holds")
     assert [run.name for run in wrong.delivered.runs if run.differs] == ["full again"]
-
-
-def test_swapped_motors_change_nothing_for_their_sum_drives_the_machine():
-    signals = dict(run_of("half").signals)
-    one, two = signals["torque_motor1_nm"], signals["torque_motor2_nm"]
-    swapped = changed("half", signals=signals | {"torque_motor1_nm": two, "torque_motor2_nm": one})
-    assert diagnosed(swapped).delivered == diagnosed(six_runs()).delivered
-
-
-def test_torque_and_speed_in_each_others_column_are_refused_with_the_run():
-    signals = dict(run_of("half").signals)
-    torque, speed = signals["torque_motor_nm"], signals["speed_motor_rad_s"]
-    swapped = signals | {"torque_motor_nm": speed, "speed_motor_rad_s": torque}
-    with pytest.raises(InputError, match="half"):
-        diagnosed(changed("half", signals=swapped))
 
 
 def linear_runs(wrong: float, seed: int, last: float = 1.0) -> tuple[Any, Fitted, Fitted]:

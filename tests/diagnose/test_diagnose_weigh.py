@@ -43,9 +43,6 @@ NUMBERS = {
 }  # fmt: skip
 
 
-# Score
-
-
 # Held-out runs
 
 
@@ -140,14 +137,6 @@ def test_a_larger_merit_is_never_less_likely(values: list[float], more: float):
 
 
 @pytest.mark.parametrize("numbers", [NUMBERS, dict(calibration())])
-def test_without_any_merit_there_is_no_gap(numbers: dict[str, float]):
-    for values in ([], [-20.0, -20.0]):
-        rows = rank(named(values), NO_EVIDENCE, numbers)
-        assert (rows[0].verdict, rows[0].effects) == ("no_gap", ())
-        assert rows[0].probability > 0.75
-
-
-@pytest.mark.parametrize("numbers", [NUMBERS, dict(calibration())])
 def test_a_large_merit_without_evidence_against_it_is_named(numbers: dict[str, float]):
     rows = rank(named([20.0, 400.0, -5.0]), NO_EVIDENCE, numbers)
     assert (rows[0].verdict, rows[0].effects) == ("named", ("e1",))
@@ -176,20 +165,6 @@ def test_what_is_stated_sums_to_one_and_changes_no_answer(values: list[float], o
     assert (stated[0].verdict, stated[0].effects) == (decided[0].verdict, decided[0].effects)
     assert {row.effects for row in stated} == {row.effects for row in decided}
     assert [row.probability for row in stated[1:]] == sorted((row.probability for row in stated[1:]), reverse=True)
-
-
-@given(merits, st.floats(0.0, 3.0))
-def test_what_the_fits_have_missed_is_no_hypothesis_own(values: list[float], open_left: float):
-    told, evidence = [((), 60.0), *named(values)], {**NO_EVIDENCE, "left": open_left}
-    stated = {(row.verdict, row.effects): row.probability for row in rank(told, evidence, dict(calibration()))}
-    decided = rank(told, evidence, {**calibration(), "missed_no_gap": 0.0, "missed_unknown": 0.0})
-    before = {(row.verdict, row.effects): row.probability for row in decided}
-    lost = sum(calibration()[f"missed_{word}"] * before[word, ()] for word in ("no_gap", "unknown"))
-    if decided[0].verdict == "named":
-        assert ("named", ()) not in stated
-    elif ("named", ()) in stated:
-        assert stated["named", ()] == pytest.approx(lost)
-        assert all(stated[row] == pytest.approx(p) for row, p in before.items() if row[0] == "named")
 
 
 def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):

@@ -311,10 +311,6 @@ def test_a_linear_loops_law_accounts_for_the_input_it_asked_for(followed: Proble
     assert np.sqrt(np.mean(loop.residual**2)) < 3.0 * followed.noise
 
 
-def test_without_a_reference_the_loop_says_nothing(even_places: Survey):
-    assert not even_places.loop
-
-
 def bumped(problem: Problem, begin_s: float, size_nm: float) -> Problem:
     """The last run's log of the torque shows a bump of 1.5 s that no motion follows."""
     *others, run = problem.runs

@@ -11,7 +11,7 @@ import pytest
 from tests.support.effect_machines import MACHINES
 from workbench.control import PiSettings
 from workbench.core.run import Array
-from workbench.effects import Active, all_off, effects_for, find, library_effects, of, ranges_of
+from workbench.effects import Active, effects_for, find, library_effects, of, ranges_of, searchable
 from workbench.effects.declare import KINDS, Effect
 from workbench.engine import kernels
 from workbench.engine.preamble import PREAMBLE
@@ -26,7 +26,7 @@ SPEED = {"hoist": 60.0, "axis-linear": 0.2, "axis-rotary": 2.0, "two_inertia": 2
 def shaped(kind: str, seed: int) -> dict[str, float]:
     """The library switched off, with any shape: widths, phases and time constants drawn within their bounds."""
     rng = np.random.default_rng(seed)
-    active = all_off(MACHINES[kind])
+    active = searchable(MACHINES[kind])
     drawn = dict(active.values_of(float(rng.uniform(0.0, 500.0))))
     for name in effects_for(kind):
         for amount in ranges_of(find(name, kind), MACHINES[kind]):
@@ -37,7 +37,7 @@ def shaped(kind: str, seed: int) -> dict[str, float]:
 
 def lanes(kind: str, many: int, off: bool) -> tuple[PlantModel, list[SimpleNamespace]]:
     machine = MACHINES[kind]
-    model = PlantModel(PLANTS[kind], all_off(machine) if off else Active(kind))
+    model = PlantModel(PLANTS[kind], searchable(machine) if off else Active(kind))
     payloads = [1000.0 * (j % 9) for j in range(many)]
     plain = [PLANTS[kind].values(machine, payload) for payload in payloads]
     return model, [SimpleNamespace(**vars(p), **(shaped(kind, j) if off else {})) for j, p in enumerate(plain)]

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from tests.support.commands import Commands
-from tests.support.structured_text import Block, parsed
+from tests.support.structured_text import Block
 from workbench.control import FeedForward, Notch, PiSettings
 from workbench.core.errors import InputError
-from workbench.export.controller_program import CHECKS, checked, program_of, record_of
+from workbench.export.controller_program import checked, program_of, record_of
 from workbench.export.controller_text import controller_files
 from workbench.export.fmu import host_compiler
 from workbench.export.model import model_of
@@ -209,21 +209,6 @@ int main(void) {
     assert {0.0, 1.0, 2.0, 3.0, 4.0} <= set(c[:, 1])
 
 
-def test_a_fault_stays_until_the_reset_and_tells_its_reason():
-    block = structured("plain")
-    block(reset=True, torque_hold_nm=400.0)
-    block(reset=False, speed_reference_rad_s=1.0, speed_motor_rad_s=0.5, motor_failed=False)
-    before = block.values["torque_motor_nm"]
-    for speed in (math.nan, 0.5):
-        block(speed_motor_rad_s=speed)
-        assert block.values["fault"] and block.values["fault_reason"] == 3 and block.values["torque_motor_nm"] == before
-    block(reset=True, torque_hold_nm=math.nan)
-    assert block.values["fault_reason"] == 1 and block.values["torque_motor_nm"] == before
-    block(reset=True, torque_hold_nm=300.0)
-    assert not block.values["fault"] and block.values["torque_motor_nm"] == 300.0
-    assert [check.reason for check in CHECKS] == [1, 2, 3, 4, 5, 6]
-
-
 @each_setting
 def test_no_variable_has_the_name_of_a_standard_function_or_block(settings: PiSettings):
     files = controller_files("st", settings, HOIST, 4500.0)
@@ -231,11 +216,6 @@ def test_no_variable_has_the_name_of_a_standard_function_or_block(settings: PiSe
         declared = {line.split(" : ")[0].strip().lower() for line in files[name].splitlines() if " : " in line}
         assert len(declared) > 5 and not declared & TAKEN
         assert not re.search(r"END_IF(?!;)", files[name])
-
-
-def test_the_self_test_in_structured_text_is_parsed():
-    files = controller_files("st", SETTINGS["everything"], HOIST, 4500.0)
-    assert parsed(files["speed_controller_test.st"]).name == "SpeedControllerTest"
 
 
 MATIEC = """#include "iec_std_lib.h"

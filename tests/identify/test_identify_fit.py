@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.effect_machines import linear_axis
 from tests.support.noisy_runs import hoist_runs
 from workbench.control import PiSettings
 from workbench.core.errors import InputError
@@ -227,9 +228,7 @@ def axis_campaign(machine: LinearAxis) -> Campaign:
     return Campaign("swing", Path("swing"), machine, tuple(runs))
 
 
-AXIS = LinearAxis.model_validate(
-    {"mass_kg": 60.0, "friction": {"coulomb_forward_n": 5.0, "coulomb_backward_n": 5.0, "viscous_n_s_per_m": 100.0}}
-)
+AXIS = linear_axis(mass=60.0, forward=5.0, backward=5.0, viscous=100.0, constant=0.0)
 
 
 def test_an_axis_is_found_from_far_away_and_its_levels_and_load_are_said_to_hang_together():

@@ -18,10 +18,10 @@ import scipy.io
 
 from tests.support import log_openers
 from tests.support.log_campaign import RUNS, hoist_columns, write_campaign
+from tests.support.made_pages import made_pages
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
-from workbench.logs.formats import known
-from workbench.logs.formats import opening as worker
+from workbench.logs.formats import opening
 from workbench.logs.formats.declared import Limits, LogFormat, Opened
 from workbench.logs.formats.opening import landlock_version, open_log
 
@@ -36,8 +36,8 @@ def add(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LogFormat]:
         made = replace(made, imports=("zipfile",))  # np.load's
         made = replace(made, **more)  # type: ignore[arg-type]
         monkeypatch.setattr(
-            "workbench.logs.formats.known.FORMATS",
-            [*(log_format for log_format in known.FORMATS if log_format.name != made.name), made],
+            "workbench.logs.formats.opening.FORMATS",
+            [*(log_format for log_format in opening.FORMATS if log_format.name != made.name), made],
         )
         return made
 
@@ -73,7 +73,7 @@ def test_a_new_format_is_seen_by_reader_uploads_errors_help_and_docs(tmp_path, a
     with pytest.raises(InputError, match=r"save the log as \.csv, \.mat, \.mf4, \.parquet, \.xml, \.tdms or \.made"):
         read_campaign(folder)
 
-    assert "- **made-up** (`.made`): arrays that numpy has saved." in known.section()
+    assert "- **made-up** (`.made`): arrays that numpy has saved." in made_pages().log_formats_page()
     for name in ("workbench.dashboard.chosen", "workbench.cli.options", "workbench.cli.measured"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     from workbench.cli.measured import replay as command
@@ -151,11 +151,11 @@ def test_ctrl_c_ends_the_reader_and_its_worker(tmp_path):
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from pathlib import Path\n"
         "from tests.support import log_openers\n"
-        "from workbench.logs.formats import known, opening as worker\n"
+        "from workbench.logs.formats import opening\n"
         "from workbench.logs.formats.declared import LogFormat\n"
         "from workbench.logs.formats.opening import open_log\n"
-        "known.FORMATS.append(LogFormat('made-up', ('.made',), log_openers.sleep, about=''))\n"
-        "one = worker._taken(); one.close(); print(one.process.pid, flush=True)\n"
+        "opening.FORMATS.append(LogFormat('made-up', ('.made',), log_openers.sleep, about=''))\n"
+        "one = opening._taken(); one.close(); print(one.process.pid, flush=True)\n"
         "with open_log(Path(sys.argv[1])): pass\n"
     )
     reader = subprocess.Popen(
@@ -174,10 +174,10 @@ def test_ctrl_c_ends_the_reader_and_its_worker(tmp_path):
 
 
 def test_a_worker_hears_an_interrupt_though_its_shell_ignores_it(tmp_path, add):
-    worker.end_all()
+    opening.end_all()
     old = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         assert refusal(tmp_path, add, log_openers.ignored_interrupt) == "SIGINT is heard"
     finally:
         signal.signal(signal.SIGINT, old)
-        worker.end_all()
+        opening.end_all()

@@ -16,7 +16,7 @@ import scipy.io
 
 from benchmarks.attack.edits import EDITS, edited
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, csv_text, hoist_columns, write_campaign
-from workbench.cli.campaign import load_campaign
+from workbench.cli.measured import load_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.logs import read_campaign
@@ -106,21 +106,6 @@ def test_compressed_or_latin1_file_is_refused(tmp_path):
 def other_format(folder: Path, suffix: str) -> Path:
     write_campaign(folder, TEXT, runs=RUNS.replace("lift.csv", f"lift.{suffix}"))
     return folder / "runs" / f"lift.{suffix}"
-
-
-def test_damaged_parquet_and_mat_files_are_refused(tmp_path):
-    newest = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n"
-    nothing, mat = b"PAR1 nothing of the kind" * 20, "is not a readable MAT file"
-    for suffix, words, data in (
-        ("parquet", "is not a readable Parquet file", nothing), ("mat", mat, nothing), ("mat", mat, newest),
-    ):  # fmt: skip
-        file = other_format(tmp_path, suffix)
-        file.write_bytes(data)
-        with pytest.raises(InputError, match=f"lift.{suffix}: lift: {words}"):
-            read_campaign(tmp_path)
-        file.write_bytes(b"")
-        with pytest.raises(InputError, match=f"lift.{suffix}: lift: "):
-            read_campaign(tmp_path)
 
 
 def test_parquet_text_column_is_refused_by_name_and_null_is_a_missing_sample(tmp_path):
@@ -284,20 +269,6 @@ def test_flipped_torque_and_one_motors_torque_for_the_sum_are_pointed_out(tmp_pa
     assert "is its sign flipped?" in read(tmp_path, columns | {"torque_motor_nm": -2 * one}).notes[0]
 
 
-def test_axis_without_force_is_refused_and_one_at_rest_said(tmp_path):
-    columns = axis_columns()
-    write_campaign(tmp_path, columns | {"force_n": 0.0 * columns["force_n"]}, runs=AXIS_RUNS, machine=AXIS)
-    with pytest.raises(InputError, match=r"lift.csv: lift: force_n is zero throughout"):
-        read_campaign(tmp_path)
-    still = np.full(500, 0.25)
-    write_campaign(
-        tmp_path, columns | {"position_m": still, "position_reference_m": still}, runs=AXIS_RUNS, machine=AXIS
-    )
-    run = read_campaign(tmp_path).runs[0]
-    assert run.start_position_m == 0.25
-    assert run.notes == ("the machine stands still throughout; this run says nothing of friction or inertia",)
-
-
 def test_slow_run_in_rpm_is_found_by_where_it_would_take_the_carriage(tmp_path):
     columns = hoist_columns(12000)
     for name in ("speed_motor_rad_s", "speed_reference_rad_s"):
@@ -445,13 +416,13 @@ def test_steps_pulses_and_loud_signals_are_no_spikes():
     assert find_spikes(time, np.where(np.arange(1000) % 10 == 0, 100.0, 0.1 * noise)) == []
 
 
-# Sizes and scales
-
-
 def test_a_position_of_1e308_is_refused(tmp_path):
     still = np.full(500, 1e308)
     with pytest.raises(InputError, match=r"lift: position_m reaches 1e\+308, expected at most 1e\+09 in SI units"):
         read_axis(tmp_path, axis_columns() | {"position_m": still, "position_reference_m": still})
+
+
+# Sizes and scales
 
 
 @pytest.mark.parametrize("scale", [9.5493, -1.0, 0.01])

@@ -25,7 +25,7 @@ from workbench.core.input_file import MOST_BYTES, open_input, readable_file
 from workbench.core.whole_folder import whole_folder
 from workbench.logs import read_campaign
 from workbench.logs.formats.opening import open_log
-from workbench.study.rows import read_manifest, read_table
+from workbench.study.rows import read_table
 
 SECRET = "root:x:0:0:the whole of a file of the server" * 20
 
@@ -144,11 +144,6 @@ def test_a_pipe_in_place_of_a_file_keeps_nobody_waiting(tmp_path: Path, name: st
     os.mkfifo(tmp_path / name)
     with pytest.raises(InputError, match="is not a regular file"):
         read(tmp_path / name)
-
-
-def test_a_pipe_in_place_of_a_manifest_is_no_manifest(tmp_path: Path):
-    os.mkfifo(tmp_path / "manifest.json")
-    assert read_manifest(tmp_path) is None
 
 
 def test_a_result_whose_column_lies_in_another_file_is_refused(tmp_path: Path):

@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 
 from tests.support.commands import Commands
-from tests.support.dashboard_app import errors, page
 from tests.support.driven_campaign import driven, planned, write
 from workbench.analysis.usual import usual_settings
 from workbench.control import form_of
 from workbench.core.yaml_strict import dumps
-from workbench.dashboard import chosen as machines
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
-from workbench.machines import KINDS, get_value, machine_text, save_machine, with_values
+from workbench.machines import KINDS, get_value, save_machine, with_values
 
 AXES = [name for name, kind in KINDS.items() if kind.looped.position_loop]
 
@@ -108,16 +106,3 @@ def test_what_is_for_hoists_only_is_refused_in_one_line(
     done = Commands(capsys)("compare-models", folder, "--out", tmp_path / "models")
     assert done.status == 2
     assert len(done.err.strip().splitlines()) == 1 and f"kind '{KINDS[name].example().kind}'" in done.err
-
-
-def test_the_dashboard_studies_an_uploaded_boom():
-    app = page("Study")
-    app.session_state["machine chosen"] = machines.AXIS
-    app.run()
-    app.selectbox(key="study machine").set_value(machines.UPLOADED).run()
-    text = machine_text(KINDS["slew_boom"].example())
-    app.file_uploader(key="study machine file").upload("m.yaml", text.encode(), "application/yaml")
-    app.run()
-    assert not app.exception and errors(app) == []
-    assert app.selectbox(key="study machine").value == "slewing boom"
-    assert app.metric[0].label == "Torque peak"

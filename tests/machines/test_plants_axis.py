@@ -84,13 +84,6 @@ def test_a_sine_load_swings_with_the_period_of_a_pendulum(amplitude_rad):
     assert np.max(np.abs(x)) <= amplitude_rad * (1.0 + 1e-6)  # no energy comes in
 
 
-parameters = st.builds(
-    lambda *v: SimpleNamespace(**dict(zip(FREE, v, strict=True))),
-    *(st.floats(0.1, 100.0), *(st.floats(0.0, 50.0) for _ in range(3)), st.floats(1e-4, 0.1)),
-    *(st.floats(-30.0, 30.0) for _ in range(2)),
-)
-
-
 # The axis of two inertias against closed forms: frequencies, energy, play, and the stiff axis it ends in.
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
 from workbench.machines import KINDS, PLANTS, Drive, default_hoist, with_values
-from workbench.metrics import LoopMetric, measure, metrics, observer
+from workbench.metrics import LoopMetric, metrics, observer
 from workbench.simulate import loop
 from workbench.simulate.loop import LoopCase, simulate_loop
 
@@ -36,6 +37,19 @@ CALM: dict[str, float] = {
     "tension_dead_line_n": 6e4,
     "tension_min_n": 5.9e4,
 }
+
+
+def measure(run: Run, p: Any) -> dict[str, float]:
+    """A hoist's metrics of the compiled loop from a run's signals: a log, or a trace made by hand.
+
+    p: the observer's parameters by symbol. Each sample counts until the next one.
+    """
+    accumulators: Sequence[float] = observer().start
+    steps = [*(run.time_s[1:] - run.time_s[:-1]), run.sample_time_s]
+    for k, dt in enumerate(steps):
+        signals = {name: values[k] for name, values in run.signals.items()} | {"time_s": run.time_s[k]}
+        accumulators = observer().update(accumulators, signals, p, dt)
+    return observer().finish(accumulators, p, float(sum(steps)))
 
 
 def trace(n: int = 100, **signals: Array | list[float]) -> Run:

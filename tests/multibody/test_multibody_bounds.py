@@ -13,8 +13,7 @@ from workbench.core.errors import InputError
 from workbench.effects.registry import find
 from workbench.machines import default_hoist
 from workbench.machines.multibody import switches_of
-from workbench.machines.multibody.exudyn_import import engine
-from workbench.machines.multibody.switches import _EFFECTS
+from workbench.machines.multibody.switches import _EFFECTS, engine
 
 OWN = ("workbench.core.", "workbench.machines.multibody.")
 PACKAGE = Path(__file__).resolve().parents[2] / "workbench" / "machines" / "multibody"

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from workbench.machines.multibody.exudyn_import import engine
 from workbench.machines.multibody.motion import SPECTRAL_RADIUS, TOLERANCE
+from workbench.machines.multibody.switches import engine
 
 G = 9.81
 Point = tuple[float, float]

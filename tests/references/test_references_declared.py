@@ -26,8 +26,7 @@ from workbench.references import (
     planned,
     planned_kind,
 )
-from workbench.references.limits import Step
-from workbench.references.shape import shortest_move, shortest_ramp
+from workbench.references.shape import Step, shortest_move, shortest_ramp
 from workbench.study.store import read_finished
 from workbench.view.study import conclusions
 

@@ -14,8 +14,7 @@ from workbench.machines import Hoist, Load, default_hoist, load_of, with_values
 from workbench.references import Limits, Shape, move_shape, move_time_s, planned_kind, planned_kinds
 from workbench.references.least_peak import least_peak_limits, peak_force_n
 from workbench.references.library.wire import EI, ZV, ZVD, impulses
-from workbench.references.limits import raised
-from workbench.references.shape import shortest_move
+from workbench.references.shape import raised, shortest_move
 from workbench.study.load import plan_study
 from workbench.study.run import run_study
 from workbench.study.scenario import Scenario

@@ -14,10 +14,10 @@ import pytest
 
 from benchmarks.serve import Client, Served, case_at, closed_loop, off_percent
 from tests.support.commands import Commands
+from tests.support.effect_machines import linear_axis
 from workbench.core.errors import InputError
 from workbench.export.fmu import host_compiler
 from workbench.machines import default_hoist, save_machine
-from workbench.machines.kinds.axis import LinearAxis
 from workbench.serve.plant import LiveAxis, LivePlant
 from workbench.serve.serve import Wish, pace_lines
 from workbench.serve.session import FLAGS, Pace, Session
@@ -116,13 +116,7 @@ def test_an_effect_that_is_ready_is_off_until_it_is_set(clock: Hand):
 
 # An axis.
 
-AXIS = LinearAxis.model_validate(
-    {
-        "mass_kg": 95.0,
-        "friction": {"coulomb_forward_n": 20.0, "coulomb_backward_n": 25.0, "viscous_n_s_per_m": 200.0},
-        "gravity": {"constant_n": 5.0},
-    }
-)
+AXIS = linear_axis(backward=25.0, constant=5.0)
 
 
 def test_a_served_axis_nears_the_speed_at_which_friction_and_load_take_its_force(clock: Hand, said: list[str]):
@@ -151,12 +145,12 @@ def test_a_client_over_udp_pushes_an_axis():
     assert any("stands still until the first force; 5.0 N hold it" in line for line in served.said)
 
 
-# The session.
-
-
 def test_time_stands_still_until_the_first_command(session: Session, clock: Hand):
     steps(session, clock, 500)
     assert session.plant.time_s == 0.0 and session.flags & BITS["waiting"]
+
+
+# The session.
 
 
 def test_a_silent_client_loses_its_torque_and_the_brake_closes(session: Session, clock: Hand, said: list[str]):

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from benchmarks.attack.packets import attack
-from benchmarks.serve import Client, Served, command_packet, state_in
+from benchmarks.serve import Client, Served, command_packet
 from tests.serve.test_serve import BITS, HOIST, Hand
 from tests.support.commands import Commands
 from workbench.core.errors import InputError
@@ -178,17 +178,6 @@ def test_a_wire_that_carries_more_than_its_breaking_load_is_told_until_reset():
     assert largest > breaks_at and any("breaking load" in line for line in said)
     session.set({"reset": 1})
     assert not session.flags & BITS["overload"]
-
-
-def test_a_state_packet_is_read_back_as_the_outputs():
-    with Served(HOIST, watchdog_s=5.0) as served:
-        client = Client(served.port)
-        client.send(600.0)
-        state = client.receive()
-        names = [point.name for point in served.session.outputs if point.kind == "number"]
-        assert len(state.numbers) == len(names) == 13 and names[-1] == "skipped_s" and state.echo == 1
-        assert state_in(b"WBS2") is None and state_in(b"WBC2" + bytes(40)) is None
-        client.close()
 
 
 # The gate before Modbus and OPC UA.

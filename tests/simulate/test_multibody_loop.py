@@ -14,10 +14,9 @@ from workbench.control import Events, PiSettings
 from workbench.core.errors import InputError
 from workbench.machines import with_values
 from workbench.machines.multibody import motion
-from workbench.machines.multibody.statics import hang
+from workbench.machines.multibody.assemble import hang
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
-from workbench.simulate.models import compare_models
-from workbench.simulate.multibody_loop import check_multibody, simulate_multibody_loop
+from workbench.simulate.models import check_multibody, compare_models, simulate_multibody_loop
 from workbench.study.load import Study, load_study
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +15,6 @@ from tests.support.simulated_campaign import TORQUE_NOISE_NM, simulated_campaign
 from workbench.logs import read_campaign
 from workbench.machines import default_hoist, save_machine, with_values
 from workbench.simulate.replay import replay_runs
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -55,16 +50,6 @@ def test_a_lack_of_friction_shows_as_the_torque_it_takes(commands: Commands, cam
     assert 900.0 * lever < overall["torque_residual_rms_moving_nm"] < 1200.0 * lever
     assert 1.0 < overall["speed_rmse_percent"] < 20.0
     assert overall["speed_rmse_percent_restarted_2s"] < overall["speed_rmse_percent"]
-
-
-def test_chosen_runs_are_replayed_alone_as_among_the_others(commands: Commands, campaign: Path, tmp_path: Path):
-    commands("replay", campaign, "--out", tmp_path / "all", "--band", "1.5")
-    commands("replay", campaign, "--out", tmp_path / "two", "--band", "1.5", "--runs", "half,full")
-    everything, two = (read_json(tmp_path / name / "replay.json") for name in ("all", "two"))
-    assert [run["name"] for run in two["runs"]] == ["half", "full"]
-    for run, same in zip(two["runs"], everything["runs"][1:], strict=True):
-        assert run["speed_rmse_percent"] == pytest.approx(same["speed_rmse_percent"], rel=1e-4)
-        assert run["torque_residual_rms_nm"] == pytest.approx(same["torque_residual_rms_nm"], rel=1e-3)
 
 
 def axis_campaign(folder: Path, *, speed_logged: bool) -> Path:
@@ -130,35 +115,9 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["axis.yaml"]
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="allowed: no /dev/full on this system")
-def test_a_full_disk_leaves_no_folder(
-    commands: Commands, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    def onto_a_full_disk(read: Any, result: Any, path: Path) -> None:
-        with open("/dev/full", "w") as stream:
-            stream.write("x")
-
-    monkeypatch.setattr("workbench.view.replay.save_replay_page", onto_a_full_disk)
-    done = commands("replay", campaign, "--out", tmp_path / "out")
-    assert done.status == 2
-    assert "out: no results written: No space left on device" in done.err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_an_identified_machine_is_compared_in_its_own_band(campaign: Path):
     read = read_campaign(campaign)
     machine = with_values(default_hoist(), {"wire.youngs_modulus_pa": 8e10})
     known = machine.model_copy(update={"identified": {"band_hz": 1.25}})
     assert replay_runs(known, read.runs).band_hz == 1.25
     assert replay_runs(machine, read.runs).band_hz != 1.25
-
-
-def test_the_command_runs_as_a_process_of_its_own(campaign: Path, tmp_path: Path):
-    out = tmp_path / "out"
-    done = subprocess.run(
-        [sys.executable, "-m", "workbench", "replay", campaign, "--out", out],
-        cwd=ROOT, capture_output=True, text=True, check=True, env={**os.environ, "COLUMNS": "80"},
-    )  # fmt: skip
-    assert f"Figures: {out / 'replay.html'}" in done.stdout
-    assert done.stderr == ""
-    assert read_json(out / "replay.json")["overall"]["speed_rmse_percent"] > 1.0

@@ -7,15 +7,16 @@ import math
 import numpy as np
 import pytest
 
+from tests.support.effect_machines import linear_axis
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
-from workbench.effects import effects_for, parts, ranges_of, searchable
-from workbench.machines import LinearAxis, default_hoist, with_values
+from workbench.effects import effects_for, parts, ranges_of, searchable, sizes_of
+from workbench.machines import LINEAR, LinearAxis, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation, changed
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.simulate.lowpass import LowpassAt, lowpass
 from workbench.simulate.motion import bridged, moving, repeated_impacts
-from workbench.simulate.replay import replay_runs
+from workbench.simulate.replay import replay_runs, simulate_replays
 
 MACHINE = default_hoist()
 SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
@@ -120,13 +121,7 @@ def test_drift_fools_the_open_loop_and_not_the_restarted_replay(runs):
 
 def axis_run(noise: float = 0.0) -> tuple[LinearAxis, Run]:
     """An axis that swings as a sine, and the force that takes, by hand."""
-    machine = LinearAxis.model_validate(
-        {
-            "mass_kg": 95.0,
-            "friction": {"coulomb_forward_n": 20.0, "coulomb_backward_n": 25.0, "viscous_n_s_per_m": 200.0},
-            "gravity": {"constant_n": 4.0},
-        }
-    )
+    machine = linear_axis(backward=25.0, constant=4.0)
     t = np.arange(8000, dtype=np.float64) * 0.001
     w = 2.0 * np.pi * 0.5
     x, v, a = 0.1 * np.sin(w * t), 0.1 * w * np.cos(w * t), -0.1 * w**2 * np.sin(w * t)
@@ -283,3 +278,14 @@ def test_the_acceleration_runs_straight_across_an_impact_and_is_kept_beside_it()
     a = 2.0 * t + np.where(np.abs(t - 0.5) < 0.005, 100.0, 0.0)
     assert bridged(t, a, np.array([0.5])) == pytest.approx(2.0 * t, abs=1e-12)
     assert bridged(t, a, np.zeros(0)) is a
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_the_replay_of_an_axis_that_stands_throughout_is_judged_by_the_speed_of_its_size():
+    axis = LINEAR.example()
+    t: Array = np.asarray(0.002 * np.arange(500), dtype=float)
+    still = {"velocity_m_s": np.zeros_like(t), "position_m": np.full_like(t, 0.3)}
+    bench = InverseSimulation(axis, [Run("still", t, {"force_n": np.full_like(t, 3.0), **still}, 0.0, 0.3, 0.0)], 90.0)
+    assert bench.scale == sizes_of(axis).speed
+    (states,) = simulate_replays(bench)
+    assert np.isfinite(states[0]).all()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.support.ideal import ideal_hoist
-from workbench.analysis.family import family, operating_points, weakest
+from workbench.analysis.margins import family, operating_points, weakest
 from workbench.core.run import Run
 from workbench.machines import Hoist, default_hoist, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion

@@ -29,39 +29,24 @@ def range_of(steps: int) -> str:
 VARIED = [
     ("sweep.limits.jerk", "sweep: {limits.jerk: [1]}"),
     ("sweep.machine.wire.segment_lenght_m", "sweep: {machine.wire.segment_lenght_m: [30]}"),
-    ("sweep.moves[3].by_m", "sweep:\n  moves[3].by_m: [1]"),
     ("sweep.limits.jerk_m_s3[1]", "sweep:\n  limits.jerk_m_s3:\n    - 1\n    - 0"),
-    ("sweep.limits.speed_m_s[1]", "sweep:\n  limits.speed_m_s: [0.7, 0.9]"),
     ("sweep.moves[0].by_m[1]", "sweep:\n  moves[0].by_m: [1, 50]"),
-    ("sweep.start_position_m[1]", "sweep:\n  start_position_m: [1, 99]"),
-    ("sweep.lead_s[0]", "sweep: {lead_s: [-1]}"),
     ("sweep.controller.anti_windup[1]", "sweep: {controller.anti_windup: [none, conditonal]}"),
     ("sweep.events.brake_release_s[0]", "sweep: {events.brake_release_s: [1]}"),
     ("sweep.payloads_kg", "sweep: {payloads_kg: [1]}"),
     ("payloads_kg", "sweep: {payload_kg: [1]}"),
     (f"sweep.{KP}", f"sweep: {{{KP}: []}}"),
-    (f"sweep.{KP}", f"sweep: {{{KP}: 3}}"),
     (f"sweep.{KP}", f"sweep: {{{KP}: [3, 3]}}"),
-    (f"sweep.{KP}[1]", f"sweep: {{{KP}: [3, null]}}"),
     (f"sweep.{KP}[0]", f"sweep: {{{KP}: [.inf]}}"),
     ("sweep.zip", f"sweep:\n  zip:\n    {KP}: [1, 2]\n    {KI}: [1, 2, 3]"),
     (f"sweep.zip.{KP}", f"sweep: {{{KP}: [1], zip: {{{KP}: [2]}}}}"),
     ("sweep", f"sweep: {{{KP}: {range_of(1000)}, {KI}: {range_of(1000)}}}"),
     (f"sweep.{KP}.stps", f"sweep: {{{KP}: {{from: 1, to: 2, stps: 3}}}}"),
-    (f"sweep.{KP}", f"sweep: {{{KP}: {{from: 1, to: 2}}}}"),
     (f"sweep.{KP}", f"sweep: {{{KP}: {{from: 1, to: 2, step: 0.3}}}}"),
-    (f"sweep.{KP}", f"sweep: {{{KP}: {{from: 1, to: 1, steps: 3}}}}"),
     (f"sweep.{KP}", f"sweep: {{{KP}: {{from: 0, to: 1, steps: 3, scale: log}}}}"),
-    (f"sweep.{KP}.steps", f"sweep: {{{KP}: {{from: 1, to: 2, steps: 1}}}}"),
     ("sample.count", "sample: {count: 0, tolerances: true}"),
-    ("sample", "sample: {count: 10}"),
     ("sample", "sample: {count: 100, method: sobol, tolerances: true}"),
-    ("sample.method", "sample: {count: 8, method: sobool, tolerances: true}"),
     (f"sample.values.{COULOMB}.distribution", f"sample: {{count: 8, values: {{{COULOMB}: {{distribution: norml}}}}}}"),
-    (
-        f"sample.values.{COULOMB}",
-        f"sample: {{count: 8, values: {{{COULOMB}: {{distribution: uniform, low: 2, high: 1}}}}}}",
-    ),
     (
         "sample.values.guide.coulomb_hoisting_n",
         "sample: {count: 8, values: {guide.coulomb_hoisting_n: {distribution: uniform, low: 1, high: 2}}}",
@@ -78,17 +63,8 @@ VARIED = [
     ),
     ("machine_overrides.wire.segment_lenght_m", "machine_overrides: {wire.segment_lenght_m: 30}"),
     ("machine_overrides.wire.segment_length_m", "machine_overrides:\n  wire:\n    segment_length_m: long"),
-    (
-        "machine_overrides.wire.segment_length_m",
-        "machine_overrides: {wire: {segment_length_m: 3}, wire.segment_length_m: 4}",
-    ),
-    ("machine_overrides.drive.overload", "machine_overrides: {drive.overload: -1}"),
-    ("drive.overlod", "drive: {overlod: 2}"),
     ("events", "events: {brake_release_s: 1}"),
     ("events", "events: {emergency_stop_s: 1}"),
-    ("outputs.signals", "outputs: {signals: some}"),
-    ("solver.step_s", "solver: {step_s: 1}"),
-    ("seed", "seed: -1"),
     ("effects.no_such_effect", "effects: {no_such_effect: {a: 1.0}}"),
 ]
 ELSEWHERE = {"sweep.zip": 10, "payloads_kg": 3}  # else in the last line that was added
@@ -107,11 +83,9 @@ CHANGED = [
     ("references[0]", "[trapezoid, ruckig]", "[recorded]"),
     ("references[0].campaign", "[trapezoid, ruckig]", "[{kind: recorded, campaign: none, run: a}]"),
     ("references[0]", "[trapezoid, ruckig]", "[{kind: s_curve, campaign: none, run: a}]"),
-    ("references[0].kind", "[trapezoid, ruckig]", "[{kind: ruckig, campaign: a, run: a}]"),
     ("limits.lowering.jerk_m_s3", "jerk_m_s3: 0.8", "jerk_m_s3: 0.8, lowering: {jerk_m_s3: 0}"),
     ("limits.lowering.speed_m_s", "jerk_m_s3: 0.8", "jerk_m_s3: 0.8, lowering: {speed_m_s: 0.9}"),
     ("limits.jerk_m_s3", ", jerk_m_s3: 0.8", ""),
-    ("limits", "speed_m_s: 0.7, ", ""),
     ("limits", "limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}\n", ""),
     ("moves", "moves: [{by_m: 4.0}, {dwell_s: 0.5}, {to_m: 4.0}]\n", ""),
     ("start_position_m", "start_position_m: 4.0\n", ""),
@@ -121,20 +95,11 @@ CHANGED = [
     ("references", "[trapezoid, ruckig]", "[ruckig, ruckig]"),
     ("payloads_kg", "payloads_kg: [0, 9000]\n", ""),
     ("payloads_kg[1]", "[0, 9000]", "[0, -9000]"),
-    ("payloads_kg", "[0, 9000]", "[0, 9000, 0]"),
-    ("payloads_kg", "[0, 9000]", "[9e6]"),
-    ("payloads_kg[0]", "[0, 9000]", "[.nan]"),
-    ("payloads_kg", "[0, 9000]", "9000"),
     ("moves[0]", "{by_m: 4.0}", "{by_m: 4.0, to_m: 3.0}"),
-    ("start_position_m", "start_position_m: 4.0", "start_position_m: -1"),
     ("limits.speed_m_s", "speed_m_s: 0.7", "speed_m_s: 0.9"),
-    ("limits.jerk_m_s3", "jerk_m_s3: 0.8", "jerk_m_s3: .inf"),
     ("controller.kp_nm_s_per_rad", "kp_nm_s_per_rad: 31.0", "kp_nm_s_per_rad: -31.0"),
-    ("controller.kind", "kind: pi", "kind: pid"),
     ("name", "name: small", "name: ../small"),
-    ("format", "format: 1", "format: 2"),
     ("moves", "by_m: 4.0}", "by_m: 4.0}" + 3 * ", {dwell_s: 3000}"),
-    ("references", "[trapezoid, ruckig]", "[]"),
     ("moves[2]", "{to_m: 4.0}", "{to_m: 8.0}"),
 ]
 
@@ -202,18 +167,6 @@ def test_null_takes_a_block_back(tmp_path: Path) -> None:
     base = GOOD + "sweep: {limits.jerk_m_s3: [1, 2]}\n"
     assert len(load_study(child(tmp_path, "", base)).specs) == 8
     assert len(load_study(child(tmp_path, "sweep: null\n", base)).specs) == 4
-
-
-def test_an_override_goes_over_the_same_one_however_it_is_written(tmp_path: Path) -> None:
-    base = GOOD + "machine_overrides: {wire: {segment_length_m: 30, damping_time_s: 0.2}}\n"
-    wire = load_study(child(tmp_path, "machine_overrides: {wire.segment_length_m: 28}\n", base)).machine.wire
-    assert (wire.segment_length_m, wire.damping_time_s) == (28.0, 0.2)
-
-
-def test_an_extended_scenario_is_the_same_study_as_one_written_out(tmp_path: Path) -> None:
-    split = load_study(child(tmp_path, "settle_s: 5.0\n"))
-    whole = load_study(write(tmp_path, GOOD.replace("name: small", "name: child") + "settle_s: 5.0\n"))
-    assert split.fingerprint == whole.fingerprint
 
 
 @pytest.mark.parametrize(

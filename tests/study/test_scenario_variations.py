@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.scenario_text import study_of, write
+from tests.support.scenario_text import write
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
 from workbench.machines import default_hoist
 from workbench.machines.files import machine_text
 from workbench.references import Step, motor_speed_rad_s, plan_motion
-from workbench.references.limits import Limits
+from workbench.references.shape import Limits
 from workbench.study.grid import RunSpec, plan_runs
 from workbench.study.load import Study, load_study
 from workbench.study.run import run_specs
@@ -39,15 +38,6 @@ BASE: dict[str, Any] = {
 def specs_of(**changes: Any) -> Any:
     scenario = Scenario.model_validate({**BASE, **changes})
     return plan_runs(scenario, default_hoist())
-
-
-def test_without_sweep_and_sample_each_payload_runs_with_each_reference() -> None:
-    specs = specs_of()
-    assert [(s.payload_kg, s.reference) for s in specs] == [
-        (0.0, "trapezoid"), (0.0, "ruckig"), (9000.0, "trapezoid"), (9000.0, "ruckig")
-    ]  # fmt: skip
-    assert [s.run_id for s in specs][:2] == ["0kg_trapezoid", "0kg_ruckig"]
-    assert all(not s.assigned and not s.problem for s in specs)
 
 
 values = st.lists(st.floats(0.05, 50.0), min_size=1, max_size=5, unique=True)
@@ -83,23 +73,6 @@ def test_a_linear_range_has_its_ends_and_even_steps(low: float, width: float, st
     values = RangeBlock.model_validate({"from": low, "to": low + width, "steps": steps}).values()
     assert len(values) == steps and values[0] == low and values[-1] == low + width
     np.testing.assert_allclose(values, np.linspace(low, low + width, steps), rtol=1e-10, atol=1e-9)
-
-
-def test_a_limit_without_a_direction_sets_both_and_one_with_a_direction_goes_over_it() -> None:
-    specs = specs_of(sweep={"limits.hoisting.jerk_m_s3": [5.0], "limits.jerk_m_s3": [2.0]})
-    limits = specs[0].limits
-    assert limits is not None
-    assert (limits.hoisting.jerk_m_s3, limits.lowering.jerk_m_s3) == (5.0, 2.0)
-
-
-@pytest.mark.parametrize("signals", ["none", "thinned", "full"])
-def test_outputs_say_how_many_samples_are_kept(signals: str) -> None:
-    spec = specs_of(outputs={"signals": signals, "every_s": 0.02})[0]
-    assert spec.record_every == {"none": 0, "thinned": 20, "full": 1}[signals]
-    ((_, run),) = run_specs([spec])
-    assert (run is None) == (signals == "none")
-    if run is not None:
-        assert run.sample_time_s == pytest.approx(spec.record_every * 0.001)
 
 
 def test_values_that_do_not_fit_together_are_a_row_with_the_reason() -> None:
@@ -203,19 +176,6 @@ def test_a_relative_draw_multiplies_the_swept_value_and_the_listed_payload() -> 
         base = spec.assigned["sweep.controller.kp_nm_s_per_rad"]
         factors[base].add(round(spec.controller.kp_nm_s_per_rad / base, 9))
     assert factors[10.0] == factors[40.0] and len(factors[10.0]) == 16
-
-
-def test_a_written_scenario_is_read_back_with_its_sweep_and_sample(tmp_path: Path) -> None:
-    study = study_of(
-        tmp_path,
-        "sweep: {limits.jerk_m_s3: {from: 1, to: 4, steps: 3, scale: log}, zip: {lead_s: [1, 2], settle_s: [3, 4]}}\n"
-        "sample: {count: 3, tolerances: true,\n"
-        "  values: {payload_kg: {distribution: normal, mean: 1, std: 0.1, relative: true}}}\n"
-        "drive: {overload: 1.8}\nmachine_overrides: {wire: {damping_time_s: 0.05}}\nevents: {motor_fails_s: 3}\n",
-    )
-    said = json.loads(json.dumps(study.scenario.model_dump(mode="json")))
-    assert Scenario.model_validate(said) == study.scenario
-    assert [s.run_id for s in study.specs] == [s.run_id for s in plan_runs(study.scenario, study.machine)]
 
 
 # References out of a campaign: the same motion again, as it was or smoothed.

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from workbench.metrics import fixed_columns
 from workbench.study.conclude import rank_correlations, sentences
 from workbench.study.front import fronts, knee, non_dominated
-from workbench.study.labels import drawn_columns, swept_axes
+from workbench.study.labels import drawn_columns
 from workbench.study.load import changed, load_study, plan_study
 from workbench.study.rows import Row
 from workbench.study.run import run_study
@@ -35,15 +35,6 @@ def row(assigned: dict[str, float | str], payload: float = 9000.0, kind: str = "
     return Row(name, "s", "ok", "", payload, kind, metrics | changes, assigned)
 
 
-def test_fields_that_are_walked_together_are_one_axis_and_a_grid_is_two():
-    walked = [row({JERK: 2 * a, ACCELERATION: a}) for a in (0.4, 0.2)]
-    (axis,) = swept_axes(walked)
-    assert axis.columns == (JERK, ACCELERATION)
-    assert axis.points == ((0.4, 0.2), (0.8, 0.4))
-    grid = [row({JERK: j, ACCELERATION: a}) for a in (0.4, 0.2) for j in (1.0, 2.0)]
-    assert [axis.columns for axis in swept_axes(grid)] == [(JERK,), (ACCELERATION,)]
-
-
 def front_rows() -> list[Row]:
     """Move time against peak: a hyperbola, and one run that another beats in both."""
     rows = [
@@ -58,16 +49,6 @@ def test_the_knee_is_said_with_its_price_per_move_and_what_it_takes_off():
     (knee,) = [text for text in sentences(front_rows(), LIMIT) if "knee" in text]
     assert "with jerk 5 m/s³: 32 s and 500 N m" in knee or "with jerk 2.5 m/s³: 34 s and 450 N m" in knee
     assert "between 31 s for 600 and 38 s for 425 at the ends" in knee and "edge" not in knee
-
-
-def test_an_axis_is_said_from_end_to_end_and_its_extreme_between_them():
-    peaks = {1.0: 500.0, 2.0: 450.0, 3.0: 520.0}
-    rows = [row({JERK: j}, peak_torque_motor_nm=p, speed_error_max_rad_s=j) for j, p in peaks.items()]
-    (text,) = [sentence for sentence in sentences(rows, LIMIT) if sentence.startswith("Jerk from")]
-    assert text == (
-        "Jerk from 1 m/s³ to 3 m/s³: at 9000 kg the torque peak per motor goes from 500 to 520 N m, with its least, "
-        "450 N m, at 2 m/s³ and the largest speed error goes from 1 to 3 rad/s."
-    )
 
 
 def test_a_sweep_is_judged_on_the_references_that_read_it():
@@ -135,9 +116,6 @@ def test_a_cycle_that_is_said_to_be_repeatable_heats_no_winding_beyond_nominal_t
     assert hottest <= 1.0  # of what nominal torque heats to
 
 
-# Pareto fronts and knees, against a set made by hand and against brute force.
-
-
 # Time against torque. (4, 6) and (6, 5) are beaten; the second (3, 3) is the first one again.
 HAND = [(1.0, 10.0), (2.0, 4.0), (4.0, 6.0), (3.0, 3.0), (3.0, 3.0), (6.0, 5.0), (8.0, 2.5), (10.0, 1.0)]
 
@@ -148,11 +126,6 @@ def row_pareto(
     metrics = dict.fromkeys(fixed_columns(), 0.0) | {"move_time_s": time_s, "peak_torque_motor_nm": torque}
     metrics |= {"max_wire_tension_n": 10.0 * torque, "min_wire_tension_n": 2.0 * torque}
     return Row(name, "s", status, "", payload, kind, metrics)
-
-
-def test_front_of_a_set_made_by_hand() -> None:
-    first, second = (np.array(x) for x in zip(*HAND, strict=True))
-    assert non_dominated(first, second).tolist() == [0, 1, 3, 6, 7]
 
 
 def test_knee_lies_farthest_below_the_chord_of_the_normalised_front() -> None:

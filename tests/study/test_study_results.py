@@ -15,26 +15,18 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
+from tests.support.scenario_text import GOOD
 from workbench.cli.study import study as command
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.conclude import sentences
 from workbench.study.load import Study, load_study
-from workbench.study.rows import index_table, read_rows
+from workbench.study.rows import read_rows
 from workbench.study.run import StudyResult, run_study
 from workbench.study.store import Chunk, SavedRuns, place_for, run_batch
 from workbench.view.study import run_table, save_study_page
 
-SCENARIO = """\
-format: 1
-name: small
-payloads_kg: [0, 9000]
-start_position_m: 4.0
-moves: [{by_m: 1.5}, {dwell_s: 0.5}, {to_m: 4.0}]
-limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}
-controller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}
-settle_s: 3.0
-"""
+SCENARIO = GOOD.replace("references: [trapezoid, ruckig]\n", "") + "settle_s: 3.0\n"
 
 
 @pytest.fixture(scope="module")
@@ -101,22 +93,6 @@ def test_folder_holds_index_signals_scenario_machine_manifest_and_page(
     assert "Plotly.newPlot" in (folder / "study.html").read_text(encoding="utf-8")
     assert [p.name for p in folder.parent.iterdir()] == ["small"]
     assert folder.stat().st_mode & 0o777 == 0o755
-
-
-def test_written_scenario_is_complete_and_the_same_study(study: Study, tmp_path: Path) -> None:
-    folder = written(study, tmp_path / "small")
-    again = load_study(folder / "scenario.yaml")
-    assert again.fingerprint == study.fingerprint
-    assert again.scenario.model_dump(exclude={"machine"}) == study.scenario.model_dump(exclude={"machine"})
-
-
-def test_index_read_back_is_the_rows_that_were_written(result: StudyResult, tmp_path: Path) -> None:
-    rows = list(result.rows)
-    rows[1] = replace(rows[1], status="failed", reason="ran away", metrics=dict.fromkeys(rows[1].metrics))
-    folder = tmp_path / "x"
-    folder.mkdir()
-    pq.write_table(index_table(rows), folder / "index.parquet")
-    assert read_rows(folder) == rows
 
 
 def test_signals_read_back_are_those_of_the_runs(result: StudyResult, study: Study, tmp_path: Path) -> None:

@@ -31,6 +31,9 @@ DRAWN_WITHIN_MS = 240_000.0  # a first page may compile kernels, on a computer t
 
 QUIET_MS = 400
 
+# Runs in the page: the title of each button of its figures.
+BUTTONS = "() => [...document.querySelectorAll('.modebar-btn')].map(b => b.getAttribute('data-title') || b.title)"
+
 # Runs in the page: when a pointer was let go, when anything last changed, whether the script has ended.
 _INSTRUMENTS = r"""
 window.bench = {released: 0, changed: 0};

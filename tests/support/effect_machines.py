@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import cast
 
 from workbench.core.yaml_strict import loads
-from workbench.machines import KINDS, ROTARY, Axis, Hoist, machine_from
+from workbench.machines import KINDS, ROTARY, Axis, Hoist, LinearAxis, machine_from
 
 
-def linear_axis(**values: float) -> Axis:
+def linear_axis(**values: float) -> LinearAxis:
     numbers = {"mass": 95.0, "forward": 20.0, "backward": 18.0, "viscous": 200.0, "constant": 3.0} | values
     text = (
         f"kind: axis\nmotion: linear\nmass_kg: {numbers['mass']}\ngravity: {{constant_n: {numbers['constant']}}}\n"
@@ -16,7 +16,7 @@ def linear_axis(**values: float) -> Axis:
         f"viscous_n_s_per_m: {numbers['viscous']}}}\n"
     )
     machine = machine_from(loads(text, "axis.yaml"))
-    assert isinstance(machine, Axis)
+    assert isinstance(machine, LinearAxis)
     return machine
 
 

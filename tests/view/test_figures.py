@@ -11,11 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from workbench.core.errors import InputError
+from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import whole_file
+from workbench.machines import default_hoist
 from workbench.view.identify import correlation_matrix
 from workbench.view.page import Section, save_page
 from workbench.view.panels import PASSES, STRAIGHT, straightened, thin
+from workbench.view.study_figures import plane
 
 
 @given(st.integers(1, 9000), st.integers(20, 1500), st.integers(0, 2**32 - 1))
@@ -30,6 +33,17 @@ def test_thinning_keeps_extremes_ends_and_order(n: int, most: int, seed: int) ->
     assert kept_time[-1] == time[-1]
     assert np.all(np.diff(kept_time) > 0)
     np.testing.assert_array_equal(kept, values[kept_time.astype(int)])
+
+
+def test_the_plane_keeps_the_corners_of_a_long_path() -> None:
+    time = np.linspace(0.0, 40.0, 40_001)
+    torque = np.where(np.abs(time - 20.0) < 0.0006, 900.0, 400.0 + 50.0 * np.sin(time))
+    signals = {"speed_motor_rad_s": 145.0 * np.sin(time / 5.0), "torque_motor_nm": 2.0 * torque}
+    figure = plane([("ruckig", Run("x", time, signals, 0.0))], default_hoist())
+    path = next(t for t in figure.data if t.name == "ruckig, same limits")
+    assert len(path.x) < 2000
+    assert path.y.max() == pytest.approx(900.0)
+    assert path.x.max() == pytest.approx(145.0, rel=1e-4)
 
 
 @given(n=st.integers(0, 400), seed=st.integers(0, 99), noise=st.sampled_from([0.0, 1e-5, 1e-2]))

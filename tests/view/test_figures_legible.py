@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -12,10 +10,8 @@ from workbench.analysis.loop import StepResponse
 from workbench.machines import kind_of
 from workbench.references import by_name
 from workbench.view.loop import load_for
-from workbench.view.place import marked_machine
 from workbench.view.style import GROUND, LINES, SPARE, line, on_dark
 
-SHRINK = SimpleNamespace(before=8.2e-5, after=2e-5, noise=1.9e-5, unit="N m")
 TURNING = axes.two_inertia()
 
 
@@ -43,14 +39,3 @@ def test_a_load_step_leaves_an_axis_speed_below_one_unit(fastest: float, step: f
     kind = kind_of(TURNING)
     answer = StepResponse(np.array([0.0, 1.0]), {kind.looped.speed: np.array([0.0, -fastest])})
     assert load_for(kind, [answer]) == pytest.approx(step) and fastest * step <= 1.0
-
-
-def test_the_coupling_of_two_inertias_is_drawn_marked_and_named():
-    drawing = marked_machine(TURNING, "gearbox", SHRINK)
-    assert 'font-weight="bold">coupling</text>' in drawing and "gearbox" not in drawing
-    assert "<circle" in drawing and "82·10⁻⁶ N m" in drawing
-
-
-def test_a_linear_axis_is_drawn_along_its_rail_without_a_coupling():
-    drawing = marked_machine(axes.emps(), "axis", SHRINK)
-    assert "<circle" not in drawing and "coupling" not in drawing

@@ -10,13 +10,12 @@ import pytest
 
 from tests.conftest import not_here
 from tests.support import browser
-from workbench.view.page import NOT_SHARED, Section, save_page, without_sharing
+from workbench.view.page import Section, save_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-# Title of each button of the first figure, and where that figure would send itself.
-BUTTONS = """() => [...document.querySelectorAll('.modebar-btn')].map(b => b.getAttribute('data-title') || b.title)"""
+# Where a figure would send itself.
 SERVER = "() => document.querySelector('.js-plotly-plot')._context.plotlyServerURL"
 
 
@@ -37,7 +36,7 @@ def figure() -> Any:
 def looked_at(page: Page, file: Path, empty: bool = True) -> None:
     page.goto(file.as_uri())
     page.wait_for_selector(".modebar-btn", state="attached")
-    titles = page.evaluate(BUTTONS)
+    titles = page.evaluate(browser.BUTTONS)
     assert titles and not [title for title in titles if "hare" in title or "loud" in title], titles
     if empty:
         assert page.evaluate(SERVER) == ""
@@ -48,7 +47,7 @@ def test_a_figure_of_plain_plotly_has_the_button_that_is_looked_for(chromium: Br
     figure().write_html(tmp_path / "plain.html", include_plotlyjs=True)
     page.goto((tmp_path / "plain.html").as_uri())
     page.wait_for_selector(".modebar-btn", state="attached")
-    assert any("Share" in title for title in page.evaluate(BUTTONS))
+    assert any("Share" in title for title in page.evaluate(browser.BUTTONS))
     page.close()
 
 
@@ -79,23 +78,3 @@ def test_a_notebooks_figure_has_no_button_that_uploads(chromium: Browser, tmp_pa
     page = chromium.new_page()
     looked_at(page, tmp_path / "cell.html", empty=False)
     page.close()
-
-
-def test_each_renderer_that_takes_a_configuration_has_this_one():
-    from plotly.io import renderers
-
-    without_sharing()
-    taking = [renderers[name] for name in renderers if hasattr(renderers[name], "config")]
-    assert taking and all(renderer.config.items() >= NOT_SHARED.items() for renderer in taking)
-
-
-def test_the_dashboards_figures_have_no_button_that_uploads(chromium: Browser, tmp_path: Path):
-    with (
-        browser.dashboard(tmp_path / "server") as address,
-        browser.visit(chromium, address, tmp_path / "shots") as visit,
-    ):
-        visit.go("Loop")
-        visit.drawn(figures=1)
-        titles = visit.page.evaluate(BUTTONS)
-        assert titles and not [title for title in titles if "hare" in title or "loud" in title]
-        assert visit.page.evaluate(SERVER) == ""

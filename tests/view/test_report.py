@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,25 +12,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.scenario_text import GOOD
 from workbench.core.errors import InputError
 from workbench.metrics import fixed_columns
 from workbench.study.load import load_study
 from workbench.study.run import StudyResult
 from workbench.study.store import place_for, read_finished, run_batch
-from workbench.view.study import conclusions, figures_of, run_tables, what_was_run, write_study_report
+from workbench.view.study import conclusions, figures_of, what_was_run, write_study_report
 
-SCENARIO = """\
-format: 1
-name: small
-description: What is asked.
-payloads_kg: [0, 9000]
-start_position_m: 4.0
-moves: [{by_m: 1.5}, {dwell_s: 0.5}, {to_m: 4.0}]
-limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}
-references: [trapezoid, ruckig]
-controller: {kind: pi, kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}
-settle_s: 3.0
-"""
+SCENARIO = GOOD + "description: What is asked.\nsettle_s: 3.0\n"
 SWEEP = """\
 sweep:
   limits.acceleration_m_s2: [0.3, 0.5, 0.7]
@@ -40,10 +31,6 @@ GAINS = """\
 sweep:
   controller.kp_nm_s_per_rad: [15, 31]
   controller.anti_windup: [back_calculation, conditional]
-"""
-SAMPLE = """\
-outputs: {signals: none}
-sample: {count: 32, tolerances: true}
 """
 
 
@@ -134,16 +121,6 @@ def test_a_sweep_of_limits_has_its_fronts_with_the_knee_named_and_no_curves_with
     assert any("the knee of move time against torque peak per motor is" in text for text in conclusions(result))
 
 
-def test_a_sample_has_its_spread_and_what_it_hangs_on(results) -> None:
-    result = read_finished(results(SAMPLE))
-    assert titles(result) == ["Spread of the results", "What the torque peak per motor depends on"]
-    tornado = figures_of(result)[1][0]
-    assert all(-1.0 <= value <= 1.0 for trace in tornado.data for value in trace.x)
-    assert len(run_tables(result.rows)[0].rows) == 4 * 5  # 128 runs: quantiles of each payload and reference
-    lines = what(result)
-    assert " to " in lines["drawn: carriage mass"] and lines["drawn: carriage mass"].endswith(" kg")
-
-
 def test_the_same_result_gives_the_same_bytes(results, tmp_path: Path) -> None:
     for name in ("a.html", "b.html"):
         write_study_report(read_finished(results(GAINS)), tmp_path / name)
@@ -209,3 +186,11 @@ def test_a_report_replaces_a_report_and_no_other_file(copy: Path, tmp_path: Path
     assert out.read_text() == "<html>notes</html>"
     done = commands("report", copy, "--out", tmp_path)
     assert done.status == 2 and "is a folder" in done.err
+
+
+def test_sentences_are_plain_text_and_hold_no_marks_of_markdown():
+    templates = sorted((Path(__file__).parents[2] / "workbench").rglob("*_words.j2"))
+    assert len(templates) > 5
+    for template in templates:
+        said = re.sub(r"\{#.*?#\}", "", template.read_text(encoding="utf-8"), flags=re.DOTALL)
+        assert "`" not in said, template.name

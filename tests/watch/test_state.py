@@ -6,12 +6,9 @@ import contextlib
 import os
 import resource
 import shutil
-import signal
 import sqlite3
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -122,38 +119,6 @@ def test_on_a_full_disk_one_call_says_one_line_and_the_next_goes_on(place: Path,
     assert counted(place / "state") == 61
     assert commands(*words(place, "--once")).status == 0
     assert counted(place / "state") == 62
-
-
-def test_a_watch_on_a_full_disk_goes_on_by_itself_when_there_is_room(place: Path):
-    first, second = short_runs(2)
-    put(place / "logs", first)
-    line = [sys.executable, "-m", "workbench", *map(str, words(place, "--every", 0.1))]
-    process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    said: list[str] = []
-    listener = threading.Thread(target=lambda: said.extend(process.stderr or ()))
-    listener.start()
-    try:
-        until(lambda: counted(place / "state") == 61 and (place / "state" / "watch.html").is_file(), process)
-        limits = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
-        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (0, limits[1]))
-        put(place / "logs", second)
-        until(lambda: any("it is tried again at each look" in line for line in said), process)
-        time.sleep(0.3)  # longer than a look: the line is said once
-        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, limits)
-        until(lambda: counted(place / "state") == 62, process)
-    finally:
-        process.send_signal(signal.SIGTERM)
-    assert process.wait(60.0) == 1  # the alarm of make_state
-    listener.join()
-    lines = [line for line in said if "written" in line or "room" in line]
-    assert len(lines) == 2 and "it is tried again at each look" in lines[0] and "there is room again" in lines[1]
-
-
-def until(what: Callable[[], bool], process: subprocess.Popen[str], seconds: float = 120.0) -> None:
-    ends = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < ends and process.poll() is None
-        time.sleep(0.05)
 
 
 # Two at once.

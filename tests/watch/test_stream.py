@@ -17,13 +17,20 @@ from tests.support.commands import Commands
 from tests.support.opcua_machine import OpcUaMachine
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.logs.runs_file import Entry
 from workbench.machines import default_hoist, save_machine
-from workbench.watch.arrivals import Arrivals, Arrived
 from workbench.watch.estimate import estimate
 from workbench.watch.judge import Rules
-from workbench.watch.opcua import Line, nodes_of, still_speed
-from workbench.watch.stream import TRIGGER, Cut, CutRules, Cutter, Logs, on_grid, with_payload
+from workbench.watch.opcua import (
+    TRIGGER,
+    Cut,
+    CutRules,
+    Cutter,
+    Line,
+    nodes_of,
+    on_grid,
+    still_speed,
+    with_payload,
+)
 from workbench.watch.watch import Watch
 
 HOIST = default_hoist()
@@ -131,22 +138,6 @@ def test_a_payload_picked_up_before_the_move_shortens_the_stand_and_one_changed_
         with_payload(cut_with([(-9.0, 0.0), (3.0, 4500.0)]), "payload_kg")
     with pytest.raises(InputError, match="is nan, expected kg"):
         with_payload(cut_with([(-9.0, math.nan)]), "payload_kg")
-
-
-@pytest.mark.parametrize(("bad", "said"), [(2, "bridged"), (60, "samples in a row are missing")])
-def test_numbers_that_are_none_are_missing_samples_of_the_log(bad: int, said: str, tmp_path: Path):
-    (run,) = runs(1)
-    time_s, torque = run.time_s, run["torque_motor_nm"].copy()
-    torque[100 : 100 + bad] = math.nan
-    signals = {"torque_motor_nm": torque, "speed_motor_rad_s": run["speed_motor_rad_s"]}
-    file = Logs(tmp_path).write(1000.0, time_s, signals, {"payload_kg": run.payload_kg, "start_position_m": 9.0})
-    arrivals = Arrivals(tmp_path, HOIST, 0.0)
-    arrived = Arrived(file, Entry(name="a", file=file.name, payload_kg=run.payload_kg, start_position_m=9.0))
-    if bad < 5:
-        assert any(said in note for note in arrivals.read(arrived).notes)
-    else:
-        with pytest.raises(InputError, match=said):
-            arrivals.read(arrived)
 
 
 # A server that is not ours.

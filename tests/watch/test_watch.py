@@ -21,11 +21,11 @@ from benchmarks.attack.watch_states import put
 from benchmarks.sequences import axis_cycle
 from benchmarks.watch import friction_grows, healthy, month, sensor_drifts
 from tests.support.commands import Commands
+from tests.support.effect_machines import linear_axis
 from tests.watch.test_state import counted
 from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.machines import default_hoist, save_machine, with_values
-from workbench.machines.kinds.axis import LinearAxis
 from workbench.watch.cause import Cause, groups_of, likelihoods, posterior
 from workbench.watch.estimate import Estimate, estimate, learn, watched_keys
 from workbench.watch.judge import LOAD, Cycle, Judge, Rules, trend
@@ -175,8 +175,7 @@ def test_one_wild_cycle_is_an_event_two_are_an_alarm():
 
 
 def test_an_axis_shows_friction_and_a_constant_load_as_two_directions():
-    friction = {"coulomb_forward_n": 20.0, "coulomb_backward_n": 20.0, "viscous_n_s_per_m": 200.0}
-    axis = LinearAxis.model_validate({"mass_kg": 95.0, "friction": friction})
+    axis = linear_axis(backward=20.0, constant=0.0)
     rng = np.random.default_rng(5)
     machines = [axis] * 40 + [with_values(axis, {"gravity.constant_n": 3.0})] * 6
     judge = Judge(Rules(healthy=40))

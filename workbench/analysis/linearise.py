@@ -20,7 +20,6 @@ from workbench.symbolic.emit import evaluate
 from workbench.symbolic.expr import Expr, Scalar, symbol
 
 Motion = Literal["hoisting", "lowering", "at_rest"]
-MOTIONS: tuple[Motion, ...] = ("hoisting", "lowering", "at_rest")
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 
 from workbench.analysis.linearise import LinearPlant, OperatingPoint, linearise
 from workbench.analysis.loop import Complex, Sampled, linear_controller, loop_of
+from workbench.analysis.margins import HALF_POWER
 from workbench.control import Notch, Settings
 from workbench.control.settings import notch_coefficients
 from workbench.core.errors import InputError
@@ -99,9 +100,6 @@ def why(
                 "so that no gain fills the dip within Ms"
             )
     return phase
-
-
-HALF_POWER = math.sqrt(0.5)
 
 
 @dataclass(frozen=True)
@@ -343,7 +341,7 @@ def _nearest(search: Search, bandwidth_hz: float, ms_limit: float) -> str:
 
 def _widest(search: Search, ms_limit: float) -> tuple[float, float]:
     """The gains of the widest bandwidth."""
-    return _largest(search, ms_limit, lambda ki, judged: _finite(judged.bandwidth_hz))
+    return _largest(search, ms_limit, lambda ki, judged: np.nan_to_num(judged.bandwidth_hz, posinf=0.0))
 
 
 def _bandwidth_of(search: Search, gains: tuple[float, float]) -> float:
@@ -403,10 +401,6 @@ def kp_for(search: Search, bandwidth_hz: Array, ratio: Array) -> Array:
 
 def _allowed(judged: Judged, ms_limit: float) -> np.ndarray:
     return np.asarray(judged.stable & (judged.ms <= NEAR * ms_limit))
-
-
-def _finite(values: Array) -> Array:
-    return np.where(np.isfinite(values), values, 0.0)
 
 
 def _shaped(search: Search, kp: float, ki: float, attainable_hz: float) -> Shaped:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from workbench.analysis.family import Member, family
 from workbench.analysis.linearise import OperatingPoint
+from workbench.analysis.margins import Member, family
 from workbench.analysis.search import NEAR, Search, Shaped, best_rejection, for_bandwidth, kp_for, make_search
 from workbench.control import Events, InputShaper, Notch, ScheduledGains, Settings
 from workbench.core.errors import InputError
@@ -140,7 +140,6 @@ STEPS = ROUNDS + 4
 WIDER, GIVEN_AWAY = 1.05, 0.8
 KP_ROOM, RATIO_ROOM = 0.6, 2.5  # of the logarithms of kp and of ki/kp
 SEED = 1
-ALSO = ("notch", "shaper", "schedule")
 NOTCH_DEPTHS = (0.1, 0.3)
 
 
@@ -246,9 +245,9 @@ def tune(
     """Gains for a goal; `base` gives all settings but the gains, the set-point weight and what is `also` tuned.
 
     points: the family whose margins count. The machine's own effects are at work in the family and
-    in the trial's runs, `effects` beside them in the family only; the trial's events in its runs. also: of ALSO. A
-    notch is chosen for the largest ki, a shaper for the least cost, a schedule has a tuning a payload. tell: hears each
-    step before it is taken; what it raises ends the tuning. InputError where the goal cannot be met.
+    in the trial's runs, `effects` beside them in the family only; the trial's events in its runs. also: notch, shaper
+    or schedule. A notch is chosen for the largest ki, a shaper for the least cost, a schedule has a tuning a payload.
+    tell: hears each step before it is taken; what it raises ends the tuning. InputError where the goal cannot be met.
     """
     if "schedule" in also or getattr(base, "gain_schedule", None):
         return _scheduled(machine, base, points, trial, goal, weights, effects, set(also) - {"schedule"}, tell)
@@ -284,7 +283,9 @@ def tune(
 
     places = {start: _place(start, shaped.bandwidth_hz, goal, shaped)}
     tell(TuneProgress("simulating candidates", 2, 1))
-    add(_drawn())
+    from scipy.stats import qmc
+
+    add(np.asarray(qmc.Sobol(3, seed=SEED).random(DRAWN)))
     size = 0.2
     for round_ in range(ROUNDS):
         tell(TuneProgress("simulating candidates near the best", 3 + round_, len(tried), min(c.cost for c in tried)))
@@ -395,13 +396,6 @@ def _with(base: Settings, x: Array) -> Settings:
     """The settings with (kp, ki, set-point weight), to five digits: what is written is what was judged."""
     kp, ki, b = (float(f"{value:.5g}") for value in x)
     return base.model_copy(update={base.GAINS[0]: kp, base.GAINS[1]: ki, "set_point_weight": b})
-
-
-def _drawn() -> Array:
-    """Sobol' points in the unit cube."""
-    from scipy.stats import qmc
-
-    return np.asarray(qmc.Sobol(3, seed=SEED).random(DRAWN))
 
 
 def _gains(unit: Array, search: Search, goal: Goal, shaped: Shaped) -> Array:

@@ -54,7 +54,7 @@ def usual_cascade(machine: Axis) -> Cascade:
     hardly feel one another (W. Leonhard, Control of Electrical Drives, 3rd ed., 2001, section 15.2). A load on a
     coupling halves w until every place is stable with |S| below 2.
     """
-    from workbench.analysis.family import family, operating_points, weakest
+    from workbench.analysis.margins import family, operating_points, weakest
 
     make, drive, kind = SETTINGS[kind_of(machine).name], machine.drive, kind_of(machine)
     lost = drive.torque_lag_s + drive.speed_filter_s + drive.speed_delay_s + USUAL_SAMPLE_S

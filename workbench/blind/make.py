@@ -10,12 +10,16 @@ import importlib.util
 import multiprocessing
 import os
 import secrets
+import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +27,7 @@ from workbench import __version__
 from workbench.blind import recorded
 from workbench.blind.recording import recording
 from workbench.blind.seal import CAMPAIGNS, Label, Order, Truth, fernet, hashes, key_of, read_manifest, seal, write_key
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known
 from workbench.core.whole_folder import check_free, whole_folder
 
 Tell = Callable[[str], None]
@@ -119,8 +123,7 @@ def make(
 def maker_of(asked: Asked, seed: int, tell: Tell) -> Maker:
     """What makes the campaigns that are asked for, of the sources that are asked for."""
     for name in asked.sources:
-        if name not in SOURCES:
-            raise InputError(f"unknown source '{name}'; {nearest(name, SOURCES)}", place="source")
+        check_known("unknown source", name, SOURCES, place="source")
     if recorded.SOURCE not in asked.sources:
         played: Maker = validation().maker(asked, seed)
         return played
@@ -158,11 +161,37 @@ def validation(part: str = "entry") -> Any:
 
 
 @contextmanager
-def mapped(processes: int) -> Iterator[Callable[..., Any]]:
-    """A `map` over processes, in any order; in this one where it is one."""
+def mapped(processes: int, stand_in: str | None = None) -> Iterator[Callable[..., Any]]:
+    """A `map` over processes, in any order; in this one where it is one. stand_in: the folder that they work in.
+    InputError where a process dies."""
     if processes <= 1:
         yield map
         return
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read by the processes as they start
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        yield pool.imap_unordered
+    before = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _settle, (stand_in,))
+
+    def over(work: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+        waiting, running = iter(items), set[Future[Any]]()
+        while running := running | {pool.submit(work, x) for x in islice(waiting, 2 * processes - len(running))}:
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            yield from (future.result() for future in done)
+
+    try:
+        yield over
+    except BrokenProcessPool as error:
+        raise InputError(
+            "a process ended in the middle of its work, perhaps for want of memory; what was answered is kept, the "
+            "same command goes on, with one process in less memory"
+        ) from error
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()
+
+
+def _settle(stand_in: str | None) -> None:
+    """Of a process of the pool; Ctrl-C is the parent's to hear."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if stand_in is not None:
+        os.chdir(stand_in)

@@ -14,7 +14,6 @@ from workbench.diagnose.isolation.next_run import APART, WORTH
 
 Z_95 = 1.959963984540054  # two-sided, normal
 Row = Mapping[str, Any]
-LOOSE = ("heave", "torque_ripple")  # their residual may stay at twice the noise
 VISIBLE = 1.0  # of the noise: an effect that changes the torque by less, rms, is too small to see
 HARM = 1.02  # of the residual before: more after is harm
 SLACK_S = 0.5  # by which an event's window may miss the event

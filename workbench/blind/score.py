@@ -13,18 +13,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from workbench.blind.answer import load, save, text_of
-from workbench.blind.ledger import LEDGER, Entry, compare, copy_of, entries, manifest_hash
 from workbench.blind.make import mapped, validation
 from workbench.blind.measures import Row, next_run_decides, oracle_after, recorded, right, right_word
-from workbench.blind.run import ANSWERS, answer_file
+from workbench.blind.run import ANSWERS, answer_file, load, save, text_of
 from workbench.blind.seal import (
     CAMPAIGNS,
+    LEDGER,
     MANIFEST,
+    Entry,
     Manifest,
     Truth,
     check_campaign,
+    compare,
+    copy_of,
+    entries,
     key_of,
+    manifest_hash,
     read_manifest,
     sha256,
     unseal,

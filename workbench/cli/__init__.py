@@ -30,7 +30,7 @@ _COMMANDS = {
     "diagnose": ("diagnose:diagnose", "Find the missing effect behind a sim-to-real gap."),
     "compare-models": ("compare:compare_models", "Compare the lumped with the multi-body machine."),
     "blind": ("blind:blind", "Test the diagnosis on campaigns whose truth is sealed."),
-    "import": ("import_logs:import_", "Make a campaign of logs as drives write them."),
+    "import": ("measured:import_", "Make a campaign of logs as drives write them."),
     "watch": ("watch:watch", "Watch a machine by its logs; say when it has changed."),
     "serve": ("serve:serve", "Run a machine's plant in real time, for a PLC."),
     "export-fmu": ("export:export_fmu", "Write a machine as an FMU, for other simulators."),

@@ -8,15 +8,14 @@ from typing import Annotated
 
 import click
 
-from workbench.cli.campaign import load_campaign
+from workbench.cli.measured import load_campaign
 from workbench.cli.options import OtherMachine, command
 from workbench.cli.show import filled, print_table, print_text
 from workbench.core.errors import InputError
 from workbench.core.whole_folder import check_free, check_replaceable, replace_json
 from workbench.machines import of_kind, studied
-from workbench.simulate.models import ModelsCompared, compare_loops
+from workbench.simulate.models import ModelsCompared, check_multibody, compare_loops
 from workbench.simulate.models import compare_models as replay_on_both
-from workbench.simulate.multibody_loop import check_multibody
 from workbench.study.compare import compare as compare_rows
 from workbench.study.compare import judged, parse_limits, regressions, why_unmatched
 from workbench.study.load import load_study

@@ -7,13 +7,12 @@ from typing import Literal
 
 import click
 
-from workbench.analysis.family import family, operating_points
 from workbench.analysis.linearise import STIFFNESS_BY_LENGTH
+from workbench.analysis.margins import family, operating_points
 from workbench.analysis.tune import Goal, Weights
 from workbench.analysis.tune import tune as search
 from workbench.cli.options import Heights, MachineFile, Payloads, command, numbers_or_none
-from workbench.cli.progress import tuning
-from workbench.cli.show import filled, print_table, print_text
+from workbench.cli.show import filled, print_table, print_text, tuning
 from workbench.core.errors import InputError
 from workbench.core.whole_folder import check_free, whole_folder
 from workbench.machines import NO_EFFECTS

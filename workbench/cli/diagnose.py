@@ -17,10 +17,10 @@ import numpy as np
 
 import workbench.diagnose.diagnose as cause
 from workbench import __version__
-from workbench.cli.campaign import chosen_candidates, load_campaign
+from workbench.cli.measured import chosen_candidates, load_campaign
 from workbench.cli.options import Band, MostEffects, Runs, command, names_in
-from workbench.cli.progress import stages as shown
 from workbench.cli.show import filled, print_notes, print_sections, print_table
+from workbench.cli.show import stages as shown
 from workbench.core.errors import InputError, one_line
 from workbench.core.input_file import read_input
 from workbench.core.table import Column, Table, words
@@ -31,7 +31,7 @@ from workbench.effects.loading import know
 from workbench.effects.registry import UserFile, user_files
 from workbench.logs import Campaign
 from workbench.view.diagnosis import brief_sections, write_diagnosis
-from workbench.view.numbers import NOTHING, figures
+from workbench.view.words import NOTHING, figures
 
 
 @command("diagnose", effects=True)
@@ -105,12 +105,12 @@ def diagnose(
 
 def _one(read: Campaign, options: dict[str, Any], out: Path | None) -> None:
     print_notes(read.doubts)
-    with shown(writes=out is not None) as stages:
+    with shown(writes=out is not None) as (tell, writing):
 
         def run() -> Diagnosis:
-            return cause.diagnose(read, **options, tell=stages.tell)
+            return cause.diagnose(read, **options, tell=tell)
 
-        diagnosis = run() if out is None else write_diagnosis(run, out, stages.writing)
+        diagnosis = run() if out is None else write_diagnosis(run, out, writing)
     click.echo()
     print_sections(brief_sections(diagnosis))
     if out is None:

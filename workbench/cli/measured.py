@@ -2,26 +2,99 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import click
 
-from workbench.cli.campaign import load_campaign
-from workbench.cli.options import Band, Campaign, OtherMachine, Runs, command
+from workbench.cli.options import Band, CampaignFolder, OtherMachine, Runs, command, names_in
 from workbench.cli.show import print_notes, print_table, print_text
+from workbench.core.errors import InputError, check_known
 from workbench.core.whole_folder import check_free
+from workbench.effects import check, effects_for
 from workbench.identify.identify import Identification
 from workbench.identify.identify import identify as fit
+from workbench.logs import Campaign, read_campaign
+from workbench.logs.campaign import RunsError
+from workbench.logs.doubts import doubts_of
+from workbench.logs.importing import (
+    Imported,
+    for_all,
+    in_si,
+    propose,
+    read_channels,
+    runs_yaml,
+    with_table,
+    write_campaign,
+)
+from workbench.machines import Axis, Hoist, load_machine, plant_of
+from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.view import identify as identify_view
 from workbench.view import replay as replay_view
+from workbench.view.logs import mapping_table, write_page
 from workbench.view.words import brief_notes
+
+ALL = "all"
+
+
+def load_campaign(
+    path: Path, runs: str | None = None, machine_file: Path | None = None, band_hz: float | None = None
+) -> Campaign:
+    """The campaign in `path`, with what is doubtful in it; runs: names separated by commas.
+
+    InputError if they do not fit together.
+    """
+    machine = None if machine_file is None else load_machine(machine_file, check_effects=check)
+    try:
+        campaign = read_campaign(path, select=runs, check_effects=check)
+    except RunsError as error:
+        remedy = f"; leave it out: --runs {','.join(error.sound)}" if error.sound else ""
+        raise InputError(error.problem + remedy, file=error.file, line=error.line, place=error.place) from error
+    campaign = replace(campaign, doubts=tuple(doubts_of(campaign.machine, campaign.runs)))
+    if band_hz is not None:
+        check_band(band_hz, campaign.runs)
+    if machine is None:
+        return campaign
+    if type(machine) is not type(campaign.machine):
+        raise InputError(
+            f"is another kind of machine than the campaign's ({_kind(machine)}, expected {_kind(campaign.machine)})",
+            file=machine_file,
+        )
+    return replace(campaign, machine=machine)
+
+
+def chosen_candidates(text: str | None, machine: Hoist | Axis) -> tuple[str, ...] | None:
+    """Names separated by commas; `all`: every effect of the machine's kind, also the unlisted ones. None stays None.
+
+    InputError for an unknown or a repeated name, with the nearest valid one.
+    """
+    if text is None:
+        return None
+    known = effects_for(plant_of(machine).kind)
+    if text.strip() == ALL:
+        return tuple(known)
+    names = names_in(text)
+    if not names:
+        raise InputError(f"no effect is named, expected names with commas between, or '{ALL}'", place="candidates")
+    for name in names:
+        check_known("unknown effect", name, known, place="candidates")
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"'{repeated[0]}' is named twice, expected each effect once", place="candidates")
+    return tuple(names)
+
+
+def _kind(machine: object) -> str:
+    return " ".join(str(getattr(machine, key)) for key in ("motion", "kind") if hasattr(machine, key))
+
+
+# `workbench replay` and `identify`: a campaign's runs on the model; the model fitted to them.
 
 
 @command("replay", effects=True)
 def replay(
-    campaign: Campaign,
+    campaign: CampaignFolder,
     *,
     out: Path | None = None,
     runs: Runs = None,
@@ -53,7 +126,7 @@ def replay(
 
 @command("identify", effects=True)
 def identify(
-    campaign: Campaign,
+    campaign: CampaignFolder,
     *,
     out: Path | None = None,
     free: str | None = None,
@@ -93,3 +166,56 @@ def identify(
     else:
         click.echo(f"\nMachine: {out / 'machine.yaml'}\nFigures: {out / 'identify.html'}")
         click.echo(f"Numbers: {out / 'identify.json'}, {out / 'replay.json'}")
+
+
+# `workbench import`: logs as drives write them, made a campaign.
+
+
+@command("import", effects=True)
+def import_(
+    files: Annotated[tuple[Path, ...], {"metavar": "FILE..."}],
+    *,
+    machine: Path,
+    out: Path,
+    payload: tuple[float, ...] = (),
+    start_position: tuple[float, ...] = (),
+    mapped: Annotated[tuple[str, ...], "--map", {"metavar": "SIGNAL=COLUMN[:UNIT]"}] = (),
+    scales: Annotated[tuple[str, ...], "--scale", {"metavar": "SIGNAL=FACTOR"}] = (),
+    runs_csv: Annotated[Path | None, "--runs"] = None,
+    yes: bool = False,
+) -> int:
+    """Make a campaign of logs: MDF4, TDMS, MAT 7.3, TwinCAT Scope and other CSV with header lines or decimal commas.
+
+    The command proposes a mapping of columns to signals, draws it, and asks for confirmation unless --yes is given.
+    Channels of different rates are resampled to the fastest one. MDF4, TDMS and MAT 7.3 need the extra 'import'.
+
+    machine: The machine.yaml of the campaign.
+    out: New folder for the campaign.
+    payload: Payload in kg: one value for all files, or one for each.
+    start_position: Height at the first sample, in m: one value for all files, or one for each.
+    mapped: Column to use for a signal, and its unit (rpm, mm, kNm, %nominal …); may be repeated.
+    scales: Signal in SI = factor times column; may be repeated.
+    runs_csv: CSV with one row per file: file, and any of payload_kg, start_position_m, start_time_s.
+    yes: Accept the proposed mapping without asking.
+    """
+    check_free(out)
+    read = load_machine(machine, check_effects=check)
+    loads, starts = for_all(payload, len(files), "payload"), for_all(start_position, len(files), "start_position")
+    logs = [
+        Imported(file, tuple(read_channels(file)), load, start)
+        for file, load, start in zip(files, loads, starts, strict=True)
+    ]
+    if runs_csv is not None:
+        logs = with_table(logs, runs_csv)
+    proposed = propose(read, logs[0].channels, mapped, scales)
+    page = out.with_name(f"{out.name}.import.html")
+    write_page([(p.signal, p.column, *in_si(p, logs[0])) for p in proposed.proposals], proposed, logs[0].name, page)
+    print_table(mapping_table(proposed))
+    print_text([f"Columns that are no signal: {', '.join(proposed.unused) or 'none'}.", f"Drawn: {page}"])
+    if not yes:
+        click.echo(f"\nruns.yaml will be:\n\n{runs_yaml(logs, proposed)}")
+        click.confirm("Take it?", abort=True)
+    campaign = write_campaign(machine, logs, proposed, out)
+    print_text([f"{len(campaign.runs)} runs.", *campaign.all_notes])
+    click.echo(f"\nCampaign: {out}")
+    return 0

@@ -29,7 +29,7 @@ from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 
 UNITS = ("_hz", "_kg", "_m", "_s")  # what a library's parameter is called beyond its option
 
-Campaign = Annotated[Path, {"metavar": "CAMPAIGN"}]
+CampaignFolder = Annotated[Path, {"metavar": "CAMPAIGN"}]
 MachineFile = Annotated[Path | None, "A machine.yaml. Default: the scenario's machine, or the built-in one."]
 OtherMachine = Annotated[Path | None, "Another machine.yaml, such as an identified one."]
 Cluster = Annotated[
@@ -56,7 +56,7 @@ def command(name: str, *, effects: bool = False) -> Callable[[Callable[..., Any]
         text = text.rstrip()
         params = [_param(p, hints[p.name], helps.get(p.name, "")) for p in parameters.values()]
         if any(param.metavar and param.metavar.rstrip(".") == "CAMPAIGN" for param in params):
-            from workbench.logs.formats.known import listed
+            from workbench.logs.formats.opening import listed
 
             text += f"\n\nCAMPAIGN is a folder with machine.yaml, runs.yaml and logs ({listed()})."
         if effects:

@@ -11,8 +11,7 @@ from typing import Annotated, Literal
 import click
 
 from workbench.cli.options import Cluster, command
-from workbench.cli.progress import shown
-from workbench.cli.show import print_table, print_text
+from workbench.cli.show import print_table, print_text, shown
 from workbench.core.errors import InputError
 from workbench.core.whole_folder import check_replaceable, replace_json
 from workbench.study.cluster import spread_on

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 _LONGEST_NAME, _MOST_NAMES = 200, 100
 MOST = 2000  # characters of one error's sentence; what is longer loses its middle
@@ -58,3 +58,11 @@ def nearest(name: str, valid: Iterable[str]) -> str:
         return f"did you mean '{close[0]}'?"
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return f"valid: {', '.join(names[:_MOST_NAMES])}{more}"
+
+
+def check_known(
+    problem: str, name: str, valid: Collection[str], *, file: object = None, line: int | None = None, place: str = ""
+) -> None:
+    """InputError with the nearest name for one that is not valid. problem: what stands before it: unknown signal."""
+    if name not in valid:
+        raise InputError(f"{problem} '{name}'; {nearest(name, valid)}", file=file, line=line, place=place or None)

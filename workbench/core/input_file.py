@@ -11,24 +11,21 @@ import stat
 from collections.abc import Mapping
 from io import BufferedReader
 from pathlib import Path
-from types import MappingProxyType
 
 from workbench.core.errors import InputError
 
 MB = 1_000_000
 # Kind of file -> (most bytes, what a larger one may be).
-MOST_BYTES: Mapping[str, tuple[int, str]] = MappingProxyType(
-    {
-        "key": (10_000, ""),
-        "settings": (5 * MB, "; is it a log?"),
-        "python": (1 * MB, "; expected Python with effects"),
-        "json": (200 * MB, ""),
-        "diagnosis": (2_000 * MB, ""),
-        "table": (8_000 * MB, ""),
-        "drive log": (1_000 * MB, "; cut it"),
-        "log": (20_000 * MB, "; cut it"),
-    }
-)
+MOST_BYTES: Mapping[str, tuple[int, str]] = {
+    "key": (10_000, ""),
+    "settings": (5 * MB, "; is it a log?"),
+    "python": (1 * MB, "; expected Python with effects"),
+    "json": (200 * MB, ""),
+    "diagnosis": (2_000 * MB, ""),
+    "table": (8_000 * MB, ""),
+    "drive log": (1_000 * MB, "; cut it"),
+    "log": (20_000 * MB, "; cut it"),
+}
 
 
 def open_input(path: str | os.PathLike[str], kind: str) -> BufferedReader:

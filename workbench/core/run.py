@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known
 from workbench.core.shown import Shown
 
 if TYPE_CHECKING:
@@ -54,8 +54,7 @@ class Run(Shown):
 
     def __getitem__(self, signal: str) -> Array:
         """A signal (n,). InputError with the nearest name where the run has none of this name."""
-        if signal not in self.signals:
-            raise InputError(f"run {self.name} has no signal '{signal}'; {nearest(signal, self.signals)}")
+        check_known(f"run {self.name} has no signal", signal, self.signals)
         return self.signals[signal]
 
     def __contains__(self, signal: str) -> bool:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known
 from workbench.core.verb import attribute
 
 if TYPE_CHECKING:
@@ -75,8 +75,7 @@ class View:
 def _chosen(known: Mapping[str, Callable[[Any], Any]], name: str, what: str) -> Callable[[Any], Any]:
     if not name:
         return next(iter(known.values()))
-    if name not in known:
-        raise InputError(f"no {what} '{name}'; {nearest(name, known)}")
+    check_known(f"no {what}", name, known)
     return known[name]
 
 

@@ -32,7 +32,7 @@ from workbench.dashboard.uploads import Uploaded
 from workbench.dashboard.widgets import fold, guarded, held, plain
 from workbench.effects import check
 from workbench.logs import Campaign, read_campaign
-from workbench.logs.formats.known import suffixes
+from workbench.logs.formats.opening import suffixes
 from workbench.machines import (
     LOOPED,
     STUDIED,

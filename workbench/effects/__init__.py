@@ -9,7 +9,6 @@ from workbench.effects.active import (
     Active,
     Chosen,
     Part,
-    all_off,
     alone,
     check,
     idle_sensors,

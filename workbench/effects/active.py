@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known, nearest
 from workbench.core.run import Array, Run
 from workbench.effects.declare import Effect, EffectMemory, Ranged
 from workbench.effects.registry import effects_for, find, library_effects, library_for
@@ -92,7 +92,7 @@ def longest_step_s(machine: Hoist | Axis, chosen: Chosen | None = None) -> float
 def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "effects") -> Active:
     """The machine's own effects, `chosen` ones (a scenario's, a candidate's) in place of or beside them.
 
-    The machine's measured correction is at work too, here and in `all_off`: it is no effect, but what
+    The machine's measured correction is at work too, here and in `searchable`: it is no effect, but what
     stands in for an unknown one.
     InputError for an unknown effect or parameter, with the nearest name, for an impossible
     value, and for an effect whose size is not said.
@@ -130,12 +130,6 @@ def alone(machine: Hoist | Axis, chosen: Chosen | None = None) -> Alone:
     in_plant = tuple(effect for effect in wanted if not effect.on_sensor)
     made = _made(machine, in_plant, {name: whole.values[name] for name in _vanished(in_plant, sizes_of(machine))})
     return Alone(made.effects, made.values, in_plant, tuple(effect.id for effect in whole.sensors))
-
-
-def all_off(machine: Hoist | Axis) -> Active:
-    """The whole library at its vanishing values: what a fit starts from."""
-    held = _in_plant(plant_of(machine).kind)
-    return _made(machine, held, _vanished(held, sizes_of(machine)))
 
 
 def searchable(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Active:
@@ -213,11 +207,7 @@ def _numbers(effect: Effect, given: Mapping[str, float], sizes: Sizes, place: st
     ranges = effect.ranges(sizes)
     known = [ranged.name for ranged in ranges]
     for name, value in given.items():
-        if name not in known:
-            raise InputError(
-                f"effect '{effect.id}' has no parameter '{name}'; {nearest(name, known)}",
-                place=f"{place}.{effect.id}.{name}",
-            )
+        check_known(f"effect '{effect.id}' has no parameter", name, known, place=f"{place}.{effect.id}.{name}")
         effect.check(name, value, sizes.kind)
     amounts = [ranged.name for ranged in ranges if ranged.vanishes_at is not None]
     if not any(name in given for name in amounts):
@@ -333,29 +323,25 @@ logged_motion, true_motion = (partial(_through, "speed_sensor", back) for back i
 
 def logged(run: Run, active: Active) -> Run:
     """The run as the machine's log shows it: its true signals through the sensors' effects."""
-    return _changed(run, active, logged_input, logged_motion)
+    if not active.sensors:
+        return run
+    plant, signals = PLANTS[active.kind], dict(run.signals)
+    if plant.input in signals:
+        before = signals[plant.input]
+        after = signals[plant.input] = logged_input(active, run.time_s, before)
+        parts = [name for name in KINDS[active.kind].drive.parts if name in signals]
+        for part in parts:  # the sum is what is off; it is shared evenly
+            signals[part] = signals[part] + (after - before) / len(parts)
+    for name in (plant.positions[0], plant.speeds[0]):
+        if name in signals:
+            signals[name] = logged_motion(active, run.time_s, signals[name])
+    return replace(run, signals=signals)
 
 
 def moved_by(active: Active) -> tuple[str, ...]:
     """The symbols of which the motion behind a log depends: those of the speed sensor's effects."""
     effects = _at(active, "speed_sensor")
     return tuple(effect.symbol(parameter, active.kind) for effect in effects for parameter in effect.parameters)
-
-
-def _changed(run: Run, active: Active, of_input: Any, of_motion: Any) -> Run:
-    if not active.sensors:
-        return run
-    plant, signals = PLANTS[active.kind], dict(run.signals)
-    if plant.input in signals:
-        before = signals[plant.input]
-        after = signals[plant.input] = of_input(active, run.time_s, before)
-        parts = [name for name in KINDS[active.kind].drive.parts if name in signals]
-        for part in parts:  # the sum is what is off; it is shared evenly
-            signals[part] = signals[part] + (after - before) / len(parts)
-    for name in (plant.positions[0], plant.speeds[0]):
-        if name in signals:
-            signals[name] = of_motion(active, run.time_s, signals[name])
-    return replace(run, signals=signals)
 
 
 def _at(active: Active, place: str) -> list[Effect]:

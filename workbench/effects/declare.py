@@ -28,7 +28,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any, Literal
 
 from workbench.core.errors import InputError, nearest
@@ -295,8 +295,3 @@ def _symbols(effect: Effect, kind: str) -> tuple[tuple[str, str], ...]:
 def _of_kind(by_kind: Mapping[str, str], kind: str) -> str | None:
     """What stands for a kind of plant: under its own name, or under that of a family it belongs to."""
     return next((by_kind[name] for name in KINDS[kind].family if name in by_kind), None)
-
-
-def declared_in(module: ModuleType) -> list[Effect]:
-    """The effects that stand in a module under any name, once each."""
-    return list({id(value): value for value in vars(module).values() if isinstance(value, Effect)}.values())

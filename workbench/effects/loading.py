@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.declared import declared_in
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.effects.active import RUN_SYMBOLS, compiled
-from workbench.effects.declare import Effect, declared_in
+from workbench.effects.declare import Effect
 from workbench.effects.registry import UserFile, add, read_user_file
 from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.machines import PLANTS, Effects
@@ -59,28 +60,23 @@ def _declared(file: UserFile) -> tuple[Effect, ...]:
     before = sys.modules.get(file.module)
     sys.modules[file.module] = module  # where dataclasses and the like look for it
     try:
-        exec(compile(file.text, file.path, "exec", dont_inherit=True), vars(module))
-        effects = tuple(effect for effect in declared_in(module) if effect.function.__module__ == file.module)
+        try:
+            exec(compile(file.text, file.path, "exec", dont_inherit=True), vars(module))
+        except (Exception, SystemExit) as error:
+            problem = f"fails: {type(error).__name__}: {str(error) or 'without a word'}"
+            raise InputError(problem.splitlines()[0], line=_line(error, file.path)) from error
+        effects = tuple(e for e in declared_in(module, Effect) if e.function.__module__ == file.module)
         if not effects:
             raise InputError("declares no effect; see workbench.effects.effect")
         for effect in effects:
             for fault in faults(effect):
                 raise InputError(f"effect {effect.id}: {fault}")
     except InputError:
-        _put_back(file.module, before)
+        sys.modules.pop(file.module)
+        if before is not None:
+            sys.modules[file.module] = before
         raise
-    except (Exception, SystemExit) as error:
-        _put_back(file.module, before)
-        problem = f"fails: {type(error).__name__}: {str(error) or 'without a word'}"
-        raise InputError(problem.splitlines()[0], line=_line(error, file.path)) from error
     return effects
-
-
-def _put_back(name: str, before: ModuleType | None) -> None:
-    if before is None:
-        del sys.modules[name]
-    else:
-        sys.modules[name] = before
 
 
 def _line(error: BaseException, path: str) -> int | None:

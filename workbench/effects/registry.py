@@ -6,20 +6,17 @@ The registry collects what is declared; nothing else has to be edited for a new 
 from __future__ import annotations
 
 import hashlib
-import importlib
 import os
-import pkgutil
-import sys
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from types import ModuleType
 
+from workbench.core.declared import digest_of, library, of_entry_points
 from workbench.core.errors import InputError, nearest
 from workbench.core.input_file import read_input
-from workbench.effects.declare import Effect, declared_in
+from workbench.effects.declare import Effect
 
 ENTRY_POINTS = "workbench.effects"  # the group; each entry names a module that declares effects
 
@@ -58,13 +55,7 @@ _changing = threading.RLock()
 @cache
 def library_effects() -> tuple[Effect, ...]:
     """The effects of the package, in the order of modules and lines."""
-    package = importlib.import_module("workbench.effects.library")
-    modules = [name for _, name, _ in pkgutil.iter_modules(package.__path__, f"{package.__name__}.")]
-    effects: list[Effect] = []
-    for name in modules:
-        module = importlib.import_module(name)
-        effects += [effect for effect in declared_in(module) if effect.function.__module__ == name]
-    return tuple(effects)
+    return tuple(library("workbench.effects.library", Effect))
 
 
 @cache
@@ -78,15 +69,8 @@ def library_for(kind: str) -> tuple[Effect, ...]:
 
 @cache
 def _of_entry_points() -> None:
-    from importlib.metadata import entry_points
-
-    for entry in entry_points(group=ENTRY_POINTS):
-        place = f"entry point {entry.name}"
-        try:
-            module = entry.load()
-        except Exception as error:
-            raise InputError(f"cannot be loaded: {error}", place=place) from error
-        add(declared_in(module) if isinstance(module, ModuleType) else [module], place)
+    for place, effects in of_entry_points(ENTRY_POINTS, Effect):
+        add(effects, place)
 
 
 def add(effects: Iterable[Effect], place: str, file: UserFile | None = None) -> None:
@@ -126,8 +110,7 @@ def _digest(effect: Effect) -> str:
     file = next((file for file, effects in _sources.values() if file and effect in effects), None)
     if file is not None:
         return file.digest
-    source = getattr(sys.modules.get(effect.function.__module__), "__file__", None)
-    return hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16] if source else ""
+    return digest_of(effect.function.__module__)
 
 
 def forget_users() -> None:

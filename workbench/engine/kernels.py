@@ -118,7 +118,7 @@ def _integrated(
     def work(group: np.ndarray) -> Array:
         result = np.empty((n, rows, kernel.lanes))
         state = _lanes(start, group)
-        kernel(
+        kernel.run(
             kernel.constants(parameters[:, group]),
             *(_read(signal, group) for signal in signals),
             state,
@@ -201,7 +201,7 @@ def loop(
         result = np.empty((rows, len(recorded), L))
         state = _lanes(start, group)
         accumulators = np.repeat(np.asarray(observer.start, dtype=float), L)
-        kernel(
+        kernel.run(
             kernel.constants(parameters[:, group]),
             _interleaved([references[j] for j in group]),
             sample_time,

@@ -143,9 +143,6 @@ class Kernel:
         self.prepare(np.ascontiguousarray(parameters, dtype=float).reshape(-1), c)
         return c
 
-    def __call__(self, *arguments: Any) -> int:
-        return self.run(*arguments)
-
 
 def bound(plant: Plant, effects: Effects, p: Any) -> Callable[..., Sequence[Scalar]]:
     return lambda t, q, y, u: plant.rates(t, q, y, u, p, effects)

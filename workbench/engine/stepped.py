@@ -133,7 +133,7 @@ class LiveStep:
     def __init__(self, plant: Plant, effects: Effects, parameters: Sequence[str], shown: Sequence[str]) -> None:
         self._kernel = live_kernel(plant, effects, tuple(parameters), tuple(shown))
         self._run, self._c = self._kernel.run, np.empty(0)
-        self._out = np.empty(len(shown))
+        self.shown = np.empty(len(shown))  # the signals at the end of the last step; the same array every time
         self._actual = np.zeros(1)
 
     def numbers(self, values: Array) -> None:
@@ -143,10 +143,5 @@ class LiveStep:
     def step(self, start_s: float, dt: float, substeps: int, held: float, state: Array, actual: float) -> float:
         """Advances `state` in place; returns the input at work at the end."""
         self._actual[0] = actual
-        self._run(self._c, start_s, dt, substeps, held, state, self._actual, self._out)
+        self._run(self._c, start_s, dt, substeps, held, state, self._actual, self.shown)
         return float(self._actual[0])
-
-    @property
-    def shown(self) -> Array:
-        """The signals at the end of the last step; the same array every time."""
-        return self._out

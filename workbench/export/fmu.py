@@ -17,11 +17,10 @@ import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal
 
 from workbench import __version__
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known
 from workbench.core.templates import render
 from workbench.export.model import Model, Variable, exponents, symbols
 
@@ -173,14 +172,12 @@ class Target:
     ending: str
 
 
-TARGETS: Mapping[str, Target] = MappingProxyType(
-    {
-        "linux-x86_64": Target("x86_64-linux-gnu.2.17", "linux64", "x86_64-linux", "so"),
-        "linux-aarch64": Target("aarch64-linux-gnu.2.17", "aarch64-linux", "aarch64-linux", "so"),
-        "windows-x86_64": Target("x86_64-windows-gnu", "win64", "x86_64-windows", "dll"),
-        "macos-aarch64": Target("aarch64-macos", "darwin64", "aarch64-darwin", "dylib"),
-    }
-)
+TARGETS: Mapping[str, Target] = {
+    "linux-x86_64": Target("x86_64-linux-gnu.2.17", "linux64", "x86_64-linux", "so"),
+    "linux-aarch64": Target("aarch64-linux-gnu.2.17", "aarch64-linux", "aarch64-linux", "so"),
+    "windows-x86_64": Target("x86_64-windows-gnu", "win64", "x86_64-windows", "dll"),
+    "macos-aarch64": Target("aarch64-macos", "darwin64", "aarch64-darwin", "dylib"),
+}
 ALL = tuple(TARGETS)
 
 
@@ -208,8 +205,7 @@ def targets_of(names: Sequence[str] | None) -> tuple[str, ...]:
     if names is None:
         names = ALL if has_zig() else [name for name in [host()] if name]
     for name in names:
-        if name not in TARGETS:
-            raise InputError(f"unknown platform '{name}'; {nearest(name, TARGETS)}", place="platforms")
+        check_known("unknown platform", name, TARGETS, place="platforms")
         compiler(name)
     return tuple(dict.fromkeys(names))
 

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known
 from workbench.core.run import Array, Run
 from workbench.effects import logged_input
 from workbench.machines import Axis, Hoist, Kind, get_value, kind_of, plant_of
@@ -75,8 +75,7 @@ def fittable(machine: Hoist | Axis) -> dict[str, str | None]:
 def _checked(machine: Hoist | Axis, chosen: Sequence[str]) -> list[str]:
     valid = fittable(machine)
     for key in chosen:
-        if key not in valid:
-            raise InputError(f"cannot fit '{key}'; {nearest(key, valid)}", place="free")
+        check_known("cannot fit", key, valid, place="free")
     if len(set(chosen)) != len(chosen):
         raise InputError(f"a key stands twice in {', '.join(chosen)}", place="free")
     return list(chosen)

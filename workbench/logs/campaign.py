@@ -7,17 +7,158 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field, StringConstraints, field_validator, model_validator
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known, nearest
+from workbench.core.input_file import readable_file
+from workbench.core.record import Finite, Record, long_form
 from workbench.core.run import Run
 from workbench.core.shown import Shown
-from workbench.logs.formats.opening import expect
-from workbench.logs.reading import read_run
-from workbench.logs.runs_file import Entry, read_runs
-from workbench.machines import Axis, Hoist, kind_of, load_machine
+from workbench.core.yaml_strict import Document, dotted, load, validate
+from workbench.logs.formats.opening import LogFile, expect, open_log
+from workbench.logs.raw_run import Entry, RawRun
+from workbench.logs.samples import checked_runs
+from workbench.machines import TIME, Axis, Hoist, kind_of, load_machine
 from workbench.machines.files import CheckEffects
+
+
+class Column(Record):
+    """signal = scale · column + offset"""
+
+    column: Annotated[str, StringConstraints(min_length=1)]
+    scale: Finite = 1.0
+    offset: Finite = 0.0
+
+    @field_validator("scale")
+    @classmethod
+    def _not_zero(cls, value: float) -> float:
+        if value == 0.0:
+            raise ValueError("0.0, expected a number other than 0: it would erase the signal")
+        return value
+
+
+class RunsFile(Record):
+    """The whole of runs.yaml."""
+
+    format: Literal[1] = 1
+    columns: dict[str, Column] = Field(default_factory=dict)
+    runs: Annotated[list[Entry], Field(min_length=1)]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short_columns(cls, data: object) -> object:
+        return long_form(data, "columns", "column")
+
+
+def read_runs(file: Path, machine: Hoist | Axis) -> tuple[RunsFile, Document]:
+    """runs.yaml, checked against its machine: signals that there are, and keys that runs of its kind need. InputError
+    names file, line and place."""
+    document = load(file)
+    runs, kind, seen = validate(RunsFile, document), kind_of(machine), dict[str, int]()
+
+    def fail(problem: str, *place: str | int) -> InputError:
+        return InputError(problem, file=file, line=document.line(place), place=dotted(place))
+
+    for signal in runs.columns:
+        if signal not in kind.signals.names:
+            raise fail(f"unknown signal '{signal}'; {nearest(signal, kind.signals.names)}", "columns", signal)
+    for index, entry in enumerate(runs.runs):
+        start, place = entry.start_position_m, ("runs", index, "start_position_m")
+        if entry.name in seen:
+            first = document.line(("runs", seen[entry.name], "name"))
+            raise fail(f"'{entry.name}' is used twice; it names the run on line {first} too", "runs", index, "name")
+        seen[entry.name] = index
+        if kind.payload and entry.payload_kg is None:
+            raise fail(f"run '{entry.name}' needs payload_kg, in kg and at least 0", "runs", index, "payload_kg")
+        if kind.start is None:
+            continue
+        if start is None:
+            raise fail(f"run '{entry.name}' needs start_position_m, {kind.start.said}", *place)
+        low, high, top = kind.start.range(machine)
+        if not low <= start <= high:
+            raise fail(f"{start} m, expected {kind.start.noun} from {low:g} to {high} m, {top}", *place)
+    return runs, document
+
+
+# One run, from its file to checked and repaired signals. This module has the order of the checks, which matters.
+
+
+def read_run(
+    entry: Entry,
+    file: Path,
+    machine: Hoist | Axis,
+    columns: Mapping[str, Column],
+    line: int | None,
+    runs_yaml: Path,
+    *,
+    uploaded: bool = False,
+    whole: bool = False,
+) -> tuple[list[Run], list[str]]:
+    """The run, and the columns of its file that were not used. A run with holes is several, one each stretch between
+    them; whole: then it is refused.
+
+    InputError names file and run. A file that is not there is a fault of runs.yaml,
+    so that file and line are named, with the path that was tried. uploaded: see `open_log`.
+    """
+    try:
+        readable_file(file)
+    except InputError as error:
+        raise InputError(f"{entry.file}: {error.problem}", file=runs_yaml, line=line, place=entry.name) from error
+    try:
+        with open_log(file, uploaded=uploaded) as log:
+            raw = _raw_run(log, entry, machine, columns)
+    except InputError as error:
+        if error.place is not None and error.place.startswith(entry.name):
+            raise
+        place = entry.name if error.place is None else f"{entry.name}: {error.place}"
+        raise InputError(error.problem, file=error.file, line=error.line, place=place) from error
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=file, place=entry.name) from error
+    used = set(raw.columns.values())
+    return checked_runs(raw, whole=whole), [name for name in log.names if name not in used]
+
+
+def _raw_run(log: LogFile, entry: Entry, machine: Hoist | Axis, mapping: Mapping[str, Column]) -> RawRun:
+    """The signals of one log. InputError when a needed one has no column, with the columns there are."""
+    wanted = kind_of(machine).signals
+    columns = {
+        signal: mapping[signal].column if signal in mapping else signal
+        for signal in wanted.names
+        if signal in mapping or signal in log.names
+    }
+    for signal, column in columns.items():
+        if column not in log.names:
+            raise _missing(log, f"column '{column}' for {signal}", column, entry.name)
+    for group in wanted.needed:
+        if not any(all(name in columns for name in alternative) for alternative in group):
+            words = " or ".join(" and ".join(alternative) for alternative in group)
+            first = next((name for alternative in group for name in alternative if name not in columns), TIME)
+            raise _missing(log, f"column {words}", first, entry.name)
+    read = log.read(list(dict.fromkeys(columns.values())))
+    values = {}
+    for signal, column in columns.items():
+        rule = mapping.get(signal)
+        plain = rule is None or (rule.scale == 1.0 and rule.offset == 0.0)
+        values[signal] = read[column] if plain or rule is None else rule.scale * read[column] + rule.offset
+    time_s = values.pop(TIME)
+    return RawRun(entry, log.file, machine, columns, log.row_name, time_s, values)
+
+
+def _missing(log: LogFile, what: str, name: str, run: str) -> InputError:
+    if not log.names:
+        return InputError(f"no {what}: the file holds no columns of numbers", file=log.file, place=run)
+    most = 30
+    shown = ", ".join(repr(name)[1:-1] for name in log.names[:most])
+    shown += f" and {len(log.names) - most} more" if len(log.names) > most else ""
+    hint = nearest(name, log.names)
+    hint = f"{hint} The file has: {shown}" if hint.startswith("did you mean") else f"the file has: {shown}"
+    return InputError(f"no {what}; {hint}", file=log.file, place=run)
+
+
+# A campaign folder: machine.yaml, runs.yaml and the logs, read into one record.
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,11 +177,9 @@ class Campaign(Shown):
 
     def run(self, name: str) -> Run:
         """The run of that name; InputError with the nearest one when there is none."""
-        for run in self.runs:
-            if run.name == name:
-                return run
-        names = [run.name for run in self.runs]
-        raise InputError(f"no run '{name}'; {nearest(name, names)}", file=self.path / "runs.yaml")
+        runs = {run.name: run for run in self.runs}
+        check_known("no run", name, runs, file=self.path / "runs.yaml")
+        return runs[name]
 
     @property
     def all_notes(self) -> tuple[str, ...]:
@@ -66,7 +205,7 @@ def read_campaign(
     """
     folder, runs_yaml = _places(path)
     machine = load_machine(folder / "machine.yaml", check_effects=check_effects)
-    runs_file, document = read_runs(runs_yaml, machine, kind_of(machine).signals.names)
+    runs_file, document = read_runs(runs_yaml, machine)
     entries = _selected(runs_file.runs, select, runs_yaml)
     expect((folder / entry.file for entry in entries), uploaded=uploaded)
     runs: list[Run] = []
@@ -129,8 +268,7 @@ def _selected(entries: Sequence[Entry], select: Sequence[str] | str | None, file
     names = [name.strip() for name in select.split(",")] if isinstance(select, str) else list(select)
     known = [entry.name for entry in entries]
     for name in names:
-        if name not in known:
-            raise InputError(f"no run '{name}'; {nearest(name, known)}", file=file)
+        check_known("no run", name, known, file=file)
     if not names:
         raise InputError("no run is selected", file=file)
     return [entry for entry in entries if entry.name in names]

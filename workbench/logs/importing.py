@@ -12,13 +12,13 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known, nearest
 from workbench.core.input_file import read_input
+from workbench.core.names import unit_of as unit_in
 from workbench.core.run import Array
 from workbench.core.whole_folder import whole_folder
 from workbench.core.yaml_strict import dumps
@@ -29,34 +29,20 @@ from workbench.logs.formats.opening import open_log
 from workbench.machines import Axis, Hoist, kind_of, load_of
 
 # unit, lower case and without blanks, dots and asterisks -> (quantity, factor to SI)
-UNITS: Mapping[str, tuple[str, float]] = MappingProxyType(
-    {
-        "s": ("time", 1.0), "sec": ("time", 1.0), "ms": ("time", 1e-3), "µs": ("time", 1e-6), "us": ("time", 1e-6),
-        "nm": ("torque", 1.0), "knm": ("torque", 1e3), "mnm": ("torque", 1e-3),
-        "rad/s": ("turning", 1.0), "1/s": ("turning", 2.0 * math.pi), "deg/s": ("turning", math.pi / 180.0),
-        "°/s": ("turning", math.pi / 180.0), "rpm": ("turning", math.pi / 30.0), "1/min": ("turning", math.pi / 30.0),
-        "min-1": ("turning", math.pi / 30.0), "u/min": ("turning", math.pi / 30.0),
-        "r/min": ("turning", math.pi / 30.0),
-        "m": ("length", 1.0), "mm": ("length", 1e-3), "cm": ("length", 1e-2), "µm": ("length", 1e-6),
-        "m/s": ("speed", 1.0), "mm/s": ("speed", 1e-3), "m/min": ("speed", 1.0 / 60.0),
-        "mm/min": ("speed", 1e-3 / 60.0),
-        "n": ("force", 1.0), "kn": ("force", 1e3), "dan": ("force", 10.0), "t": ("force", 9806.65),
-        "rad": ("angle", 1.0), "deg": ("angle", math.pi / 180.0), "°": ("angle", math.pi / 180.0),
-        "rev": ("angle", 2.0 * math.pi),
-    }
-)  # fmt: skip
-# The ending of a signal's name -> the quantity that it is.
-OF_SIGNALS: Mapping[str, str] = MappingProxyType(
-    {
-        "_rad_s": "turning",
-        "_m_s": "speed",
-        "_nm": "torque",
-        "_rad": "angle",
-        "_n": "force",
-        "_m": "length",
-        "_s": "time",
-    }
-)
+UNITS: Mapping[str, tuple[str, float]] = {
+    "s": ("time", 1.0), "sec": ("time", 1.0), "ms": ("time", 1e-3), "µs": ("time", 1e-6), "us": ("time", 1e-6),
+    "nm": ("torque", 1.0), "knm": ("torque", 1e3), "mnm": ("torque", 1e-3),
+    "rad/s": ("turning", 1.0), "1/s": ("turning", 2.0 * math.pi), "deg/s": ("turning", math.pi / 180.0),
+    "°/s": ("turning", math.pi / 180.0), "rpm": ("turning", math.pi / 30.0), "1/min": ("turning", math.pi / 30.0),
+    "min-1": ("turning", math.pi / 30.0), "u/min": ("turning", math.pi / 30.0),
+    "r/min": ("turning", math.pi / 30.0),
+    "m": ("length", 1.0), "mm": ("length", 1e-3), "cm": ("length", 1e-2), "µm": ("length", 1e-6),
+    "m/s": ("speed", 1.0), "mm/s": ("speed", 1e-3), "m/min": ("speed", 1.0 / 60.0),
+    "mm/min": ("speed", 1e-3 / 60.0),
+    "n": ("force", 1.0), "kn": ("force", 1e3), "dan": ("force", 10.0), "t": ("force", 9806.65),
+    "rad": ("angle", 1.0), "deg": ("angle", math.pi / 180.0), "°": ("angle", math.pi / 180.0),
+    "rev": ("angle", 2.0 * math.pi),
+}  # fmt: skip
 
 
 def unit_of(text: str) -> tuple[str, float] | None:
@@ -69,8 +55,9 @@ def unit_of(text: str) -> tuple[str, float] | None:
 
 def quantity_of(signal: str) -> str:
     """What a signal is, by the unit in its name."""
-    ending = max((e for e in OF_SIGNALS if signal.endswith(e)), key=len)
-    return OF_SIGNALS[ending]
+    known = unit_of(unit_in(signal))
+    assert known is not None
+    return known[0]
 
 
 # For each quantity words that speak for it; a set point is another signal than an actual value.
@@ -145,8 +132,7 @@ def propose(
             raise InputError(f"no column looks like {needed}; the file has: {columns}")
     for word in scales:
         signal, _, text = word.partition("=")
-        if signal not in chosen:
-            raise InputError(f"unknown or unmapped signal '{signal}'; {nearest(signal, chosen)}", place="scales")
+        check_known("unknown or unmapped signal", signal, chosen, place="scales")
         try:
             factor = float(text)
         except ValueError:
@@ -189,13 +175,11 @@ def _mapped(machine: Hoist | Axis, word: str, signals: Sequence[str], channels: 
     signal, mark, column = word.partition("=")
     if not mark:
         raise InputError(f"'{word}', expected SIGNAL=COLUMN or SIGNAL=COLUMN:UNIT", place="mapped")
-    if signal not in signals:
-        raise InputError(f"unknown signal '{signal}'; {nearest(signal, signals)}", place="mapped")
+    check_known("unknown signal", signal, signals, place="mapped")
     unit = ""
     if column not in named and ":" in column:
         column, _, unit = column.rpartition(":")
-    if column not in named:
-        raise InputError(f"no column '{column}'; {nearest(column, named)}", place="mapped")
+    check_known("no column", column, named, place="mapped")
     proposal, known, quantity = _proposal(signal, named[column]), unit_of(unit), quantity_of(signal)
     if not unit:
         return proposal

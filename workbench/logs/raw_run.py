@@ -6,15 +6,28 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import StringConstraints
 
 from workbench.core.errors import InputError
+from workbench.core.record import Finite, Payload, Position, Record
 from workbench.core.run import Array
-from workbench.logs.runs_file import Entry
 from workbench.machines import Axis, Hoist, Kind, kind_of
 
 WIDE = 200.0  # samples
+Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f/\\]+$")]
+
+
+class Entry(Record):
+    """One run as runs.yaml lists it. Some kinds of machine need payload and start position; see `read_runs`."""
+
+    name: Name
+    file: Annotated[str, StringConstraints(min_length=1)]
+    payload_kg: Payload | None = None
+    start_position_m: Position | None = None
+    start_time_s: Finite | None = None
 
 
 def seconds(time_s: float) -> str:

@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
-from workbench.core.run import Array
-from workbench.logs.plausible import MOVING
+from workbench.core.errors import InputError
+from workbench.core.run import Array, Run
+from workbench.logs.plausible import MOVING, check_plausible, drop_wrong_scale
 from workbench.logs.raw_run import RawRun, is_constant, seconds, stretches
 from workbench.machines import TIME
 
@@ -462,3 +464,81 @@ def _input_dropout(run: RawRun, name: str, channel: Channel, stretch: Stretch) -
 
 def _span(time_s: Array, stretch: Stretch) -> str:
     return f"{seconds(time_s[stretch[0]])} to {seconds(time_s[stretch[1] - 1])}"
+
+
+# A run, checked
+
+
+def checked_runs(raw: RawRun, *, whole: bool = False) -> list[Run]:
+    """The run, or each stretch between holes as a run of its own, which begins where the motion has taken the machine.
+    whole: holes are refused."""
+    # Numbers near the largest a float holds overflow to infinite here and are refused as such.
+    with np.errstate(over="ignore", invalid="ignore"):
+        check_time(raw)
+        refuse_infinite(raw)
+        merge_repeated(raw)
+        if not (parts := [] if whole else whole_stretches(raw)):
+            return [_checked(raw)]
+        time_s, known = raw.time_s, {}
+        for name, column in raw.values.items():
+            there = ~np.isnan(column)
+            if there.any():
+                known[name] = np.interp(time_s, time_s[there], column[there])
+        holes = [f"{seconds(time_s[b])} to {seconds(time_s[a - 1])}" for (_, b), (a, _) in pairwise(parts)]
+        holes = ([f"the start to {seconds(time_s[parts[0][0] - 1])}"] if parts[0][0] else []) + holes
+        holes += [f"{seconds(time_s[parts[-1][1]])} to the end"] if parts[-1][1] < len(time_s) else []
+        said = f"samples are missing from {', '.join(holes)}; the stretches before and behind are used, each as a run"
+        runs: list[Run] = []
+        refused: list[InputError] = []
+        for number, (first, end) in enumerate(parts, 1):
+            name = raw.entry.name if number == 1 else f"{raw.entry.name}_{number}"
+            try:
+                runs.append(_checked(raw.part(first, end, raw.begun_at(first, name, known), said)))
+            except InputError as error:
+                refused.append(error)
+        if not runs:
+            raise refused[0]
+        return runs
+
+
+def _checked(run: RawRun) -> Run:
+    """Each check repairs the run, notes something, or raises; what a later one takes for granted, an earlier one has
+    made sure of."""
+    for check in (
+        fill_gaps, bridge_spikes, check_sizes,
+        check_time,  # again: repairs may have shortened the run
+        note_time, _sum_inputs, cut_dropouts, drop_dead_motion, _place,
+        check_plausible, drop_dead, drop_frozen, drop_wrong_scale, note_clipped,
+    ):  # fmt: skip
+        check(run)
+    return Run(
+        name=run.entry.name,
+        time_s=run.time_s,
+        signals=run.values,
+        payload_kg=run.payload_kg,
+        start_position_m=run.entry.start_position_m or 0.0,
+        start_time_s=run.entry.start_time_s or 0.0,
+        source=str(run.file),
+        notes=tuple(run.notes),
+    )
+
+
+def _sum_inputs(run: RawRun) -> None:
+    """The input as the sum of its parts, such as both motors' torque; the parts stay beside it when all are logged."""
+    parts, total = run.kind.drive.parts, run.kind.plant.input
+    if parts and all(name in run.values for name in parts):
+        if total in run.values:
+            run.notes.append(f"{run.label(total)} is not used: both motors are logged for themselves")
+        run.values[total] = np.sum([run.values[name] for name in parts], axis=0)
+        return
+    for name in parts:
+        if name in run.values:
+            run.notes.append(f"{run.label(name)} is not used: the other motor is not logged, the sum is")
+            del run.values[name]
+
+
+def _place(run: RawRun) -> None:
+    """The start position: from runs.yaml, else the first logged position of a kind that is placed by its log."""
+    if run.entry.start_position_m is None and run.kind.moved.placed_by_log and run.position in run.values:
+        start = float(run.values[run.position][0])
+        run.entry = run.entry.model_copy(update={"start_position_m": start})

@@ -22,7 +22,6 @@ from workbench.metrics.registry import (
     find,
     fixed_columns,
     forget_added,
-    measure,
     metrics,
     observer,
     run_metrics,

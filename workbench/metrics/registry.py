@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
-from workbench.core.errors import InputError, nearest
-from workbench.core.run import Run
+from workbench.core.errors import InputError, check_known
 from workbench.machines import HOIST
 from workbench.metrics import axis, hoist
 from workbench.metrics.metric import Metric, MetricSet, Observer, RunMetric, View
@@ -62,8 +60,7 @@ def by_name() -> Mapping[str, Metric]:
 def find(name: str) -> Metric:
     """The metric of that name. InputError with the nearest one where there is none."""
     known = by_name()
-    if name not in known:
-        raise InputError(f"unknown metric '{name}'; {nearest(name, known)}")
+    check_known("unknown metric", name, known)
     return known[name]
 
 
@@ -98,17 +95,3 @@ def observer() -> Observer:
 @lru_cache(maxsize=8)
 def _hoist_set(added: tuple[Metric, ...]) -> MetricSet:
     return replace(hoist.SET, metrics=(*hoist.METRICS, *added))
-
-
-def measure(run: Run, p: Any) -> dict[str, float]:
-    """A hoist's metrics of the compiled loop from a run's signals: a log, or a trace made by hand.
-
-    p: the observer's parameters by symbol. Each sample counts until the next one.
-    """
-    observer = set_of(HOIST.name).observer
-    accumulators: Sequence[float] = observer.start
-    steps = [*(run.time_s[1:] - run.time_s[:-1]), run.sample_time_s]
-    for k, dt in enumerate(steps):
-        signals = {name: values[k] for name, values in run.signals.items()} | {"time_s": run.time_s[k]}
-        accumulators = observer.update(accumulators, signals, p, dt)
-    return observer.finish(accumulators, p, float(sum(steps)))

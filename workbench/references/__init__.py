@@ -20,16 +20,15 @@ from workbench.references.kind import (
     recorded_kinds,
     usual_kinds,
 )
-from workbench.references.limits import LimitPair, Limits, Step, allowed_carriage_speed_m_s, motor_speed_rad_s
 from workbench.references.plan import (
     MotionPlan,
     Plan,
     Profile,
+    RecordedPlan,
     StoppedPlan,
     motion_time_s,
     move_shape,
     move_time_s,
     plan_motion,
 )
-from workbench.references.recorded import RecordedPlan
-from workbench.references.shape import Shape
+from workbench.references.shape import LimitPair, Limits, Shape, Step, allowed_carriage_speed_m_s, motor_speed_rad_s

@@ -15,22 +15,16 @@ and docs/references.md read the declaration; nothing else has to be edited for a
 
 from __future__ import annotations
 
-import hashlib
-import importlib
 import math
-import pkgutil
-import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+from workbench.core.declared import digest_of, library, of_entry_points
 from workbench.core.errors import InputError, nearest
 from workbench.machines import Load
-from workbench.references.limits import Limits
-from workbench.references.shape import Shape
+from workbench.references.shape import Limits, Shape
 
 
 @dataclass(frozen=True)
@@ -146,31 +140,15 @@ BASELINE = "trapezoid"  # the kind that studies compare the others with
 _added: dict[str, ReferenceKind] = {}
 
 
-def _declared_in(module: ModuleType) -> list[ReferenceKind]:
-    """The kinds that stand in a module, in the order of its lines."""
-    return list({value.name: value for value in vars(module).values() if isinstance(value, ReferenceKind)}.values())
-
-
 @cache
 def library_kinds() -> tuple[ReferenceKind, ...]:
     """The kinds of the package, in the order of modules and lines."""
-    package = importlib.import_module("workbench.references.library")
-    modules = [name for _, name, _ in pkgutil.iter_modules(package.__path__, f"{package.__name__}.")]
-    return tuple(kind for name in modules for kind in _declared_in(importlib.import_module(name)))
+    return tuple(library("workbench.references.library", ReferenceKind))
 
 
 @cache
 def _of_entry_points() -> tuple[ReferenceKind, ...]:
-    from importlib.metadata import entry_points
-
-    kinds: list[ReferenceKind] = []
-    for entry in entry_points(group=ENTRY_POINTS):
-        try:
-            module = entry.load()
-        except Exception as error:
-            raise InputError(f"cannot be loaded: {error}", place=f"entry point {entry.name}") from error
-        kinds += _declared_in(module) if isinstance(module, ModuleType) else [module]
-    return tuple(kinds)
+    return tuple(kind for _, kinds in of_entry_points(ENTRY_POINTS, ReferenceKind) for kind in kinds)
 
 
 def add(*kinds: ReferenceKind) -> None:
@@ -219,9 +197,4 @@ def planned_kind(name: str) -> PlannedKind:
 def digests_of(names: Iterable[str]) -> dict[str, str]:
     """name -> digest of the text that declares it, of those kinds that are not the library's."""
     own, known = {kind.name for kind in library_kinds()}, planned_kinds()
-    return {name: _digest(known[name]) for name in sorted(set(names) - own) if name in known}
-
-
-def _digest(kind: PlannedKind) -> str:
-    source = getattr(sys.modules.get(kind.move.__module__), "__file__", None)
-    return hashlib.sha256(Path(source).read_bytes()).hexdigest()[:16] if source else ""
+    return {name: digest_of(known[name].move.__module__) for name in sorted(set(names) - own) if name in known}

@@ -35,8 +35,7 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.machines import Load
-from workbench.references.limits import Limits
-from workbench.references.shape import Pieces, Shape, shortest_move, shortest_move_s
+from workbench.references.shape import Limits, Pieces, Shape, shortest_move, shortest_move_s
 
 STEP_S = 0.004
 MOST_ACCELERATION = 6.0  # times the trapezoid's

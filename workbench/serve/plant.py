@@ -11,7 +11,7 @@ import numpy as np
 
 from workbench.control import lag_step
 from workbench.control.events import BRAKE_TORQUES, SWITCHED_BRAKE
-from workbench.core.errors import InputError, nearest
+from workbench.core.errors import InputError, check_known
 from workbench.effects import Active, Effect, alone, find, joined, longest_step_s, sizes_of
 from workbench.engine.source import LAG
 from workbench.engine.stepped import LiveStep
@@ -161,8 +161,7 @@ class LiveMachine:
     def effect_parameters(self, name: str) -> dict[str, tuple[str, float, float]]:
         """The parameters of an effect: symbol, and the range that is taken from a client: MOST_EFFECT times what the
         library searches, and whatever value the machine has. InputError for an unknown effect, with the nearest."""
-        if name not in self.effects:
-            raise InputError(f"unknown effect '{name}'; {nearest(name, self.effects)}")
+        check_known("unknown effect", name, self.effects)
         ranges = {}
         for amount in self.effects[name].ranges(self._sizes):
             known = (self.value(amount.symbol), amount.lowest, amount.highest)

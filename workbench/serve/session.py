@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
-from workbench.core.errors import InputError, nearest, one_line
+from workbench.core.errors import InputError, check_known, one_line
 from workbench.core.names import unit_of
 from workbench.serve.plant import LiveMachine, LivePlant
 
@@ -304,8 +304,7 @@ class Session:
     def point(self, name: str) -> Point:
         """InputError, with the nearest name, for one that there is not."""
         points = {point.name: point for point in (*self.inputs, *self.outputs)}
-        if name not in points:
-            raise InputError(f"unknown point '{name}'; {nearest(name, points)}")
+        check_known("unknown point", name, points)
         return points[name]
 
     def order(self, order: object, who: str | None = None) -> dict[str, Any]:
@@ -314,8 +313,7 @@ class Session:
         if not isinstance(order, Mapping) or not order:
             raise InputError(f"expected an object with one of {', '.join(known)}")
         for key in order:
-            if key not in known:
-                raise InputError(f"unknown order '{key}'; {nearest(str(key), known)}")
+            check_known("unknown order", key, known)
         answer: dict[str, Any] = {}
         with self.lock:
             values, wanted = order.get("set", {}), order.get("get", [])

@@ -19,7 +19,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from workbench.core.run import Array, Run
-from workbench.effects import Active, Part, logged_input, moved_by, true_input, true_motion
+from workbench.effects import Active, Part, logged_input, moved_by, sizes_of, true_input, true_motion
 from workbench.engine import kernels
 from workbench.engine.kernels import MOST_STEPS, lanes_for
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
@@ -358,11 +358,12 @@ def start_point(plant: Plant, run: Run, motion: Motion) -> tuple[float, float]:
 
 
 def speed_scale(machine: Hoist | Axis, runs: Sequence[Run], motions: Sequence[Motion]) -> float:
-    """The speed that errors refer to: a motor's nominal speed, or an axis' largest measured speed."""
+    """The speed that errors refer to: a motor's nominal speed, or an axis' largest measured speed; where no run moves,
+    the one that goes with its size."""
     nominal = kind_of(machine).nominal_speed
     if nominal is not None:
         return nominal(machine)
-    return max(float(np.max(np.abs(m.speed))) for m in motions)
+    return max(float(np.max(np.abs(m.speed))) for m in motions) or sizes_of(machine, runs).speed
 
 
 def pooled_rms(parts: Sequence[Array]) -> float:

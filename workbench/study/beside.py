@@ -27,7 +27,7 @@ from workbench.references import (
 )
 from workbench.references.least_peak import least_peak, peak_force_n
 from workbench.references.library.wire import ZVD, impulses
-from workbench.references.limits import raised
+from workbench.references.shape import raised
 from workbench.study.decide import Given, candidates, criteria_for, decisions
 from workbench.study.front import fronts
 from workbench.study.grid import RunSpec

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.analysis.family import family, operating_points, weakest
+from workbench.analysis.margins import family, operating_points, weakest
 from workbench.analysis.search import best_rejection, for_bandwidth, make_search
 from workbench.analysis.tune import Goal
 from workbench.analysis.usual import usual_settings

@@ -251,7 +251,7 @@ def plan_study(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[st
             raise InputError(problem, place=place)
     study = Study(scenario, _machine_as_run(scenario, machine), recordings or {})
     if scenario.plant == "multibody":
-        from workbench.simulate.multibody_loop import check_multibody
+        from workbench.simulate.models import check_multibody
 
         try:
             check_multibody(study.machine, scenario.events.arm_reach_m)

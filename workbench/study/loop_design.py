@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from workbench.analysis.family import Member, Weakest, weakest
+from workbench.analysis.margins import Member, Weakest, weakest
 from workbench.analysis.tune import Candidate, Trial, Tuned, Weights, motions, usual_trial
 from workbench.analysis.usual import usual_heights, usual_settings
 from workbench.control import SETTINGS, Events, Settings

@@ -72,7 +72,7 @@ def _side_by_side(
     """The result of each case, or why it could not begin: such a case takes no other with it."""
     try:
         if plant == "multibody":  # one after the other: it has no lanes, and workers share a study's runs anyway
-            from workbench.simulate.multibody_loop import simulate_multibody_loop
+            from workbench.simulate.models import simulate_multibody_loop
 
             return [simulate_multibody_loop(case, record_every=record_every, step_s=step_s) for case in cases]
         return list(simulate_loop(cases, record_every=record_every, step_s=step_s, threads=threads))

@@ -621,7 +621,7 @@ def _machine() -> dict[str, Any]:
 
 
 def _runs() -> dict[str, Any]:
-    from workbench.logs.runs_file import RunsFile
+    from workbench.logs.campaign import RunsFile
 
     schema = RunsFile.model_json_schema()
     # `signal: column` is short for `signal: {column: column}`.

@@ -23,9 +23,9 @@ from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
 from workbench.core.whole_folder import whole_folder, write_json
 from workbench.diagnose.hypotheses.settings import calibration
-from workbench.view.numbers import NOTHING
 from workbench.view.page import Section, save_page
 from workbench.view.style import BLUE, FAINT, GREY, ORANGE, VERMILLION, Figure, figure, legend
+from workbench.view.words import NOTHING
 
 WILSON = "In brackets: 95 % Wilson interval, in per cent."
 DIAGNOSIS = "workbench diagnose"

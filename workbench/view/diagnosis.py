@@ -30,9 +30,8 @@ from workbench.study.labels import listed
 from workbench.study.scenario import key_in
 from workbench.view import diagnosis_figures as draw
 from workbench.view.diagnosis_json import probabilities, to_json
-from workbench.view.numbers import NOTHING, figures, with_error
 from workbench.view.page import Section, save_page
-from workbench.view.words import direction_names, words_of
+from workbench.view.words import NOTHING, direction_names, figures, with_error, words_of
 
 SHRINKS = 1.02  # factor: less is none
 RUN_AWAY = 100.0  # per cent of the speed's scale: a replay in open loop that is further off has left the motion

@@ -18,11 +18,53 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from workbench.core.names import powers
 from workbench.core.run import Array, Run
 from workbench.core.templates import render
 from workbench.machines import HOIST, Hoist
 from workbench.simulate.driven import InverseSimulation
-from workbench.view.style import VERMILLION
+from workbench.view.style import BLUE, GREY, ORANGE, VERMILLION, on_dark
+
+INK, GROUND, FILL, NOISE = "#222222", "white", "#E9EDF2", "#C8CDD3"
+FILL_DARK = "#2B303B"
+LONGEST = 170.0  # px of a bar
+
+
+def marked_machine(machine: Any, subsystem: str, shrink: Any) -> str:
+    """SVG, self-contained, on a white ground. shrink: before, after and noise of the residual, and its unit.
+
+    An axis is drawn along a rail, or turning, with a coupling where it has one.
+    """
+    turning = getattr(machine, "motion", "rotary") == "rotary"
+    kind = "coupled" if hasattr(machine, "coupling") else "turning" if turning else "rail"
+    largest = max(shrink.before, shrink.after, shrink.noise, 1e-12)
+    bars = [
+        (name, LONGEST * value / largest, powers(f"{value:.3g} {shrink.unit}"), colour)
+        for name, value, colour in (
+            ("before", shrink.before, GREY), ("after", shrink.after, BLUE), ("noise", shrink.noise, NOISE)
+        )
+    ]  # fmt: skip
+    if hasattr(machine, "winch") and subsystem != "axis":
+        kind = "hoist"
+    return str(
+        render(
+            "view/place.svg.j2", kind=kind, marked=subsystem, bars=bars, ink=INK, ground=GROUND, fill=FILL, mark=ORANGE
+        )
+    )
+
+
+def for_dark_ground(svg: str) -> str:
+    """The same drawing on a dark page: ground, ink and what is not marked change, marks and bars stay."""
+    for light in (INK, GROUND, GREY):
+        svg = svg.replace(f'"{light}"', f'"{on_dark(light)}"')
+    return svg.replace(FILL, FILL_DARK)
+
+
+# The machine moving with a run, or with two beside each other: one page of HTML that the browser animates itself.
+# What a log lacks of a `Scene` is computed from its measured speed. The parts are drawn once, as SVG; a frame only
+# moves groups of them, at the rate of the screen. Everything that moves is computed here and handed over as
+# samples: height, angles of the wheels, tensions. The script interpolates.
+
 
 HEIGHT = 640  # px
 STEP_S, MOST_SAMPLES = 0.02, 4000

@@ -25,11 +25,10 @@ from workbench.simulate.lowpass import lowpass
 from workbench.simulate.replay import ReplayResult
 from workbench.study.labels import field_label
 from workbench.view import replay as replay_view
-from workbench.view.numbers import change_percent, figures, with_error
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
 from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, VERMILLION, Figure, figure, line, look
-from workbench.view.words import direction_names, words_of
+from workbench.view.words import change_percent, direction_names, figures, with_error, words_of
 
 FAR = 3.0  # tolerances: a value beyond them stands in for something else
 ROW, AROUND = 34, 130  # px: of one value, and of title and axis

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from workbench.analysis.family import Member, Weakest, weakest
 from workbench.analysis.loop import StepResponse, load_step, position_answer, step_response
-from workbench.analysis.margins import Margins
+from workbench.analysis.margins import Margins, Member, Weakest, weakest
 from workbench.analysis.search import rounded_down
 from workbench.analysis.tune import GIVEN_AWAY, WIDER
 from workbench.control import Cascade
@@ -27,10 +26,10 @@ from workbench.machines import Axis, Hoist, Kind, kind_of
 from workbench.study.labels import listed
 from workbench.study.loop_design import DesignCase
 from workbench.view import style
-from workbench.view.numbers import NOTHING, figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
 from workbench.view.style import Figure
+from workbench.view.words import NOTHING, figures
 
 MARGINS = (
     Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),

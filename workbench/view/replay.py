@@ -18,11 +18,10 @@ from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of, plant_of
 from workbench.simulate.replay import Replay, ReplayResult
 from workbench.view import style
-from workbench.view.numbers import MOST, figures
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels, ranges_below_names
 from workbench.view.style import Figure
-from workbench.view.words import words_of
+from workbench.view.words import MOST, figures, words_of
 
 SIDE_BY_SIDE = 2  # runs in a row
 PAPER_PERCENT = 7.49  # RMSE of the paper's own machine, its Figure 8

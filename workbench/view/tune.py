@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.analysis.family import weakest
+from workbench.analysis.margins import weakest
 from workbench.analysis.tune import GIVEN_AWAY, WIDER, Candidate, Tuned, Weights
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
@@ -21,7 +21,7 @@ from workbench.machines import Axis, Hoist, kind_of
 from workbench.study.loop_design import DesignCase, Tuning
 from workbench.view import loop
 from workbench.view.loop import drive_sentences, event_words, least_sentence, load_sentence, said
-from workbench.view.numbers import figures
+from workbench.view.words import figures
 
 COLUMNS = (
     words("what"), Column("kp"), Column("ki"), Column("weight"), Column("tracking", "%"), Column("peak", "%"),

@@ -23,13 +23,12 @@ from workbench.core.names import unit_of
 from workbench.core.record import Finite, Record
 from workbench.core.yaml_strict import load, validate
 from workbench.effects import check
-from workbench.logs.runs_file import Name
+from workbench.logs.raw_run import Name
 from workbench.machines import load_machine
 from workbench.study.cluster import client_on
 from workbench.watch.judge import Rules
-from workbench.watch.opcua import SCHEME, Line, nodes_of, still_speed
+from workbench.watch.opcua import SCHEME, TRIGGER, CutRules, Line, nodes_of, still_speed
 from workbench.watch.store import replace_table
-from workbench.watch.stream import TRIGGER, CutRules
 from workbench.watch.watch import Say, Watch, patient
 
 STATES = ("failed", "alarm", "learning", "healthy")  # in the order of the table

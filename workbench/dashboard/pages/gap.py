@@ -20,8 +20,8 @@ from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.effects import check, effects_for
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import load_machine, plant_of
+from workbench.view.film import for_dark_ground
 from workbench.view.page import Section
-from workbench.view.place import for_dark_ground
 from workbench.view.words import words_of
 
 if TYPE_CHECKING:
@@ -254,7 +254,7 @@ def work(
 def view_of(d: Diagnosis) -> View:
     """The runs are replayed for the figures."""
     from workbench.view import diagnosis as words
-    from workbench.view.place import marked_machine
+    from workbench.view.film import marked_machine
 
     sections, machine = words.sections_of(d), d.campaign.machine
     for figure, _ in sections["verdict"].figures:  # for a place of half the page's width

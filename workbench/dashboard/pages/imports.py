@@ -19,7 +19,7 @@ from workbench.dashboard.chosen import arrived, last_campaign, session_machine
 from workbench.dashboard.desk import machine_form
 from workbench.dashboard.uploads import MB, Uploaded, base_name, safe_name
 from workbench.dashboard.widgets import chart, downloads, guarded, held, notes, plain, table
-from workbench.logs.formats.known import suffixes
+from workbench.logs.formats.opening import suffixes
 from workbench.logs.importing import (
     NOMINAL,
     TEXT,

@@ -9,8 +9,8 @@ from typing import Any
 
 import streamlit as st
 
-from workbench.analysis.family import Member, family, operating_points, weakest
 from workbench.analysis.linearise import Motion
+from workbench.analysis.margins import Member, family, operating_points, weakest
 from workbench.analysis.tune import STEPS, Goal, TuneProgress, Weights, tune
 from workbench.analysis.usual import usual_heights, usual_settings
 from workbench.control import Cascade, Settings

@@ -18,7 +18,7 @@ from workbench.dashboard.chosen import chosen_campaign
 from workbench.dashboard.widgets import guarded, held, plain, text
 from workbench.logs import Campaign
 from workbench.logs.signal_files import Labelled
-from workbench.view.signals import Stretch, browser, start_of_move
+from workbench.view.logs import Stretch, browser, start_of_move
 
 WHOLE, RAMP = "whole runs", "start of the first move"
 FEW_RUNS, MOST_ROWS, MOST_IN_ROW = 3, 10, 4

@@ -32,7 +32,7 @@ from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, labelled_runs, peak_limit, run_study
 from workbench.study.scenario import Scenario
 from workbench.view import study as view
-from workbench.view.signals import Stretch, browser
+from workbench.view.logs import Stretch, browser
 from workbench.view.study_figures import pareto
 from workbench.view.style import label
 

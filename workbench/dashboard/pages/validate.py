@@ -20,7 +20,7 @@ from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import load_machine, of_kind, studied
 from workbench.machines.files import machine_text
-from workbench.simulate.multibody_loop import check_multibody
+from workbench.simulate.models import check_multibody
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.view import identify as identify_report
 from workbench.view import replay as report

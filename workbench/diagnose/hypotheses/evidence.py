@@ -28,7 +28,7 @@ from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, nuisance_std
 from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel, Sizes
 from workbench.diagnose.hypotheses.problem import Problem, rms
-from workbench.effects import find, ranges_of
+from workbench.effects import effects_for, find, ranges_of
 from workbench.machines import kind_of
 
 STEP = 2.0  # of both sizes, from one tried to the next
@@ -100,6 +100,12 @@ def independent(problem: Problem) -> float:
 def cost(problem: Problem, parameters: int) -> float:
     """The cost of so many effect parameters, in the score's unit."""
     return parameters * math.log(min(max(independent(problem), 2.0), MOST))
+
+
+def price(problem: Problem) -> float:
+    """What one more cause costs beside its parameters, 2 ln N: it is as likely to be there as not, whichever of the N
+    listed ones it is (J. G. Scott, J. O. Berger, Annals of Statistics 38, 2010)."""
+    return 2.0 * math.log(sum(effect.listed for effect in effects_for(problem.active.kind).values()))
 
 
 def of_impacts(problem: Problem, effects: Collection[str], evidence: float) -> float:
@@ -190,12 +196,13 @@ def discounted(
     """The gain from the data after the discount of `beyond_model_error`. before, after: residuals (samples,) without
     and with the effects.
 
-    The first effect is compared with the model error where it acts: rows count by how much it changes them; a further
-    one with all of it, for it may be no more than that. What acts at speed is compared with that at speed: rows count
-    less the more of their model error is that near standstill. What the machine has shown is no more than what is left
-    beside the effect: the sizes follow the quick part of a residual, and may promise more of the slow. An axis' noise
-    is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains the rest. A wrong law of the machine's own
-    is wrong alike in every run, and is no drift over a campaign: what it has shown of that is what the runs differ by.
+    An effect is compared with the model error where it acts: rows count by how much it changes them; a further one of a
+    machine that leaves itself laws of its own with all of it, for it may be no more than that. What acts at speed is
+    compared with that at speed: rows count less the more of their model error is that near standstill. What the machine
+    has shown is no more than what is left beside the effect: the sizes follow the quick part of a residual, and may
+    promise more of the slow. An axis' noise is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains
+    the rest. A wrong law of the machine's own is wrong alike in every run, and is no drift over a campaign: what it has
+    shown of that is what the runs differ by.
     """
     if data <= 0.0:
         return data
@@ -203,7 +210,8 @@ def discounted(
     slow = all(effect.regime == "low_speed" for effect in effects)
     errors = problem.errors if sizes is None else problem.errors.sized(sizes)
     share = np.ones(problem.inputs) if slow else errors.at_speed[rows]
-    if first:
+    own = kind_of(problem.machine).floor == "own"
+    if first or not own:
         share = share * np.abs(before[rows] - after[rows])
     default = float(np.mean(share * errors.sized((1.0, 1.0)).model_error[rows] ** 2))
     shown = float(np.mean(share * errors.model_error[rows] ** 2)) if max(errors.sizes) > 1.0 else 0.0
@@ -213,7 +221,7 @@ def discounted(
         form, of_run = before[rows] - after[rows], problem.run_of_row[rows]
         along, size = (np.bincount(of_run, share * form * x) for x in (after[rows], form))
         shown = min(shown, float(np.sum(along**2 / np.maximum(size, 1e-300))) / problem.inputs)
-    if kind_of(problem.machine).floor == "own":
+    if own:
         default += ((1.0 + settings.NOISE_KNOWN) ** 2 - 1.0) * float(np.mean(share * problem.row_noise**2))
     taken = float(np.mean(share * (before[rows] ** 2 - after[rows] ** 2)))
     return data * max(1.0 - max(default, shown) / max(taken, 1e-300), 0.0)
@@ -243,33 +251,23 @@ def weigh(
     """All fitted hypotheses by falling evidence, and the score without any effect.
 
     base: the fit without effects; near: the same within the tolerances. rivals: unlisted effects. The evidence of
-    several effects is that of the best subset without one of them, plus what the last one adds beyond the gain that an
-    inexact law of the others allows (`inexact`).
+    several effects is the most of all orders in which one after the other is added: of what each adds beyond the gain
+    that an inexact law of those before it allows (`inexact`). So it does not hang on which of them is best alone.
     """
-    none = score_of(problem, base)
-
-    def weighed(names: Names, score: Score, evidence: float) -> Weighed:
-        fit = fits[names]
-        gain = base.objective - fit.objective
-        return Weighed(names, fit, gain, evidence, score, any(name in rivals for name in names))
-
-    by_names: dict[Names, Weighed] = {}
+    none, by_names = score_of(problem, base), dict[Names, Weighed]()
     for size in range(1, max(map(len, fits), default=0) + 1):
         together: dict[Names, Weighed] = {}
-        for names, fit in fits.items():
-            if len(names) != size:
-                continue
+        for names, fit in [(names, fit) for names, fit in fits.items() if len(names) == size]:
             score = score_of(problem, fit)
+            parts = [by_names[part] for part in combinations(names, size - 1) if part in by_names]
+            added = [part.evidence + _added(problem, near, part, fit, score) for part in parts]
             if size == 1:
                 evidence = beyond_model_error(problem, base, fit, none.value - score.value, score.sizes)
                 evidence -= cost(problem, len(fit.z) - len(base.z))
-                evidence = of_impacts(problem, names, beyond_nuisance(problem, fit, names[0], evidence))
-                together[names] = weighed(names, score, evidence)
-                continue
-            parts = (by_names.get(part) for part in combinations(names, size - 1))
-            first = max((part for part in parts if part is not None), key=lambda w: w.evidence, default=None)
-            if first is not None:
-                together[names] = weighed(names, score, first.evidence + _added(problem, near, first, fit, score))
+                added = [of_impacts(problem, names, beyond_nuisance(problem, fit, names[0], evidence))]
+            if added:
+                gain, rival = base.objective - fit.objective, any(name in rivals for name in names)
+                together[names] = Weighed(names, fit, gain, max(added), score, rival)
         by_names |= {names: _not_freer(problem, near, w, together, fits) for names, w in together.items()}
     return tuple(sorted(by_names.values(), key=lambda w: -w.evidence)), none
 
@@ -286,7 +284,7 @@ def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: S
         data = beyond(gain - prior, least)
         added = prior + (min(data, 0.0) if only_mends(problem, last) else data)
     evidence = added - cost(problem, len(fit.z) - len(first.fit.z))
-    return beyond_nuisance(problem, fit, last, evidence) - settings.calibration()["pair"]
+    return beyond_nuisance(problem, fit, last, evidence) - price(problem)
 
 
 def _not_freer(

@@ -36,7 +36,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
-from workbench.identify.least_squares import minimise
+from workbench.identify.fit import minimise
 
 ROUND = 4  # steps with the base parameters' signatures as they were
 WORTH = 0.05  # of the objective: less is not worth another round

@@ -207,19 +207,20 @@ def _own(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
 def significance(problem: Problem, without: Fitted, fit: Fitted) -> float:
     """By how much a fit predicts left-out folds better than another one, in standard deviations of that.
 
-        gain = sum_i (u_i^2 - w_i^2) + P_0 - P,    variance = 4 sum_b (sum_(i in b) (u_i - w_i) w_i)^2 + 4 (P_0 - P)
+        gain = sum_i (u_i^2 - w_i^2) + P_0 - P,    variance = 4 sum_b (sum_(i in b) (u_i - w_i) w_i)^2 + P_0 - P
 
     u and w are the whitened held-out residuals of both, P_0 and P the squared distances of their base parameters from
     nominal in tolerances, which are data like the others. Were w independent of what the further effects predict,
     u - w, the gain would be the energy of u - w; it is off that by their product alone. The products are summed over
     stretches b as long as the residual hangs together, so a remainder with structure is no proof (a sandwich variance;
-    W. K. Newey, K. D. West, Econometrica 55, 1987).
+    W. K. Newey, K. D. West, Econometrica 55, 1987). No fold leaves a tolerance out: by chance alone P_0 - P is the
+    square of a standard normal value, so it counts as many deviations as its root.
     """
     folds = folds_by_run(problem)
     u, w = problem.errors.whiten(np.stack([held_out(problem, one, folds).residual for one in (without, fit)], axis=1)).T
     product = np.bincount(stretches(problem), (u - w) * w)
     prior = without.prior - fit.prior
-    variance = 4.0 * float(product @ product) + 4.0 * max(prior, 0.0)
+    variance = 4.0 * float(product @ product) + max(prior, 0.0)
     return (float(u @ u - w @ w) + prior) / math.sqrt(max(variance, 1e-300))
 
 

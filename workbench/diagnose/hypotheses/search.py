@@ -27,6 +27,7 @@ from workbench.diagnose.hypotheses.evidence import (
     inexact,
     likeliest,
     nested,
+    price,
     score_of,
     weigh,
 )
@@ -312,7 +313,7 @@ class Search:
         turning = [e for e in self.effects.values() if any(r.scan == "order" for r in self._ranges(e))]
         signatures = search._signatures([e for e in turning if self._new_to(leading.names, e.id)], leading.fit)
         for name, promise in search._promised(leading.fit, signatures).items():
-            if search._worth(leading.fit, promise) > settings.calibration()["pair"] - SLACK:
+            if search._worth(leading.fit, promise) > price(self.problem) - SLACK:
                 names = tuple(sorted((*leading.names, name)))
                 search.fits.pop(names, None)
                 search._try(names, lambda promise=promise: search._fit_with(leading.fit, promise))  # type: ignore[misc]
@@ -571,7 +572,7 @@ class Search:
                 if promise.evidence > 0.0 and promise.gain > least * leader.chi2
             ]
             for worth, promise in sorted(added, key=lambda one: -one[0])[:PARTNERS]:
-                if worth > settings.calibration()["pair"] - SLACK:
+                if worth > price(self.problem) - SLACK:
                     way = _Way(w.evidence + worth, result.gain(w.names) + promise.gain, leader, promise)
                     ways.setdefault(tuple(sorted((*w.names, promise.signature.effect.id))), []).append(way)
         for names in sorted(ways, key=lambda names: -max(way.worth for way in ways[names]))[:EXTENDED_REFITTED]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted, is_timing
@@ -266,7 +267,8 @@ def start_of(problem: Problem, signature: Signature, amounts: Array) -> tuple[li
 
 
 def stepped_aside(problem: Problem, at: Fitted, taken: Array, delay: bool = False) -> Array:
-    """z of a fit's own parameters, refitted linearly after an effect has taken `taken` (samples,) off the residual.
+    """z of a fit's own parameters, refitted linearly within their bounds after an effect has taken `taken`, (samples,),
+    off the residual.
 
     Two nonlinear parameters stay fixed: the turn-over of friction, and the log's timing, since friction jumps between
     samples. delay: the effect is a delay itself, so the timing is refitted too.
@@ -276,11 +278,12 @@ def stepped_aside(problem: Problem, at: Fitted, taken: Array, delay: bool = Fals
         [not (k.logarithmic or (is_timing(k) and not delay)) for k in at.free for _ in range(k.size)], dtype=bool
     )
     white = problem.errors.whiten(np.column_stack([at.jacobian[:, moved], at.residual - taken]))
-    rows = np.vstack([white[:, :-1], np.diag(1.0 / std[moved])])
-    target = np.concatenate([white[:, -1], at.z[moved] / std[moved]])
-    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    prior = np.column_stack([np.diag(1.0 / std[moved]), at.z[moved] / std[moved]])
+    _, rows = np.linalg.qr(np.vstack([white, prior]))
+    scale = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-300)
+    reach = ((lowest - at.z)[moved] * scale, (highest - at.z)[moved] * scale)
     z = at.z.copy()
-    z[moved] -= np.linalg.lstsq(rows / scale, target, rcond=1e-12)[0] / scale
+    z[moved] += lsq_linear(rows[:, :-1] / scale, -rows[:, -1], reach, method="bvls").x / scale
     return np.clip(z, lowest, highest)
 
 

@@ -34,7 +34,7 @@ from scipy.special import logsumexp
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.evidence import Weighed, cost
+from workbench.diagnose.hypotheses.evidence import Weighed, cost, price
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Projection
@@ -52,8 +52,8 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     """
     less, rms = less or base, base.rms(problem.inputs)
     sized, more = problem.with_model_error(cause.score.sizes), len(cause.names) - max(len(less.effects), 1)
-    pair = settings.calibration()["pair"]
-    paid, price = cost(problem, len(cause.fit.z) - len(less.z)) + pair * more, pair if less.effects else 0.0
+    paid = cost(problem, len(cause.fit.z) - len(less.z)) + price(problem) * more
+    its = price(problem) if less.effects else 0.0
     alone, beside = (Projection.of(sized, fit) for fit in (less, cause.fit))
     added = [(name,) for name in cause.names if name not in less.effects]
     own, _ = np.linalg.qr(alone.clean(parts_of(problem, cause.fit, added).T))
@@ -64,7 +64,7 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
         if level:
             rows[:, :-1] -= own @ (own.T @ rows[:, :-1])
         there, here = np.column_stack([beside.clean(shape), beside.residual]), rows - own @ (own.T @ rows)
-        one, *both = (score(each[:, :-1], each[:, -1], roots, rms, price) for each in (rows, there, here))
+        one, *both = (score(each[:, :-1], each[:, -1], roots, rms, its) for each in (rows, there, here))
         least = min(least, (one - min(both) - paid, label))
     return least
 

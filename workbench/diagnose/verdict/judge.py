@@ -226,7 +226,8 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     if more > 0.0 and not (problem.struck and PLAY in w.names):  # what a play leaves are the rebounds
         return Constancy(last, "residual", more)
     undone = cancellation(problem, w.fit, len(near.z))
-    if undone > -math.log(settings.HALF) or smooths(problem, w.fit):
+    # True causes may happen to cancel, as a drift where later runs carry more; what imitates leaves a remainder.
+    if (undone > -math.log(settings.HALF) and w.score.excess > 1.0) or smooths(problem, w.fit):
         return Constancy(last, OTHER, max(undone, -math.log(settings.HALF)))
     if PLAY in w.names and only_mends(problem, PLAY) and more > -settings.HALF:
         return Constancy(PLAY, IMPACTS, more)

@@ -32,11 +32,48 @@ from typing import IO, Any
 
 import numpy as np
 
+from workbench.core.declared import library
 from workbench.core.errors import InputError
 from workbench.core.input_file import readable_file
 from workbench.core.run import Array
 from workbench.logs.formats.declared import Limits, LogFormat, Opened, plain_errors
-from workbench.logs.formats.known import format_of
+
+# Every LogFormat of a module NAME_file.py; CSV, which needs no extra, is named first.
+FORMATS = library("workbench.logs.formats", LogFormat, "_file")
+# What people also keep logs in. It is not read, and the error says what it is.
+_NOT_YET = {
+    ".dat": "MDF3", ".xlsx": "Excel", ".xls": "Excel", ".gz": "gzip",
+    ".zip": "zip", ".h5": "HDF5", ".hdf5": "HDF5", ".feather": "Feather",
+}  # fmt: skip
+
+
+def suffixes() -> tuple[str, ...]:
+    """The endings of all log files that are read, such as ".csv"."""
+    return tuple(suffix for log_format in FORMATS for suffix in log_format.suffixes)
+
+
+def listed() -> str:
+    """The first ending of each format as a sentence has them: ".csv, .mat or .parquet"."""
+    first = [log_format.suffixes[0] for log_format in FORMATS]
+    return " or ".join([", ".join(first[:-1]), first[-1]])
+
+
+def format_of(file: Path) -> LogFormat:
+    """The format of a file by its ending. InputError for one that is not read."""
+    suffix = file.suffix.lower()
+    for log_format in FORMATS:
+        if suffix in log_format.suffixes:
+            return log_format
+    what = f"{_NOT_YET[suffix]} files are" if suffix in _NOT_YET else f"a file that ends in '{suffix}' is"
+    raise InputError(f"{what} not read by this version; save the log as {listed()}", file=file)
+
+
+# Opens a log as columns of numbers, within the limits of its format: here, or apart, in a process that may die and
+# that can open nothing but the one log. Where the system can fork, the worker itself never touches a file: it loads
+# the parsers once, and each log is parsed by a child of its own, with limits on processor time and memory. A child
+# that dies takes the worker with it, by exit status 128 + signal. Elsewhere (Windows) the worker parses one log and
+# ends, and only time is limited. Either side sends lines of JSON; samples follow theirs as they lie in memory.
+# Nothing that a worker sends is unpickled or executed.
 
 
 @dataclass(frozen=True)

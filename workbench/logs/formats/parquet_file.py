@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, float_array
 from workbench.logs.formats.declared import Limits, LogFormat, Opened
-
-if TYPE_CHECKING:
-    pass
 
 _ROWS = 65_536  # of a batch
 

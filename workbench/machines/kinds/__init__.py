@@ -6,12 +6,11 @@ found by its `Kind`; nothing else has to be edited.
 
 from __future__ import annotations
 
-import importlib
 import math
-import pkgutil
 from dataclasses import replace
 from typing import Any, TypeVar, cast
 
+from workbench.core.declared import library
 from workbench.machines.declare import Kind, Load
 from workbench.machines.kinds.axis import LINEAR, ROTARY, Axis
 from workbench.machines.kinds.hoist import KIND as HOIST
@@ -21,19 +20,8 @@ from workbench.machines.plant import Plant
 AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
 
 
-def _found() -> dict[str, Kind]:
-    """The kinds that this package's modules hold, those of full studies first."""
-    modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
-    kinds = [
-        value
-        for module in modules
-        for name, value in vars(module).items()
-        if isinstance(value, Kind) and name[0] != "_"
-    ]
-    return {kind.name: kind for kind in sorted(kinds, key=lambda kind: not kind.studies)}
-
-
-KINDS = _found()
+# Those of full studies first.
+KINDS = {kind.name: kind for kind in sorted(library(__name__, Kind), key=lambda kind: not kind.studies)}
 PLANTS = {name: kind.plant for name, kind in KINDS.items()}
 PLACES = {place: meaning for plant in PLANTS.values() for place, meaning in plant.places.items()}
 

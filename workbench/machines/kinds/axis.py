@@ -237,6 +237,21 @@ class Axis(Record):
         return OFFSET_TOLERANCE * largest_input if stated is None else float(stated)
 
 
+def _roles(inertia: str, quantity: str, n: str, m: str, sine: str) -> dict[str, str]:
+    """Role -> dotted name of the value, of an axis in these units."""
+    return {
+        "inertia": inertia,
+        "viscous": f"friction.viscous_{n}_s_per_{m}",
+        "coulomb_forward": f"friction.coulomb_forward_{n}",
+        "coulomb_backward": f"friction.coulomb_backward_{n}",
+        "standstill": f"friction.standstill_speed_{m}_s",
+        "gravity_sine": sine,
+        "gravity_constant": f"gravity.constant_{n}",
+        "gain": f"sensors.{quantity}_gain",
+        "offset": f"sensors.{quantity}_offset_{n}",
+    }
+
+
 class LinearAxis(Axis):
     """`motion: linear`: kg, N, m."""
 
@@ -251,17 +266,7 @@ class LinearAxis(Axis):
     tolerances: LinearTolerances = LinearTolerances()
     measured_correction: LinearCorrection | None = None
 
-    value_of: ClassVar[dict[str, str]] = {
-        "inertia": "mass_kg",
-        "viscous": "friction.viscous_n_s_per_m",
-        "coulomb_forward": "friction.coulomb_forward_n",
-        "coulomb_backward": "friction.coulomb_backward_n",
-        "standstill": "friction.standstill_speed_m_s",
-        "gravity_sine": "",
-        "gravity_constant": "gravity.constant_n",
-        "gain": "sensors.force_gain",
-        "offset": "sensors.force_offset_n",
-    }
+    value_of: ClassVar[dict[str, str]] = _roles("mass_kg", "force", "n", "m", "")
     input_signal: ClassVar[str] = "force_n"
     position_signal: ClassVar[str] = "position_m"
     speed_signal: ClassVar[str] = "velocity_m_s"
@@ -277,17 +282,7 @@ class Rotary(Axis):
     tolerances: RotaryTolerances = RotaryTolerances()
     measured_correction: RotaryCorrection | None = None
 
-    value_of: ClassVar[dict[str, str]] = {
-        "inertia": "inertia_kg_m2",
-        "viscous": "friction.viscous_nm_s_per_rad",
-        "coulomb_forward": "friction.coulomb_forward_nm",
-        "coulomb_backward": "friction.coulomb_backward_nm",
-        "standstill": "friction.standstill_speed_rad_s",
-        "gravity_sine": "gravity.sine_nm",
-        "gravity_constant": "gravity.constant_nm",
-        "gain": "sensors.torque_gain",
-        "offset": "sensors.torque_offset_nm",
-    }
+    value_of: ClassVar[dict[str, str]] = _roles("inertia_kg_m2", "torque", "nm", "rad", "gravity.sine_nm")
     input_signal: ClassVar[str] = "torque_nm"
     position_signal: ClassVar[str] = "angle_rad"
     speed_signal: ClassVar[str] = "speed_rad_s"

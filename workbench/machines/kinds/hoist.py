@@ -575,10 +575,6 @@ MOTORS = ("torque_motor1_nm", "torque_motor2_nm")
 SPEED_REFERENCE, HEIGHT, TENSION = "speed_reference_rad_s", "position_carriage_m", "tension_dead_line_n"
 
 
-def lift(m: Hoist) -> float:
-    return m.lift_m_per_rad
-
-
 def _sizes(m: Hoist, runs: Sequence[Run]) -> Sizes:
     radius, length = m.winch.drum_diameter_m / 2.0, m.wire.segment_length_m
     return Sizes(
@@ -826,7 +822,7 @@ KIND = Kind(
     ),
     model_error=declare.ModelError(load=0.0002, inertia=0.003, standstill=0.02, slow=0.08, time_s=0.6),
     whole="",
-    transmission=lift,
+    transmission=lambda m: float(m.lift_m_per_rad),
     nominal_speed=lambda m: float(m.motor.nominal_speed_rad_s),
     motor_torque=lambda m: float(m.motor.nominal_torque_nm),
     log_timing=True,

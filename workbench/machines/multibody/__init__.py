@@ -3,14 +3,11 @@
 It shares no equation with `workbench.machines`: that the two agree is a finding, not a definition.
 """
 
-from workbench.machines.multibody.assemble import Geometry, geometry_of
-from workbench.machines.multibody.exudyn_import import engine
-from workbench.machines.multibody.motion import Driven, MotionResult, Outcome, Shaft, move, sampled
-from workbench.machines.multibody.statics import Hanging, hang
-from workbench.machines.multibody.switches import NO_SWITCHES, Switches, switches_of
+from workbench.machines.multibody.assemble import Geometry, Hanging, geometry_of, hang
+from workbench.machines.multibody.motion import Driven, MotionResult, Outcome, Shaft, move
+from workbench.machines.multibody.switches import Switches, engine, switches_of
 
 __all__ = [
-    "NO_SWITCHES",
     "Driven",
     "Geometry",
     "Hanging",
@@ -22,6 +19,5 @@ __all__ = [
     "geometry_of",
     "hang",
     "move",
-    "sampled",
     "switches_of",
 ]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import enum
 import math
 import time as clock
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,11 +15,16 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.machines import Hoist
-from workbench.machines.multibody.assemble import System, truth_of
-from workbench.machines.multibody.exudyn_import import engine
-from workbench.machines.multibody.laws import PLAIN, guide_level
-from workbench.machines.multibody.statics import DidNotConvergeError, Hanging, set_wire, settle, wire_weight_n
-from workbench.machines.multibody.switches import Switches, switches_of, wound_m
+from workbench.machines.multibody.assemble import (
+    DidNotConvergeError,
+    Hanging,
+    System,
+    set_wire,
+    settle,
+    truth_of,
+    wire_weight_n,
+)
+from workbench.machines.multibody.switches import PLAIN, Switches, engine, guide_level, switches_of, wound_m
 
 SPECTRAL_RADIUS = 0.8  # of the generalised-α method: damps what the step cannot resolve
 FINER = (1, 2, 4)  # parts of a step, tried in turn
@@ -64,26 +70,6 @@ class MotionResult:
     reactions: Run | None = None
 
 
-SIGNALS = (
-    ("torque_motor_nm", "torque of all motors"),
-    ("speed_motor_rad_s", "motor speed"),
-    ("angle_motor_rad", "motor angle"),
-    ("position_carriage_m", "carriage height"),
-    ("speed_carriage_m_s", "carriage speed"),
-    ("acceleration_carriage_m_s2", "carriage acceleration"),
-    ("tension_drum_n", "wire tension at the drum"),
-    ("tension_dead_line_n", "wire tension at the dead anchor"),
-    ("tension_min_n", "the smaller of the two falls' elastic tensions"),
-    ("force_guide_n", "friction of all rollers in the rails, against an upward motion positive"),
-)
-REACTIONS = (
-    ("force_cylinder_n", "of both cylinders, tension positive"),
-    ("pitch_lower_dolly_rad", "of the lower dolly, out of the column's line"),
-    ("pitch_upper_dolly_rad", "of the upper dolly"),
-    ("torque_gear_nm", "that the gearbox gives the drum, as felt at the motors"),
-)
-
-
 def move(
     machine: Hoist,
     payload_kg: float,
@@ -127,29 +113,20 @@ def move(
         cpu += clock.process_time() - began
         if done:
             break
-    time, signals = motion.core()
+    signals = _columns(motion.kept)
+    time = signals.pop("time_s", np.zeros(0))
     reactions: Run | None = None
     if every == record_every:
-        signals |= motion.forces()
+        signals |= _columns(motion.reactions)
     elif every:
-        reactions = replace(empty, time_s=time[:: every // record_every], signals=motion.forces())
+        reactions = replace(empty, time_s=time[:: every // record_every], signals=_columns(motion.reactions))
     outcome = Outcome.COMPLETED if done else Outcome.DIVERGED
     run = replace(empty, time_s=time, signals=signals)
     return MotionResult(run, hanging, outcome, "" if done else motion.place(), cpu, steps, switches, reactions)
 
 
-def sampled(driven: Driven, sample_time_s: float) -> Driven:
-    """A drive that is asked at its own sample times only and holds its torque between them."""
-    taken, given = -1, (0.0, 0.0)
-
-    def held(shaft: Shaft, until_s: float) -> tuple[float, float]:
-        nonlocal taken, given
-        sample = math.floor(shaft.time_s / sample_time_s + 1e-6)
-        if sample > taken:
-            taken, given = sample, driven(shaft, until_s)
-        return given
-
-    return held
+def _columns(rows: list[dict[str, float]]) -> dict[str, Array]:
+    return {name: np.array([row[name] for row in rows], dtype=float) for name in (rows[0] if rows else ())}
 
 
 class _Motion:
@@ -170,14 +147,13 @@ class _Motion:
         self.mbs = system.mbs
         self.wound = wound_m(switches, machine.winch.drum_diameter_m / 2.0)
         self.level = guide_level(PLAIN, machine, switches, payload_kg * machine.gravity_m_s2)
-        self.kept: list[tuple[float, ...]] = []
+        self.kept: list[dict[str, float]] = []
         self.step = 0
         self.torque = 0.0
         self.z, self.bristle_y = 0.0, 0.0
-        self.reactions: list[tuple[float, ...]] = []
+        self.reactions: list[dict[str, float]] = []
         self.every, self.reactions_every = 1, 0
         self.reach: Callable[[float], float] | None = None
-        self.joints = [joint for name, joint in system.joints.items() if name != "gripper_moment"]
 
     def begin(self, q: Array, speed: float, hold_nm: float) -> None:
         """Positions at rest under the torque that holds; every point moves with the motor, half as fast as the wire."""
@@ -330,66 +306,42 @@ class _Motion:
         return float(sum(abs(self.mbs.GetObjectOutput(r, kind)[0]) for r in self.system.rollers.values()))
 
     def _keep(self, q: Any, v: Any) -> None:
-        c, a = self.system.coordinate, self.mbs.systemData.GetODE2Coordinates_tt()
+        """One record, and the reactions beside it where they are due. Friction of the rollers in the rails is positive
+        against an upward motion, a cylinder's and a wire's force in tension; pitch is out of the column's line."""
+        mbs, system, kinds, c = self.mbs, self.system, engine().OutputVariableType, self.system.coordinate
         W1, W2, _, w1, w2 = self.now
-        self.kept.append(
-            (
-                self.step * self.h,
-                self.torque,
-                v[c["motor"]],
-                q[c["motor"]],
-                self.height + q[c["sheave.y"]],
-                v[c["sheave.y"]],
-                a[c["sheave.y"]],
-                W1 + w1 / 2.0,
-                W2 + w2 / 2.0,
-                min(W1, W2),
-                self._friction(),
-            )
-        )
+        rollers = {name: mbs.GetObjectOutput(number, kinds.Force) for name, number in system.rollers.items()}
+        friction = sum((float(force[1]) for force in rollers.values()), 0.0)
+        if system.bristle is not None:
+            friction += float(mbs.GetObjectOutput(system.bristle, kinds.Force))
+        self.kept.append({
+            "time_s": self.step * self.h,
+            "torque_motor_nm": self.torque,
+            "speed_motor_rad_s": v[c["motor"]],
+            "angle_motor_rad": q[c["motor"]],
+            "position_carriage_m": self.height + q[c["sheave.y"]],
+            "speed_carriage_m_s": v[c["sheave.y"]],
+            "acceleration_carriage_m_s2": mbs.systemData.GetODE2Coordinates_tt()[c["sheave.y"]],
+            "tension_drum_n": W1 + w1 / 2.0,
+            "tension_dead_line_n": W2 + w2 / 2.0,
+            "tension_min_n": min(W1, W2),  # of the two falls' elastic ones
+            "force_guide_n": friction,
+        })  # fmt: skip
         if self.reactions_every and self.step % self.reactions_every == 0:
-            self._keep_reactions(q)
-
-    def _friction(self) -> float:
-        kinds, system = engine().OutputVariableType, self.system
-        friction = sum((float(self.mbs.GetObjectOutput(r, kinds.Force)[1]) for r in system.rollers.values()), 0.0)
-        return friction if system.bristle is None else friction + self._bent()
-
-    def _bent(self) -> float:
-        return float(self.mbs.GetObjectOutput(self.system.bristle, engine().OutputVariableType.Force))
-
-    def _keep_reactions(self, q: Any) -> None:
-        kinds, mbs, system, c = engine().OutputVariableType, self.mbs, self.system, self.system.coordinate
-        rollers = [mbs.GetObjectOutput(r, kinds.Force) for r in system.rollers.values()]
-        joints = [math.hypot(*mbs.GetObjectOutput(j, kinds.Force)[:2]) for j in self.joints]
-        gear = float(np.atleast_1d(mbs.GetObjectOutput(system.gear, kinds.Force))[0])
-        self.reactions.append(
-            (
-                float(mbs.GetObjectOutput(system.cylinder, kinds.ForceLocal)),
-                q[c["lower_dolly.a"]],
-                q[c["upper_dolly.a"]],
-                -gear,
-                *(float(r[0]) for r in rollers),
-                *joints,
-            )
-        )
-
-    def core(self) -> tuple[Array, dict[str, Array]]:
-        """Times and signals of every record."""
-        table = np.array(self.kept, dtype=float).reshape(len(self.kept), len(SIGNALS) + 1)
-        return table[:, 0].copy(), {name: table[:, k + 1].copy() for k, (name, _) in enumerate(SIGNALS)}
-
-    def forces(self) -> dict[str, Array]:
-        """The reactions kept, as signals."""
-        rollers = [f"force_roller_{name}_n" for name in self.system.rollers]
-        joints = [f"force_{name}_n" for name in self.system.joints if name != "gripper_moment"]
-        names = [*(name for name, _ in REACTIONS), *rollers, *joints]
-        table = np.array(self.reactions, dtype=float).reshape(len(self.reactions), len(names))
-        return {name: table[:, k].copy() for k, name in enumerate(names)}
+            joints = {name: joint for name, joint in system.joints.items() if name != "gripper_moment"}
+            self.reactions.append({
+                "force_cylinder_n": float(mbs.GetObjectOutput(system.cylinder, kinds.ForceLocal)),
+                "pitch_lower_dolly_rad": q[c["lower_dolly.a"]],
+                "pitch_upper_dolly_rad": q[c["upper_dolly.a"]],
+                "torque_gear_nm": -float(np.atleast_1d(mbs.GetObjectOutput(system.gear, kinds.Force))[0]),
+                **{f"force_roller_{name}_n": float(force[0]) for name, force in rollers.items()},
+                **{f"force_{n}_n": math.hypot(*mbs.GetObjectOutput(j, kinds.Force)[:2]) for n, j in joints.items()},
+            })  # fmt: skip
 
     def place(self) -> str:
-        last = self.kept[-1] if self.kept else (0.0,) * 6
+        last: Mapping[str, float] = self.kept[-1] if self.kept else Counter[str]()
         return (
-            f"at {self.step * self.h:.3f} s; last kept at {last[0]:.3f} s: height {last[4]:.3f} m, "
-            f"motor speed {last[2]:.2f} rad/s, torque {last[1]:.1f} N m"
+            f"at {self.step * self.h:.3f} s; last kept at {last['time_s']:.3f} s: height "
+            f"{last['position_carriage_m']:.3f} m, motor speed {last['speed_motor_rad_s']:.2f} rad/s, torque "
+            f"{last['torque_motor_nm']:.1f} N m"
         )

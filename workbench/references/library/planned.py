@@ -11,8 +11,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.references.kind import Move, Ramp, RecordedKind, planned
 from workbench.references.least_peak import equal_time_limits
-from workbench.references.limits import Limits
-from workbench.references.shape import Shape, shortest_move, shortest_move_s, shortest_ramp, shortest_ramp_s
+from workbench.references.shape import Limits, Shape, shortest_move, shortest_move_s, shortest_ramp, shortest_ramp_s
 
 
 def _trapezoid_s(move: Move) -> float:
@@ -178,7 +177,7 @@ def seventh_order(move: Move) -> Shape:
     return Shape(move.distance_m, time_s, used, motion)
 
 
-# `workbench.references.recorded` plans them.
+# `workbench.references.plan` plans them.
 RECORDED = RecordedKind(
     name="recorded",
     label="recorded",
