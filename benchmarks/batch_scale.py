@@ -81,7 +81,7 @@ def cost_of_a_run(study: Study) -> tuple[float, float]:
 
     run_chunk(study, 0)
     costs = []
-    Kernel.__call__ = timed  # type: ignore[assignment,method-assign]
+    Kernel.__call__ = timed  # type: ignore[method-assign]
     try:
         for _ in range(3):
             taken[0], begun = 0.0, time.process_time()
