@@ -121,6 +121,21 @@ def test_no_base_parameter_turns_what_an_effect_turns(kind: str, request: pytest
         assert not own & {r.symbol for r in ranges_of(effect, problem.machine)}, effect.id
 
 
+@pytest.mark.parametrize("kind", ["hoist", "axis"])
+def test_whatever_a_fit_makes_of_a_value_without_a_tolerance_is_a_value_of_the_file(
+    kind: str, request: pytest.FixtureRequest
+):
+    """As of how friction turns over at standstill, which a log with a dead band takes for a step."""
+    problem: Problem = request.getfixturevalue(kind)
+    for key, parameter in base_parameters(problem.machine, problem.runs).items():
+        if parameter.logarithmic:
+            for z in (-100.0, 100.0):
+                assert (
+                    with_values(problem.machine, {key: float(np.mean(parameter.values([z])[parameter.symbol]))})
+                    != problem.machine
+                )
+
+
 # The problem
 
 

@@ -29,10 +29,12 @@ from workbench.diagnose.hypotheses.model_error import ErrorModel, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
+from workbench.diagnose.verdict.answer import Left
 from workbench.diagnose.verdict.unknown_cause import (
     cancellation,
     lasting_share,
     laws_left,
+    signs_of,
     sudden_share,
     tolerance_excess,
 )
@@ -392,6 +394,23 @@ def test_a_stand_in_that_leaves_no_residual_stretches_the_tolerances(
     assert wrong.rms(same.inputs) < 1.1 * floor
     assert tolerance_excess(problem, own) < 1.0
     assert tolerance_excess(same, wrong) > 3.0
+
+
+def test_a_hoist_that_leaves_much_is_held_to_its_tolerances_unless_the_cause_takes_much():
+    """A dead band of the torque's log: base parameters take what friction would, once named at 0.99."""
+    problem, wrong = answered({"payload_mass_error": {"payload_scale": 1.06}}, ["torque_scale"], {"gain": 1.03})
+    swing = 200.0 * problem.noise * np.sin(np.arange(problem.inputs))
+    rows = wrong.residual + np.concatenate([swing, np.zeros(problem.samples - problem.inputs)])
+    held = replace(wrong, residual=rows, chi2=float(np.sum(problem.errors.whiten(rows) ** 2)))
+    score: Any = SimpleNamespace(excess=1.0)
+
+    def stretched(before: float) -> float:
+        """before: of what stays, rms: what base parameters alone leave."""
+        base = replace(held, effects=(), residual=before * rows)
+        return signs_of(problem, base, held, score, Left(0.0, 0.0, False), 0.0)["prior"]
+
+    assert stretched(1.0) > 2.0
+    assert stretched(30.0) == 0.0
 
 
 # Two effects

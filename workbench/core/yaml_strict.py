@@ -353,9 +353,9 @@ def _sentence(model: type[BaseModel], place: Place, detail: ErrorDetails, beside
         free = all_keys - beside(place)  # a key that is there already is hardly the one meant
         return f"unknown key '{place[-1]}'; {nearest(str(place[-1]), free or all_keys)}"
     if kind == "missing":
-        return f"is missing; expected {_expectation(_field_at(model, place))}"
+        return f"is missing; expected {_expectation(field_at(model, place))}"
     if kind in _BOUNDS:
-        if (bounds := bounds_of(_field_at(model, place))) is not None:
+        if (bounds := bounds_of(field_at(model, place))) is not None:
             return f"{_shown(value)}, expected {bounds.words(value)}"
         name, words = _BOUNDS[kind]
         return f"{_shown(value)}, expected a number {words} {_shown(context.get(name))}"
@@ -370,7 +370,7 @@ def _sentence(model: type[BaseModel], place: Place, detail: ErrorDetails, beside
         hint = "; put it in quotes" if isinstance(value, int | float) else ""
         return f"{_shown(value)}, expected text{hint}"
     if kind == "literal_error":
-        choices = [str(choice) for choice in _choices(_field_at(model, place))]
+        choices = [str(choice) for choice in _choices(field_at(model, place))]
         if isinstance(value, str) and difflib.get_close_matches(value, choices, n=1):
             return f"{_shown(value)}; {nearest(value, choices)}"
         return f"{_shown(value)}, expected {context.get('expected', ' or '.join(choices))}"
@@ -421,7 +421,8 @@ def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
     return models
 
 
-def _field_at(model: type[BaseModel], place: Place) -> FieldInfo | None:
+def field_at(model: type[BaseModel], place: Place) -> FieldInfo | None:
+    """The field that a key of a file is read into, None for a key that is none."""
     for record in _models_at(model, place[:-1]):
         if place and isinstance(place[-1], str) and place[-1] in record.model_fields:
             return record.model_fields[place[-1]]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core import yaml_strict
 from workbench.core.run import Array, Run
 from workbench.effects import Effect, Ranged, find, ranges_of
 from workbench.machines import get_value, kind_of
@@ -224,8 +225,10 @@ def base_parameters(machine: Any, runs: Sequence[Run]) -> dict[str, Scalar]:
             continue
         nominal = float(get_value(machine, value.key))
         symbol = sensor.get(value.key) or kind.symbols[value.key]
-        if value.spread == "factor":
-            free[value.key] = Scalar(symbol, nominal, 1.0, 0.0, std=std, logarithmic=True)
+        if value.spread == "factor":  # nothing else holds it, so the file's own bounds do
+            bounds = yaml_strict.bounds_of(yaml_strict.field_at(type(machine), tuple(value.key.split("."))))
+            low, high = (bounds.lowest, bounds.highest) if bounds else (0.0, math.inf)
+            free[value.key] = Scalar(symbol, nominal, 1.0, low, high, std, logarithmic=True)
             continue
         least = -math.inf if value.signed else 0.0 if "coulomb" in value.key else 1e-3 * abs(nominal)
         free[value.key] = Scalar(symbol, nominal, std, least, std=1.0)
