@@ -16,7 +16,7 @@ from workbench.diagnose.hypotheses.free_parameters import FreeParameter, base_pa
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, TURNED, Search
-from workbench.diagnose.law import Law, find_law
+from workbench.diagnose.law import Law, find_law, solved
 from workbench.diagnose.location.profiles import spacing, times
 from workbench.diagnose.location.where import where_of
 from workbench.diagnose.machines import refitted_machine
@@ -261,6 +261,16 @@ def test_the_file_of_a_law_replays_to_the_residual_that_was_stated(drag: tuple[L
     assert replayed.residual_rms_moving < without.residual_rms_moving
     assert replayed.residual_rms_moving == pytest.approx(law.rms, rel=0.03)  # all samples, thinned samples
     assert law.after < 1.5 * law.rms
+
+
+def test_a_term_that_the_runs_never_show_ends_no_search_for_a_law():
+    """A column of zeros, or two that are one: the others are solved for as without it."""
+    x = np.random.default_rng(3).normal(size=(40, 3))
+    twice, never = np.column_stack([x, x[:, 0]]), np.column_stack([x, np.zeros(40)])
+    amounts = solved(
+        np.stack([a.T @ a for a in (twice, never)]), np.stack([a.T @ x @ [4.0, 2.0, 1.0] for a in (twice, never)])
+    )
+    np.testing.assert_allclose(amounts, [[2.0, 2.0, 1.0, 2.0], [4.0, 2.0, 1.0, 0.0]], atol=1e-9)
 
 
 def test_noise_has_no_law():

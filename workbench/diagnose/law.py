@@ -277,12 +277,21 @@ class Regression:
         hold = np.hstack([np.tile(1.0 / self.fitter.std**2, (len(sets), 1)), scale / (HOLD * self.size) ** 2])
         pull = hold * np.concatenate([self.z, np.zeros(chosen.shape[1]) if at is None else at])
         held = every + hold[:, :, None] * np.eye(which.shape[1])
-        whole = np.linalg.solve(held, (b.sum(0) - pull)[..., None])[..., 0]
-        others = np.linalg.solve(held - n, (b.sum(0) - b - pull)[..., None])[..., 0]  # (groups, sets, k)
+        whole = solved(held, b.sum(0) - pull)
+        others = solved(held - n, b.sum(0) - b - pull)  # (groups, sets, k)
         left = (
             yy[:, None] - 2.0 * np.einsum("gsk,gsk->gs", others, b) + np.einsum("gsk,gskl,gsl->gs", others, n, others)
         )
         return whole, others.transpose(1, 0, 2), np.maximum(left, 0.0).T
+
+
+def solved(matrices: Array, targets: Array) -> Array:
+    """(…, k) of symmetric matrices (…, k, k); the smallest solution where these runs leave a direction open."""
+    try:
+        found = np.linalg.solve(matrices, targets[..., None])
+    except np.linalg.LinAlgError:
+        found = np.linalg.pinv(matrices, rcond=1e-12, hermitian=True) @ targets[..., None]
+    return np.asarray(found[..., 0], dtype=float)
 
 
 def find_law(problem: Problem, fitted: Fitted, acts_on: str, name: str = "measured_law") -> Law | None:
