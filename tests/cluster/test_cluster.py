@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -253,6 +254,24 @@ def test_a_cluster_that_has_lost_its_last_worker_is_given_up_in_time(computers, 
     wanted = pytest.raises(InputError, match=r"has had no worker for 2 s; what is done is kept")
     with wanted, spread_on(computers.address) as spread:
         run_batch(study, place_for(study, tmp_path / "out"), spread=spread, tell=killing_after(2, kill_both))
+
+
+def test_a_result_that_dies_with_the_last_worker_before_it_is_fetched_is_not_waited_for(
+    computers, study, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("workbench.study.cluster.WITHOUT_WORKERS_S", 2.0)
+    fetched = pytest.importorskip("distributed").Future.result
+
+    def too_late(future: Any, timeout: float | None = None) -> Any:
+        for worker in computers.workers:
+            worker.kill()
+            worker.wait()
+        return fetched(future, timeout)
+
+    monkeypatch.setattr("distributed.Future.result", too_late)
+    wanted = pytest.raises(InputError, match=r"has had no worker for 2 s; what is done is kept")
+    with wanted, spread_on(computers.address) as spread:
+        run_batch(study, place_for(study, tmp_path / "out"), spread=spread)
 
 
 def test_others_take_the_work_of_a_stopped_process(study, index, tmp_path, monkeypatch):

@@ -90,9 +90,12 @@ def each_on(
             for future in done:
                 item = of.pop(future)
                 try:
-                    result = future.result()
+                    result = future.result(timeout=WITHOUT_WORKERS_S)
                 except distributed.KilledWorker:
                     lost.append(item)
+                except TimeoutError:  # it has died with its worker, and is computed anew where another one comes
+                    of[future] = item
+                    continue
                 else:
                     yield item, result
                 future.release()
