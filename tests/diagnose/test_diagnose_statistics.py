@@ -28,12 +28,12 @@ from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.settings import FORETOLD
+from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
 from workbench.diagnose.verdict.answer import Left
 from workbench.diagnose.verdict.unknown_cause import (
     cancellation,
     lasting_share,
-    laws_left,
     signs_of,
     sudden_share,
     tolerance_excess,

@@ -16,10 +16,9 @@ from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.places import placed
 from workbench.diagnose.location.profiles import best_of
-from workbench.diagnose.location.where import regime_of
+from workbench.diagnose.location.where import laws_left, regime_of
 from workbench.diagnose.verdict.answer import Remainder
 from workbench.diagnose.verdict.judge import input_rms
-from workbench.diagnose.verdict.unknown_cause import laws_left
 from workbench.machines import kind_of
 
 

@@ -200,7 +200,7 @@ def _in_vain(problem: Problem, fitted: Fitted, alone: HeldOut, best: Curve) -> E
     keys, before = base_parameters(problem.machine, problem.runs), fitted.rms(problem.inputs)
     machines = tuple(refitted_machine(problem, keys, setting) for setting in alone.settings)
     sentence = (
-        f"No force over speed, place, load or time explains what is left: the best, over {over_what(best.over)}, "
+        f"No table over speed, place, load or time explains what is left: the best, over {over_what(best.over)}, "
         f"takes {100.0 * max(best.explains, 0.0):.0f} % of its energy away on {_left_out(problem)}. "
         "The corrected machine holds no table."
     )

@@ -17,12 +17,15 @@ from workbench.diagnose.location.places import Event, Placed, PlaceProbability, 
 from workbench.diagnose.location.profiles import (
     Explained,
     Free,
+    OnTop,
     Profile,
+    basis,
     best_of,
     explain,
     profile_of,
     run_of,
     share_in_time,
+    share_of,
     spacing,
     times,
     variables,
@@ -253,6 +256,17 @@ def free_of(problem: Problem, near: Fitted) -> Free:
     low, high = np.maximum(low, -reach) - z, np.minimum(high, reach) - z
     hold = problem.noise / np.sqrt(problem.share) / std
     return Free(-near.jacobian[: problem.inputs], np.minimum(low, 0.0), np.maximum(high, 0.0), hold)
+
+
+def laws_left(problem: Problem, fit: Fitted, seed: int = 0) -> list[Explained]:
+    """Of each variable that the runs vary: what a law of it, one each way, takes off a fit's residual on runs that the
+    law was not fitted to; on pieces of them, where there are fewer than three."""
+    left = fit.residual[: problem.inputs]
+    on_top, found = OnTop(problem, left, free_of(problem, fit)), []
+    for variable in variables(problem, left):
+        after = on_top.after(*basis(problem, variable))
+        found.append(Explained(variable, left - after, *share_of(problem, left, after, seed)))
+    return found
 
 
 def regime_of(problem: Problem, gap: Array, explained: Explained) -> str:

@@ -20,8 +20,7 @@ from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of, logarithmic_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Projection
-from workbench.diagnose.location.profiles import Explained, OnTop, basis, share_of, variables
-from workbench.diagnose.location.where import free_of
+from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.verdict.answer import Left
 from workbench.machines import kind_of
 
@@ -49,11 +48,12 @@ def signs_of(problem: Problem, base: Fitted, held: Fitted, score: Score, left: L
     if problem.struck:  # what stays beside an impact are its rebounds, which no law foretells
         return {"left": 0.0 if PLAY in held.effects else UNHEARD, "prior": 0.0}
     open_share, bent = 1.0, 0.0
-    if held.effects:  # a law that takes much off the residual is inexact, and bends the base parameters
+    if held.effects:
         open_share, rms = min((1.0 - share) / MUCH, 1.0), max(held.rms(problem.inputs), 1e-300)
-        bent = settings.LAW**2 * max((base.rms(problem.inputs) / rms) ** 2 - 1.0, 0.0) * held.chi2
-        if kind_of(problem.machine).floor == "own":  # and so does what the machine leaves itself
+        if kind_of(problem.machine).floor == "own":  # what the machine leaves itself bends the base parameters
             bent = settings.FORETOLD * max(1.0 - (problem.noise / rms) ** 2, 0.0) * held.chi2
+        else:  # only a law does that takes much off the residual, for it is inexact
+            bent = settings.LAW**2 * max((base.rms(problem.inputs) / rms) ** 2 - 1.0, 0.0) * held.chi2
     return {
         "left": open_share * _unexplained(problem, held, left, score.excess),
         "prior": max(tolerance_excess(problem, held, bent) - settings.BY_CHANCE[bool(held.effects)], 0.0),
@@ -80,17 +80,6 @@ def _unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> f
     lawful = max([lasting_share(problem, held.residual), *by_law])
     again = max(left.percent_of_input * math.sqrt(lawful) / settings.OWN_LAW, sudden)
     return max(many * beyond_own, AGAIN * min(max(again - 1.0, 0.0), 1.0))
-
-
-def laws_left(problem: Problem, fit: Fitted, seed: int = 0) -> list[Explained]:
-    """Of each variable that the runs vary: what a law of it, one each way, takes off a fit's residual on runs that the
-    law was not fitted to; on pieces of them, where there are fewer than three."""
-    left = fit.residual[: problem.inputs]
-    on_top, found = OnTop(problem, left, free_of(problem, fit)), []
-    for variable in variables(problem, left):
-        after = on_top.after(*basis(problem, variable))
-        found.append(Explained(variable, left - after, *share_of(problem, left, after, seed)))
-    return found
 
 
 def sudden_share(problem: Problem, residual: Array) -> float:
