@@ -278,8 +278,7 @@ class Problem:
 
     def _tables(self, settings: Sequence[Setting]) -> list[Array]:
         """Each run's parameters (symbols, settings)."""
-        row_of, base = self.bench.row_of, [[vars(p)[name] for name in self.bench.symbols] for p in self.bench.base]
-        tables = np.repeat(np.array(base, dtype=float)[:, :, None], len(settings), axis=2)
+        row_of, tables = self.bench.row_of, np.repeat(self.bench.table[:, :, None], len(settings), axis=2)
         for i, setting in enumerate(settings):
             for symbol, value in setting.items():
                 if symbol not in SENSOR_KEYS and symbol != LOG_TIMING:
