@@ -198,9 +198,7 @@ def batches(visit: Visit, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("start", "scheme"), [(APP, "dark"), (SCRIPT, "light")], ids=["workbench app", "app.py"])
-def test_the_console_is_free_of_errors_and_nothing_is_asked_of_the_network(
-    chromium: Browser, shots: Path, tmp_path: Path, start: list[str], scheme: browser.Scheme
-):
+def test_the_console_is_free_of_errors_and_nothing_is_asked_of_the_network(chromium, shots, tmp_path, start, scheme):
     with (
         browser.dashboard(tmp_path / "server", start) as address,
         browser.visit(chromium, address, shots / scheme, scheme) as visit,
@@ -248,9 +246,7 @@ EVERY = {"Loop": 4, "Signals": 1, "Plant": 0, "Import": 0, "Study": 1, "Sizing":
 @pytest.mark.parametrize(
     ("pages", "most"), [({"Loop": 4}, 3), pytest.param(EVERY, 1000, marks=pytest.mark.proof)], ids=["few", "every"]
 )
-def test_nonsense_that_is_mended_leaves_every_control_showing_what_is_used(
-    chromium: Browser, tmp_path: Path, pages: dict[str, int], most: int
-):
+def test_nonsense_that_is_mended_leaves_every_control_showing_what_is_used(chromium, tmp_path, pages, most):
     """In every field of every page, those that are folded away too; before a release."""
     with (
         browser.dashboard(tmp_path / "server") as address,
@@ -357,9 +353,7 @@ CUT = """() => {
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(800, "light"), (400, "dark")])
-def test_a_narrow_page_cuts_nothing_and_leads_to_every_other(
-    chromium: Browser, tmp_path: Path, width: int, scheme: browser.Scheme
-):
+def test_a_narrow_page_cuts_nothing_and_leads_to_every_other(chromium, tmp_path, width, scheme):
     with (
         browser.dashboard(tmp_path / "server") as address,
         browser.visit(chromium, address, tmp_path / "shots", scheme) as visit,
