@@ -250,14 +250,7 @@ RINGING = with_values(ideal_hoist(), SLOW | {"wire.damping_time_s": 0.002})
 def test_the_weakest_has_the_least_of_each_margin_and_names_its_member():
     members = family(MACHINE, usual_controller(MACHINE), operating_points(MACHINE, (0.0, 9000.0), (0.0, 20.0)))
     worst = weakest(members)
-    for name, least in (
-        ("phase_deg", min),
-        ("gain_up", min),
-        ("delay_s", min),
-        ("disk", min),
-        ("ms", max),
-        ("mt", max),
-    ):
+    for name, least in {"phase_deg": min, "gain_up": min, "delay_s": min, "disk": min, "ms": max, "mt": max}.items():
         expected = least(getattr(m.margins, name) for m in members)
         assert getattr(worst.margins, name) == expected == getattr(worst.member[name].margins, name)
     assert worst.margins.rejection_hz == min(m.margins.rejection_hz for m in members)

@@ -22,15 +22,8 @@ from benchmarks.sensitivity import Number, changed, numbers
 from workbench.diagnose.hypotheses import evidence, settings
 from workbench.diagnose.verdict import judge
 
-KEYS = {
-    "name": str,
-    "ours_s": float,
-    "peer": str,
-    "peer_s": float,
-    "ratio": float,
-    "error_ours": float,
-    "error_peer": float,
-}
+FIGURES = "ours_s", "peer_s", "ratio", "error_ours", "error_peer"
+KEYS = {"name": str, "peer": str, **dict.fromkeys(FIGURES, float)}
 NAMES = {"replay", "models", "closed_loop", "batch", "fit"}
 PEERS = {"multibody", "scipy-bdf", "scipy-lsoda", "cvode", "python-control", "casadi"}
 

@@ -267,11 +267,11 @@ def test_the_first_page_imports_nothing_heavy_that_it_does_not_show():
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of a server that a proxy calls workbench.example."""
     words = ["-m", "workbench", "app", "--no-browser", "--host", "workbench.example", "--port"]
-    with browser.dashboard(tmp_path_factory.mktemp("hosts") / "server", words) as address:
-        yield address
+    with browser.dashboard(tmp_path_factory.mktemp("hosts") / "server", words) as at:
+        yield at
 
 
 def websocket_status(address: str, host: str) -> int:
@@ -297,16 +297,16 @@ def answer(address: str, host: str = "localhost") -> tuple[int, Any]:
 
 
 @pytest.mark.parametrize("host", ["localhost:8501", "127.0.0.1", "[::1]:8501", "workbench.example"])
-def test_this_computers_names_and_the_proxys_are_taken(server: str, host: str):
-    assert websocket_status(server, host) == 101
-    assert answer(server, host)[0] == 200
+def test_this_computers_names_and_the_proxys_are_taken(address: str, host: str):
+    assert websocket_status(address, host) == 101
+    assert answer(address, host)[0] == 200
 
 
 @pytest.mark.parametrize("host", ["elsewhere.example:8501", "localhost.elsewhere.example", "192.0.2.1", "[::1", "a b"])
-def test_another_name_is_refused_for_pages_files_and_the_websocket(server: str, host: str):
-    assert websocket_status(server, host) in (400, 403)
+def test_another_name_is_refused_for_pages_files_and_the_websocket(address: str, host: str):
+    assert websocket_status(address, host) in (400, 403)
     for path in ("/", "/Loop", "/_stcore/health", "/static/js/index.js"):
-        assert answer(server + path, host)[0] == 400
+        assert answer(address + path, host)[0] == 400
 
 
 def test_who_listens_to_others_without_a_name_is_reached_by_any():
@@ -320,8 +320,8 @@ def test_who_listens_to_others_without_a_name_is_reached_by_any():
 
 
 @pytest.mark.parametrize("path", ["/", "/Loop", "/_stcore/health", "/nothing.js"])
-def test_every_answer_forbids_frames_and_what_comes_from_elsewhere(server: str, path: str):
-    _, headers = answer(server + path)
+def test_every_answer_forbids_frames_and_what_comes_from_elsewhere(address: str, path: str):
+    _, headers = answer(address + path)
     assert (headers["X-Frame-Options"], headers["X-Content-Type-Options"]) == ("DENY", "nosniff")
     assert headers["Referrer-Policy"] == "same-origin"
     policy = dict(part.split(maxsplit=1) for part in headers["Content-Security-Policy"].split("; "))
@@ -329,14 +329,14 @@ def test_every_answer_forbids_frames_and_what_comes_from_elsewhere(server: str, 
     assert "unsafe" not in policy["script-src"] and "http" not in " ".join(policy.values())
 
 
-def test_nobody_reads_the_metrics(server: str):
-    assert answer(f"{server}/_stcore/metrics")[0] == 404
+def test_nobody_reads_the_metrics(address: str):
+    assert answer(f"{address}/_stcore/metrics")[0] == 404
 
 
-def test_the_library_of_figures_is_of_the_packages_version_draws_every_trace_and_is_packed_once(server: str):
+def test_the_library_of_figures_is_of_the_packages_version_draws_every_trace_and_is_packed_once(address: str):
     from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
-    with urllib.request.urlopen(f"{server}/{PLOTLY}", timeout=10.0) as said:
+    with urllib.request.urlopen(f"{address}/{PLOTLY}", timeout=10.0) as said:
         assert said.headers["content-encoding"] == "gzip"  # whatever the browser says it takes
         assert int(said.headers["content-length"]) < 600_000
         library = gzip.decompress(said.read()).decode()

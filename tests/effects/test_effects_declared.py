@@ -113,15 +113,9 @@ def test_a_ripple_has_one_phase_in_all_runs_that_log_where_they_are():
 @pytest.mark.parametrize(
     ("chosen", "said"),
     [
-        (
-            {"drum_ecentricity": {}},
-            "effects.drum_ecentricity: unknown effect 'drum_ecentricity'; did you mean 'drum_ecce",
-        ),
+        ({"drum_ecentricity": {}}, "effects.drum_ecentricity: unknown effect 'drum_ecentricity'; did you mean 'drum"),
         ({"presliding": {"distance_m": 1e-4}}, "'presliding' is no effect of a hoist machine"),
-        (
-            {"heave": {"amplitude": 0.2}},
-            "effects.heave.amplitude: effect 'heave' has no parameter 'amplitude'; did you",
-        ),
+        ({"heave": {"amplitude": 0.2}}, "effects.heave.amplitude: effect 'heave' has no parameter 'amplitude'; did"),
         ({"heave": {"phase_rad": 0.2}}, "effects.heave: says no size; expected amplitude_m"),
         ({"heave": {"amplitude_m": -0.2}}, "effects.heave.amplitude_m: -0.2, expected at least 0"),
         ({"payload_mass_error": {"payload_scale": 0.0}}, "payload_scale: 0, expected more than 0"),

@@ -124,11 +124,7 @@ def test_only_regular_files_of_the_size_of_their_kind_are_opened(tmp_path: Path,
     open_input(sparse, kind).close()
     with sparse.open("wb") as stream:
         stream.truncate(MOST_BYTES[kind][0] + 1)
-    for file, said in (
-        (pipe, "not a regular file"),
-        (Path("/dev/zero"), "not a regular file"),
-        (sparse, "larger than"),
-    ):
+    for file, said in {pipe: "not a regular file", Path("/dev/zero"): "not a regular", sparse: "larger than"}.items():
         with pytest.raises(InputError, match=said):
             readable_file(file, kind)
 

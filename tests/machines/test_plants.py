@@ -42,10 +42,6 @@ def elongations(s: list[float], p: SimpleNamespace) -> tuple[float, float, float
     return (R * i * s[0] + r * s[1] - s[2], -r * s[1] - s[2], R * i * s[3] + r * s[4] - s[5], -r * s[4] - s[5])
 
 
-def dissipation(s: list[float], p: SimpleNamespace) -> float:
-    return float(HOIST.dissipation(0.0, s[:3], s[3:], 0.0, p))
-
-
 def machine(data: st.DataObject) -> SimpleNamespace:
     """A machine of another size, every value drawn around the nominal one."""
     p = values(data.draw(st.sampled_from(PAYLOADS)))
@@ -93,18 +89,12 @@ def test_power_in_is_the_rate_of_energy_plus_dissipation_at_every_state(data, T)
 
     # Of degree two between the kinks, so its central difference is exact but for round-off.
     ahead, behind = energy(np.array(s) + size * direction), energy(np.array(s) - size * direction)
-    lost = dissipation(s, p)
+    lost = float(HOIST.dissipation(0.0, s[:3], s[3:], 0.0, p))
+    assert lost >= 0.0, "friction and wire take energy in every branch"
     round_off = 1e-14 * (abs(ahead) + abs(behind) + 1e6) / size
     assert (ahead - behind) / (2.0 * size) == pytest.approx(
         T * s[3] - lost, abs=round_off + 1e-9 * (lost + abs(T * s[3]))
     )
-
-
-@given(st.data())
-def test_friction_and_wire_take_energy_in_every_branch(data):
-    p = machine(data)
-    s = data.draw(states(p))
-    assert dissipation(s, p) >= 0.0
 
 
 @pytest.mark.parametrize("payload", PAYLOADS)
@@ -118,16 +108,6 @@ def test_a_hanging_load_settles_at_weight_over_stiffness(payload):
     assert 2.0 * k * d1 == pytest.approx(m * p.g + 0.5 * line * (2.0 * p.L - p.D_w / 2.0 / p.ratio * q[0]), rel=1e-9)
     assert d1 == pytest.approx((m * p.g + line * 15.0) / (2.0 * k + line), rel=1e-9)
     assert hold == pytest.approx(p.D_w / 2.0 / p.ratio * (k * d1 + 0.5 * line * 15.0), rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("payload", "stretch_mm", "hold_nm"), [(0.0, 29.0, 383.5), (4500.0, 45.2, 597.1), (9000.0, 61.5, 810.7)]
-)
-def test_the_default_machine_holds_its_loads_with_the_figures_of_the_docs(payload, stretch_mm, hold_nm):
-    p = values(payload)
-    q, hold = HOIST.equilibrium(10.0, p)
-    assert hold == pytest.approx(hold_nm, abs=0.06)
-    assert 1e3 * elongations([*q, 0.0, 0.0, 0.0], p)[0] == pytest.approx(stretch_mm, abs=0.06)
 
 
 def even(speed_motor: float, payload: float = 4500.0, height: float = 10.0) -> list[float]:

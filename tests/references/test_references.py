@@ -268,14 +268,11 @@ def test_samples_are_to_the_bit_what_the_plan_says_at_their_times(moves, limits,
 
 def test_a_jerk_limited_change_of_speed_takes_its_closed_form() -> None:
     # Δv/a + a/j when the acceleration limit is reached, 2·sqrt(Δv/j) when not.
-    long = jogged("ruckig", (0.6, 5.0), (0.0, 5.0)).moves[1][1]
-    assert long.duration_s == pytest.approx(0.6 / 0.5 + 0.5 / 1.0)
-    short = jogged("ruckig", (0.1, 5.0), (0.0, 5.0)).moves[1][1]
-    assert short.duration_s == pytest.approx(2.0 * math.sqrt(0.1 / 1.0))
-    hard = jogged("trapezoid", (0.6, 5.0), (0.0, 5.0)).moves[1][1]
-    assert hard.duration_s == pytest.approx(0.6 / 0.5)
-    equal = jogged("ruckig_equal_time", (0.6, 5.0), (0.0, 5.0)).moves[1][1]
-    assert equal.duration_s == pytest.approx(0.6 / 0.5)
+    for kind, speed, seconds in (
+        ("ruckig", 0.6, 0.6 / 0.5 + 0.5 / 1.0), ("ruckig", 0.1, 2.0 * math.sqrt(0.1 / 1.0)),
+        ("trapezoid", 0.6, 0.6 / 0.5), ("ruckig_equal_time", 0.6, 0.6 / 0.5),
+    ):  # fmt: skip
+        assert jogged(kind, (speed, 5.0), (0.0, 5.0)).moves[1][1].duration_s == pytest.approx(seconds)
 
 
 speeds = st.floats(-0.4, 0.4).map(lambda v: round(v, 3))
@@ -318,13 +315,8 @@ RECORDED = ramp(TIME, (2, 0), (3, 0.5), (10, 0.5), (11, 0), (15, 0), (16, -0.5),
 
 
 def recorded(smoothing_s: float = 0.0, **changes: Any) -> RecordedPlan:
-    given: dict[str, Any] = {
-        "time_s": TIME,
-        "speed_recorded_m_s": RECORDED,
-        "start_position_m": 4.0,
-        "rail_m": RAIL,
-    } | changes
-    return RecordedPlan(kind="recorded", smoothing_s=smoothing_s, **given)
+    given: dict[str, Any] = {"time_s": TIME, "speed_recorded_m_s": RECORDED, "start_position_m": 4.0, "rail_m": RAIL}
+    return RecordedPlan(kind="recorded", smoothing_s=smoothing_s, **given | changes)
 
 
 def test_a_recorded_reference_is_followed_as_it_is() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,7 +16,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.conftest import not_here
 from tests.support import axes, browser
 from tests.support.scenario_text import GOOD
 from tests.support.simulated_campaign import simulated_campaign
@@ -44,7 +43,7 @@ from workbench.view.study_figures import plane
 from workbench.view.style import GROUND, LINES, SPARE, line, on_dark
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Page
 
 
 SCENARIO = GOOD + "description: What is asked.\nsettle_s: 3.0\n"
@@ -61,7 +60,7 @@ sweep:
 """
 
 
-class Page(HTMLParser):
+class Written(HTMLParser):
     """The words outside scripts, the cells of each table, and whatever would be fetched from elsewhere."""
 
     def __init__(self, text: str) -> None:
@@ -122,7 +121,7 @@ def what(result: StudyResult) -> dict[str, str]:
 def test_the_page_stands_in_the_results_and_needs_nothing_else(copy: Path, commands) -> None:
     done = commands("report", copy)
     assert done.status == 0
-    page = Page((copy / "report.html").read_text(encoding="utf-8"))
+    page = Written((copy / "report.html").read_text(encoding="utf-8"))
     assert page.foreign == []
     # Two references at either payload, the criteria and their sum, what is used of machine and drive; then four runs:
     # each with a head.
@@ -160,7 +159,7 @@ def test_a_study_whose_runs_all_failed_has_a_page_that_says_why(results, tmp_pat
         replace(row, status="failed", reason="ran away", metrics=dict.fromkeys(row.metrics)) for row in result.rows
     )
     write_study_report(replace(result, rows=lost, folder=tmp_path), tmp_path / "lost.html")
-    words = Page((tmp_path / "lost.html").read_text(encoding="utf-8")).words
+    words = Written((tmp_path / "lost.html").read_text(encoding="utf-8")).words
     assert "0kg_ruckig failed: ran away." in words and "1 more of 4 runs failed" in words
 
 
@@ -169,7 +168,7 @@ def test_a_result_of_an_older_version_without_the_newer_metrics_still_has_a_repo
     kept = {*fixed_columns(), "moves", "hold_torque_nm", "slack_events"}
     old = tuple(replace(row, metrics={k: v for k, v in row.metrics.items() if k in kept}) for row in result.rows)
     write_study_report(replace(result, rows=old), tmp_path / "old.html")
-    assert "knee" in Page((tmp_path / "old.html").read_text(encoding="utf-8")).words
+    assert "knee" in Written((tmp_path / "old.html").read_text(encoding="utf-8")).words
 
 
 @pytest.mark.parametrize(
@@ -339,14 +338,6 @@ def test_a_load_step_leaves_an_axis_speed_below_one_unit(fastest: float, step: f
 SERVER = "() => document.querySelector('.js-plotly-plot')._context.plotlyServerURL"
 
 
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    if missing := browser.what_is_missing():
-        not_here(missing)
-    with browser.browser() as started:
-        yield started
-
-
 def figure() -> Any:
     from plotly.graph_objects import Figure
 
@@ -362,7 +353,7 @@ def looked_at(page: Page, file: Path, empty: bool = True) -> None:
         assert page.evaluate(SERVER) == ""
 
 
-def test_a_figure_of_plain_plotly_has_the_button_that_is_looked_for(chromium: Browser, tmp_path: Path):
+def test_a_figure_of_plain_plotly_has_the_button_that_is_looked_for(chromium, tmp_path: Path):
     page = chromium.new_page()
     figure().write_html(tmp_path / "plain.html", include_plotlyjs=True)
     page.goto((tmp_path / "plain.html").as_uri())
@@ -371,7 +362,7 @@ def test_a_figure_of_plain_plotly_has_the_button_that_is_looked_for(chromium: Br
     page.close()
 
 
-def test_reports_and_studies_have_no_button_that_uploads(chromium: Browser, tmp_path: Path):
+def test_reports_and_studies_have_no_button_that_uploads(chromium, tmp_path: Path):
     from workbench.study.load import load_study
     from workbench.study.run import run_study
     from workbench.view.study import save_study_page
@@ -385,7 +376,7 @@ def test_reports_and_studies_have_no_button_that_uploads(chromium: Browser, tmp_
     page.close()
 
 
-def test_a_notebooks_figure_has_no_button_that_uploads(chromium: Browser, tmp_path: Path):
+def test_a_notebooks_figure_has_no_button_that_uploads(chromium, tmp_path: Path):
     from plotly.io import renderers
     from plotly.offline import get_plotlyjs
 
