@@ -16,7 +16,7 @@ from scipy.stats import multivariate_normal
 
 from benchmarks.validation.campaign import make_campaign
 from benchmarks.validation.content import draw
-from tests.support.emps_campaign import emps_in
+from tests.support.emps_campaign import HELD, emps_in
 from tests.support.searched_campaign import simulated_search
 from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.blind.recorded import bent, write_case
@@ -147,9 +147,6 @@ def test_an_answer_that_the_runs_cannot_tell_from_another_is_no_surer_than_a_hal
     assert [(row.effects, round(row.probability, 9)) for row in unlisted] == [(("a",), 0.5), ((), 0.44), (("b",), 0.06)]
     assert [round(row.probability, 9) for row in shared(rows, ())] == [0.5, 0.3, 0.2]
     assert shared([Hypothesis("named", ("a",), 0.4), *rows[1:]], ("b",))[0].probability == 0.4
-
-
-HELD = "tolerances: {inertia: 0.01, coulomb: 0.05, viscous: 0.05, force_gain: 0.005, force_offset_n: 0.3}\n"
 
 
 def test_a_mass_withheld_from_a_real_axis_is_named_beside_what_the_axis_leaves_itself(
