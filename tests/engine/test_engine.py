@@ -271,7 +271,7 @@ def test_what_an_effect_makes_of_the_switch_scales_the_coulomb_level_of_that_way
 
 
 def test_every_place_is_tested():
-    own = set(PLANTS["two_inertia"].places) - set(PLANTS["axis-rotary"].places)  # see test_plants_two_inertia
+    own = set(PLANTS["two_inertia"].places) - set(PLANTS["axis-rotary"].places)  # see test_plants.py
     assert {*ACTS, "wire_compliance_m_per_n", "axis_force", "axis_inertia", "axis_switch"} == set(PLACES) - own
 
 

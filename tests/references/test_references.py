@@ -45,7 +45,7 @@ from workbench.references.shape import shortest_move, shortest_ramp
 from workbench.study.store import read_finished
 from workbench.view.study import conclusions
 
-# Kinds that know their machine have their laws in test_references_wire.py.
+# Kinds that know their machine have their laws in test_least_peak.py.
 WITHOUT_A_MACHINE = sorted(name for name, kind in planned_kinds().items() if not kind.needs_load)
 RAIL = (0.0, 25.0)
 LIMITS = Limits(0.7, 0.5, 1.0)
@@ -210,7 +210,6 @@ def test_any_list_of_heights_on_the_rail_is_reached_in_order(heights: list[float
 # Limits of each direction, jogs, recorded references, emergency stops: closed forms and laws.
 
 
-# Kinds that know their machine have their laws in test_references_wire.py.
 UP, DOWN = Limits(0.7, 0.5, 1.0), Limits(0.4, 0.3, 0.6)
 PAIR = LimitPair(UP, DOWN)
 
