@@ -1,4 +1,4 @@
-"""`import workbench as wb`: the names are there, load late, and every result shows itself."""
+"""`import workbench as wb`, metrics asserted in a team's own tests, damaged results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The linear plant is the derivative of the compiled one; a delay is the same over frequency and as states."""
+"""The linear loop of a hoist and of an axis: the derivative of the compiled one, margins, effects, closed forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tuning keeps its promises: the bound on Ms, the bandwidth, the best rejection, the trade-off, the block it writes."""
+"""Tuning keeps its promises; terms beside the PI do what they are for, in the linear loop as in the compiled one."""
 
 from __future__ import annotations
 

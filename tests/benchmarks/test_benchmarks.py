@@ -1,4 +1,4 @@
-"""The benchmarks' own hoist against the workbench's, and the form of what they write. Nothing here is timed."""
+"""The benchmarks' own hoist and the form of what they write; the attack on the readers; the verdict's numbers."""
 
 from __future__ import annotations
 

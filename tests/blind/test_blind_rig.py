@@ -1,4 +1,4 @@
-"""A machine and runs of one's own: what is taken from them, and the power of an experiment."""
+"""Campaigns of one's own machine, of the multi-body one and of recorded ones; the power of an experiment."""
 
 from __future__ import annotations
 

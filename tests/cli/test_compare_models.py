@@ -1,4 +1,4 @@
-"""`workbench compare-models` and `plant: multibody`: what they write, and what they say of bad input."""
+"""`workbench compare-models` and `plant: multibody`; words of the command line; no warning of a library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The controller's step in plain numbers: its three terms, limits, filters, delay, and what it starts from."""
+"""The controller's step in plain numbers: terms, limits, filters, delay, start; the torque's lag over a step."""
 
 from __future__ import annotations
 

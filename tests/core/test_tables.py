@@ -1,4 +1,4 @@
-"""The record of a table: what fits into it, and its forms as text, Markdown and HTML."""
+"""Tables and their forms, small numbers in a text, records in JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Long work outside the page: it is watched, stopped, found again, and goes when it is old."""
+"""Long work outside the page, and the pages Batches and Gap that start it."""
 
 from __future__ import annotations
 

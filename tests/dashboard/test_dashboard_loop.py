@@ -1,4 +1,4 @@
-"""The page Loop: figures and margins follow the gains, tuning fills the sliders, bad input is one sentence."""
+"""The pages Loop and Sizing, both models on Validate, and the pages for an axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page Plant: the built-in client closes the loop, what is seen of a plant, its process ends with its session."""
+"""The pages Plant and Machine: a plant that is served and seen, a drawing that follows a run."""
 
 from __future__ import annotations
 

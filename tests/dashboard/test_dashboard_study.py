@@ -1,4 +1,4 @@
-"""The pages Study and Compare, the frame around them, and the command that serves them."""
+"""The pages Study and Compare, the frame around them, the command that serves them, what its server answers."""
 
 from __future__ import annotations
 

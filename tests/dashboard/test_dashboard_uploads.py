@@ -1,4 +1,4 @@
-"""Uploaded campaigns: bounded, confined to the session's folder, read strictly, and named as they were uploaded."""
+"""Uploaded campaigns: bounded, confined, read strictly, named as they were uploaded; the page Import."""
 
 from __future__ import annotations
 

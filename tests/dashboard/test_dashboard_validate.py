@@ -1,4 +1,4 @@
-"""The page Validate: campaigns by name or upload, replay, identification, the machine that is kept; its errors."""
+"""The pages Validate and Signals: campaigns by name or upload, replay, identification, signals under one cursor."""
 
 from __future__ import annotations
 

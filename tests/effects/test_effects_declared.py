@@ -1,4 +1,4 @@
-"""Effects as they are declared: complete, known by name, open to a user's own; and their page in the docs."""
+"""Effects as they are declared, open to a user's own; the measured correction in every command."""
 
 from __future__ import annotations
 

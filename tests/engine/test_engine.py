@@ -1,4 +1,4 @@
-"""The compiled replay: accuracy against a plain Runge-Kutta method, order, energy, slack, lanes and threads."""
+"""The compiled replay: accuracy, order, energy, slack, lanes; effects act where they say."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The fit finds the machine that a simulated campaign was made with, and its errors are as large as it says."""
+"""The fit finds the machine of simulated and recorded campaigns and of EMPS, with errors as large as it says."""
 
 from __future__ import annotations
 

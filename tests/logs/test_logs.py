@@ -1,4 +1,4 @@
-"""Campaigns: recorded ones read whole, runs.yaml is strict, every format gives the same run."""
+"""Campaigns are read whole and runs.yaml strictly; a log format is declared once and parsed apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No file of the server leaves it: what a container format would follow elsewhere is refused, and named."""
+"""No file of the server leaves it through a log; mangled campaigns give sound runs or one clear error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Laws over every kind of machine: what it declares agrees with the derivatives of its traced equations."""
+"""Laws over every kind of machine: declarations, derivatives, commands; a campaign of two inertias."""
 
 from __future__ import annotations
 

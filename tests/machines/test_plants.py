@@ -1,4 +1,4 @@
-"""The hoist's equations against a second writing by hand; energy, dissipation, signs and equilibrium."""
+"""The plants' equations against a second writing, closed forms, energy, dissipation: hoist, axis, two inertias."""
 
 from __future__ import annotations
 

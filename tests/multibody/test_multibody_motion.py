@@ -1,4 +1,4 @@
-"""The multi-body machine in motion: textbook frequencies and accelerations, energy, convergence, switches."""
+"""The multi-body machine in motion: textbook cases, energy, convergence, switches, the wire's swing, bounds."""
 
 from __future__ import annotations
 

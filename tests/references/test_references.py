@@ -1,4 +1,4 @@
-"""References against closed forms, and laws over all kinds."""
+"""References against closed forms, laws over all kinds, jogs, records, stops; one that is declared is known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The driven simulation undoes the closed loop, and a replay of a run's own torque gives its own speed."""
+"""The driven simulation undoes the closed loop; a replay of a run's own torque gives its speed; the command."""
 
 from __future__ import annotations
 

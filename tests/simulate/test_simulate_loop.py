@@ -1,4 +1,4 @@
-"""The closed loop: bumpless start, limits, the hold between samples, lanes, outcomes; its energy and slack."""
+"""The closed loop of a hoist, of an axis and of the multi-body machine: start, limits, lanes, outcomes."""
 
 from __future__ import annotations
 

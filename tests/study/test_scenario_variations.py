@@ -1,4 +1,4 @@
-"""Sweeps and samples: how many runs, which values, the same ones each time, each with an id of its own."""
+"""Sweeps and samples: how many runs, which values; laws over the whole gallery."""
 
 from __future__ import annotations
 

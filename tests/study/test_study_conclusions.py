@@ -1,4 +1,4 @@
-"""What a study that sweeps or draws is said to come to, from rows made by hand."""
+"""What a study is said to come to, and comparisons of two: from rows made by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Studies run, and their results: right rows, whole folders, the same bytes each time."""
+"""Studies and batches run: right rows, whole folders, killed and resumed, the same bytes each time."""
 
 from __future__ import annotations
 

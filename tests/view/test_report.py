@@ -1,4 +1,4 @@
-"""`workbench report`: a finished result becomes one page that needs nothing else; anything else is refused."""
+"""`workbench report`, figures and what makes them legible, no button that uploads, windows of the gap."""
 
 from __future__ import annotations
 

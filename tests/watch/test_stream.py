@@ -1,4 +1,4 @@
-"""A stream of values: where cycles begin and end, what spoils one, and a server that comes and goes."""
+"""A stream of values cut into cycles, a server that comes and goes, a fleet of machines."""
 
 from __future__ import annotations
 
