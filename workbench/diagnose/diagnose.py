@@ -345,7 +345,8 @@ def diagnose(
     warnings = (*warnings, *differing(delivered))
     if judged.word == "named" and (also or shrink.ci95[0] <= 1.0):  # the runs leave it open
         judged = replace(judged, ranking=shared(judged.ranking, also))
-    remainder = remainder_of(problem, fit or search.within_tolerances, len(search.base.z), shrink, seed)
+    held = fit or (unknown.fitted if unknown else search.within_tolerances)
+    remainder = remainder_of(problem, held, len(search.base.z), shrink, seed)
     say(Progress(Stage.CONSEQUENCES))
     changes, why_not = None, "Not asked for."
     if study and judged.word == "no_gap":
@@ -355,6 +356,8 @@ def diagnose(
                 f"No effect is named that would change them; {remainder.percent_of_input:.2g} % of the input stay, of "
                 "which the delivered machine holds nothing, so no study of it does."
             )
+    elif study and corrected == refitted:
+        why_not = "The delivered machine holds nothing of the cause, so no study of it shows what that changes."
     elif study:
         changes, why_not = consequences_of(
             campaign.machine, corrected, refitted=refitted, runs=campaign.runs, scenario=scenario

@@ -245,7 +245,8 @@ def explain(problem: Problem, gap: Array, variable: Variable, free: Free, seed: 
     """The best function of a variable, with the base parameters free within their tolerances; noise and model error as
     every fit weighs them."""
     columns, bend = basis(problem, variable)
-    folds = run_of(problem) if len(problem.runs) >= LEAST_RUNS else blocks(problem)
+    # Of a few runs each piece by all others: every other piece may be a machine's way there, or all its way back.
+    folds = run_of(problem) if len(problem.runs) >= LEAST_RUNS else pieces(problem)
     part = held_out(gap, columns, bend, free, folds, problem)
     share, interval = share_of(problem, gap, gap - part, seed)
     return Explained(variable, part, share, interval)
@@ -378,9 +379,10 @@ def _bounded(gram: Array, pull: Array, low: Array, high: Array) -> Array:
     """The least of x'Gx/2 - b'x within bounds."""
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     value, vector = np.linalg.eigh(gram / np.outer(size, size))
-    root = np.sqrt(np.maximum(value, RIDGE**2 * value[-1]))
-    target = (vector.T @ (pull / size)) / root
-    found = lsq_linear(root[:, None] * vector.T, target, (low * size, np.maximum(high, low + 1e-300) * size), "bvls")
+    seen = value > 1e-12 * value[-1]
+    root, along = np.sqrt(value[seen]), vector[:, seen].T
+    ends = low * size, np.maximum(high, low + 1e-300) * size
+    found = lsq_linear(root[:, None] * along, along @ (pull / size) / root, ends, "bvls")
     return np.asarray(found.x / size, dtype=float)
 
 
