@@ -28,6 +28,7 @@ class ReasonKind(Enum):
     UNDO_EACH_OTHER = "undo_each_other"
     FREE_LAW = "free_law"
     NO_IMPACTS = "no_impacts"
+    LOG_KEEPS = "log_keeps"
 
 
 @dataclass(frozen=True)
