@@ -18,6 +18,7 @@ from scipy.special import ndtri
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
     PLAY,
+    Score,
     Weighed,
     advantage,
     lag_explains,
@@ -88,14 +89,6 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     weighed, score = weigh(problem, search.base, near, search.fits, search.rivals)
     weighed = tuple(w for w in weighed if w.names not in barred)
     best, mimics = established(problem, weighed, search.base, near)
-    held, stands = near, best is not None and best.evidence > settings.calibration()["threshold"]
-    if best is not None and stands:
-        held, score = best.fit, best.score
-    floor = math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
-    left, share = left_of(problem, near, held, floor)
-    signs = signs_of(problem, search.base, held, score, left, share)
-    if stands:
-        signs["left"] = 0.0  # what an established cause leaves is a remainder
     vetoes = vetoes_of(problem, near, weighed, best)
     # An unlisted effect that is about as good as the best listed one is left out; a mimic has no evidence, unless a law
     # of one variable does without it: then its evidence is that law's.
@@ -108,7 +101,21 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         if not w.rival or w in vetoes
     )
     groups = groups_of(problem, [w for w in weighed if not w.rival and w.names not in mimics])
-    rows = rank(counted, signs, settings.calibration(), groups)
+    floor = math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
+
+    def ranked(held: Fitted, score: Score, stands: bool) -> tuple[Left, dict[str, float], tuple[Hypothesis, ...]]:
+        left, share = left_of(problem, near, held, floor)
+        signs = signs_of(problem, search.base, held, score, left, share)
+        if stands:
+            signs["left"] = 0.0  # what an established cause leaves is a remainder
+        return left, signs, rank(counted, signs, settings.calibration(), groups)
+
+    held, stands = near, best is not None and best.evidence > settings.calibration()["threshold"]
+    if best is not None and stands:
+        left, signs, rows = ranked(best.fit, best.score, True)
+        held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
+    if not stands:  # nor is no gap what leaves much
+        left, signs, rows = ranked(held, score, False)
     return Judged(
         word=rows[0].verdict,
         names=rows[0].effects,
