@@ -66,6 +66,19 @@ def test_a_true_law_has_one_amount_everywhere_and_a_mimic_has_not(bump: tuple[Ca
     assert broken(bump[1], MIMIC)
 
 
+def test_a_cause_that_is_hardly_likelier_than_none_does_not_hide_what_the_machine_leaves(
+    bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
+):
+    """No gap was once said of a machine that leaves much, for a cause stood that was not named."""
+    evidence = judge.judge(bump[1]).weighed[0].evidence
+    numbers = {**judge.settings.calibration(), "threshold": evidence - 0.1}
+    monkeypatch.setattr(judge.settings, "calibration", lambda: numbers)
+    judged = judge.judge(bump[1])
+    assert judged.names == ()
+    assert judged.held is bump[1].within_tolerances
+    assert judged.word == "unknown"
+
+
 def test_the_delivered_file_gives_the_fits_residual_run_by_run(bump: tuple[Campaign, SearchResult], tmp_path: Path):
     campaign, search = bump
     problem, fit = search.problem, search.fits[TRUE,]

@@ -27,7 +27,6 @@ from workbench.machines import kind_of
 
 AGAIN = 2.0  # as evidence: what comes again with twice its own size is as much as a model error of seven times its size
 UNHEARD = 10.0  # as evidence: impacts that come again, and a hypothesis without play
-MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
 MOMENTS = 0.02  # of the rows
 AT_SPEED = 0.1  # of the largest of the run: slower is near standstill
 SHORTEST = 0.05  # of a run's rows, before and behind a change that lasts
@@ -41,17 +40,17 @@ def signs_of(problem: Problem, base: Fitted, held: Fitted, score: Score, left: L
     """What speaks for a cause that no hypothesis holds, each 0 where nothing does.
 
     base: the fit without effects; held: that of the answer, which explains `share` of the gap's energy.
-    left: the logarithm of the model error that it needs, over the default, in full where it leaves MUCH of that energy,
-    less where less; or what speaks from a log that keeps its values (`kept_percent`). prior: the distance of the base
-    parameters from nominal beyond chance and beyond what an inexact effect explains, in standard deviations above
-    BY_CHANCE (see `tolerance_excess`). A machine that leaves nothing itself is held to its tolerances in full by a
-    cause that base parameters could take up.
+    left: the logarithm of the model error that it needs, over the default, in full where it leaves FORETOLD of that
+    energy, less where less; or what speaks from a log that keeps its values (`kept_percent`). prior: the distance of
+    the base parameters from nominal beyond chance and beyond what an inexact effect explains, in standard deviations
+    above BY_CHANCE (see `tolerance_excess`). A machine that leaves nothing itself is held to its tolerances in full by
+    a cause that base parameters could take up.
     """
     if problem.struck:  # what stays beside an impact are its rebounds, which no law foretells
         return {"left": 0.0 if PLAY in held.effects else UNHEARD, "prior": 0.0}
     open_share, bent = 1.0, 0.0
     if held.effects:
-        open_share, rms = min((1.0 - share) / MUCH, 1.0), max(held.rms(problem.inputs), 1e-300)
+        open_share, rms = min((1.0 - share) / settings.FORETOLD, 1.0), max(held.rms(problem.inputs), 1e-300)
         if kind_of(problem.machine).floor == "own":  # what the machine leaves itself bends the base parameters
             bent = settings.FORETOLD * max(1.0 - (problem.noise / rms) ** 2, 0.0) * held.chi2
         else:  # only a law does that takes much off the residual, for it is inexact
