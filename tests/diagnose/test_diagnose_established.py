@@ -16,7 +16,7 @@ from scipy.stats import multivariate_normal
 
 from benchmarks.validation.campaign import make_campaign
 from benchmarks.validation.content import draw
-from tests.support.emps_campaign import emps_in
+from tests.support.emps_campaign import HELD, emps_in
 from tests.support.searched_campaign import simulated_search
 from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.blind.recorded import bent, write_case
@@ -162,7 +162,15 @@ def test_an_answer_that_the_runs_cannot_tell_from_another_is_no_surer_than_a_hal
     assert shared([Hypothesis("named", ("a",), 0.4), *rows[1:]], ("b",))[0].probability == 0.4
 
 
-HELD = "tolerances: {inertia: 0.01, coulomb: 0.05, viscous: 0.05, force_gain: 0.005, force_offset_n: 0.3}\n"
+def test_what_an_answer_shares_goes_to_the_cause_that_is_alike_and_to_no_pair_that_holds_it():
+    """A pair that holds the other cause stood at 0.49 beside the single answer at 0.50."""
+    rows = [("a",), 0.95], [("b", "c"), 0.03], [("b",), 0.01], [("a", "b"), 0.01]
+    one, other, pair, both = shared([Hypothesis("named", names, p) for names, p in rows], ("b",))
+    assert [row.effects for row in (one, other, pair, both)] == [("a",), ("b",), ("b", "c"), ("a", "b")]
+    assert [round(row.probability, 9) for row in (one, other, pair, both)] == [0.5, 0.46, 0.03, 0.01]
+    two = [("a", "c"), 0.9], [("b",), 0.06], [("b", "c"), 0.04]
+    said = shared([Hypothesis("named", names, p) for names, p in two], ("b",))
+    assert [(row.effects, round(row.probability, 9)) for row in said][:2] == [(("a", "c"), 0.5), (("b", "c"), 0.44)]
 
 
 def test_a_mass_withheld_from_a_real_axis_is_named_beside_what_the_axis_leaves_itself(
@@ -178,6 +186,13 @@ def test_a_mass_withheld_from_a_real_axis_is_named_beside_what_the_axis_leaves_i
     assert rest is not None and rest.relevant and 2.0 < rest.percent_of_input < 8.0
     assert d.verdict.explained == pytest.approx(1.0 - rest.share)
     assert rest.rms**2 == pytest.approx(d.shrink.after**2 - d.shrink.noise**2, rel=1e-6)
+    # Pieces of these records go one way each: by every other one, the acceleration foretold 0 % of it.
+    assert d.where is not None and d.where.profiles[0].variable in ("acceleration", "input")
+    (acceleration,) = (profile for profile in d.where.profiles if profile.variable == "acceleration")
+    assert acceleration.explains == pytest.approx(d.verdict.explained, abs=0.1)
+    # The factors of two runs are no interval.
+    factors = [before / after for before, after in d.shrink.by_run.values()]
+    assert d.shrink.ci95[0] < min(factors) and max(factors) < d.shrink.ci95[1]
 
 
 def test_the_interval_of_a_mass_knows_that_a_real_axis_keeps_to_no_error_model(shared_data: Path, tmp_path: Path):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 PUBLISHED = {"mass": 95.1089, "viscous": 203.5034, "coulomb": 20.3935, "offset": -3.1648}
+HELD = "tolerances: {inertia: 0.01, coulomb: 0.05, viscous: 0.05, force_gain: 0.005, force_offset_n: 0.3}\n"
 RUNS = """\
 columns: {time_s: t, position_m: qm, position_reference_m: qg, force_n: {column: vir, scale: 35.1507}}
 runs:

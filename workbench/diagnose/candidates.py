@@ -67,7 +67,7 @@ def _against(search: SearchResult, judged: Judged, hypothesis: Weighed, keys: Ma
         said.append(f"leaves {left:.1f} times the noise")
     if hypothesis.rival:
         said.append("is none of the causes that are named unasked")
-    if best is not None and hypothesis.names != best.names and best.gain > hypothesis.gain:
+    if best is not None and hypothesis.names != best.names and best.gain - hypothesis.gain > 0.5:
         said.append(f"gains {best.gain - hypothesis.gain:.0f} less in chi-squared than {' and '.join(best.names)}")
     far = [
         (abs(float(z)) / parameter.std, key)

@@ -345,7 +345,8 @@ def diagnose(
     warnings = (*warnings, *differing(delivered))
     if judged.word == "named" and (also or shrink.ci95[0] <= 1.0):  # the runs leave it open
         judged = replace(judged, ranking=shared(judged.ranking, also))
-    remainder = remainder_of(problem, fit or search.within_tolerances, len(search.base.z), shrink, seed)
+    held = fit or (unknown.fitted if unknown else search.within_tolerances)
+    remainder = remainder_of(problem, held, len(search.base.z), shrink, seed)
     say(Progress(Stage.CONSEQUENCES))
     changes, why_not = None, "Not asked for."
     if study and judged.word == "no_gap":

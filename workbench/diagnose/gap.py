@@ -18,6 +18,7 @@ from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting
 from workbench.diagnose.hypotheses.held_out import HeldOut, fitted_without, folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
+from workbench.diagnose.location.profiles import LEAST_RUNS, pieces
 from workbench.diagnose.machines import machine_of
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.driven import InverseSimulation
@@ -245,7 +246,7 @@ class Shrink:
     """The reduction of the gap on held-out runs. before, after, noise: rms in `unit`, below band_hz; model_error: rms
     of what the verdict allows for beside the noise, as no lumped model is exact.
 
-    by_run: name -> (before, after). ci95: of the factor, a bootstrap over runs. speed_*: open-loop replay.
+    by_run: name -> (before, after). ci95: of the factor (`_interval`). speed_*: open-loop replay.
     """
 
     before: float
@@ -316,7 +317,7 @@ def shrink_of(
         unit=kind_of(problem.machine).drive.unit,
         band_hz=problem.band_hz,
         factor=before / max(after, 1e-12),
-        ci95=_interval(folds, problem.inputs, seed),
+        ci95=_interval(problem, folds, seed),
         speed_rmse_percent_before=speed[0],
         speed_rmse_percent_after=speed[1],
         by_run=_by_run(problem, folds),
@@ -335,17 +336,15 @@ def _by_run(problem: Problem, folds: Folds) -> dict[str, tuple[float, float]]:
     return by_run
 
 
-def _interval(folds: Folds, inputs: int, seed: int) -> tuple[float, float]:
-    """The 95 % interval of the factor, by a bootstrap over folds."""
-    of_row = folds.before.fold_of_row[:inputs]
-    count = int(np.max(of_row)) + 1 if inputs else 0
-    sums = np.array(
-        [
-            [np.sum(held_out.residual[:inputs][of_row == f] ** 2) for f in range(count)]
-            for held_out in (folds.before, folds.after)
-        ]
-    )
-    draw = np.random.default_rng(seed).integers(0, max(count, 1), (DRAWS, max(count, 1)))
+def _interval(problem: Problem, folds: Folds, seed: int) -> tuple[float, float]:
+    """The 95 % interval of the factor, by a bootstrap over folds; over pieces of time where there are fewer than
+    three."""
+    of_row = folds.before.fold_of_row[: problem.inputs]
+    if len(np.unique(of_row)) < LEAST_RUNS:
+        of_row = pieces(problem)
+    both = (held_out.residual[: problem.inputs] ** 2 for held_out in (folds.before, folds.after))
+    sums = np.array([np.bincount(of_row, squares) for squares in both])[:, np.bincount(of_row) > 0]
+    draw = np.random.default_rng(seed).integers(0, sums.shape[1], (DRAWS, sums.shape[1]))
     totals = np.sum(sums[:, draw], axis=2)
     factors = np.sqrt(totals[0] / np.maximum(totals[1], 1e-300))
     low, high = np.quantile(factors, [0.025, 0.975])

@@ -17,11 +17,18 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import GAIN, Setting, base_parameters, bounds_of, setting_of
+from workbench.diagnose.hypotheses.free_parameters import (
+    GAIN,
+    TENSION_GAIN,
+    Setting,
+    base_parameters,
+    bounds_of,
+    setting_of,
+)
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
-from workbench.machines import Axis, Hoist, Table, kind_of, value_names, with_correction
+from workbench.machines import Axis, Hoist, Table, kind_of, with_correction
 from workbench.simulate.driven import changed, sensor
 from workbench.simulate.lowpass import lowpass
 
@@ -430,15 +437,12 @@ class Tables:
         thin = Problem(machine, problem.runs, problem.band_hz)
         with_it = thin if problem.thin else thin.exact()
         with_it.rows, with_it.noise = problem.rows, problem.noise  # the tension's rows are scaled by the noise
-        return with_it.residuals([in_no_file(problem, setting)])[0]
+        return with_it.residuals([in_no_file(setting)])[0]
 
 
-def in_no_file(problem: Problem, setting: Setting) -> Setting:
-    """The part of a setting that machine.yaml does not hold: traces and the values of the log itself."""
-    known = set(value_names(problem.machine))
-    keys = base_parameters(problem.machine, problem.runs)
-    said = {parameter.symbol for key, parameter in keys.items() if key in known}
-    return {symbol: value for symbol, value in setting.items() if symbol not in said}
+def in_no_file(setting: Setting) -> Setting:
+    """The part of a setting that `refitted_machine` does not hold: the gain of a load cell, which is no value of it."""
+    return {symbol: value for symbol, value in setting.items() if symbol == TENSION_GAIN}
 
 
 def _rounded(value: float, digits: int) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -428,28 +428,38 @@ def places_of(problem: Problem, fit: Fitted, seed: int = 0) -> tuple[PlaceProbab
     return placed(problem, fit).places
 
 
-def placed(problem: Problem, fit: Fitted, own: int | None = None) -> Placed:
-    """As `places_of`, with the best port and its part of the gap. own: see `survey_of`."""
-    return weighed(survey_of(problem, fit, own))
+def placed(
+    problem: Problem, fit: Fitted, own: int | None = None, holds: Callable[[Array], bool] | None = None
+) -> Placed:
+    """As `places_of`, with the best port and its part of the gap. own: see `survey_of`; holds: see `weighed`."""
+    return weighed(survey_of(problem, fit, own), holds)
 
 
-def weighed(survey: Survey) -> Placed:
-    """The probabilities of all ports on a survey."""
+def weighed(survey: Survey, holds: Callable[[Array], bool] | None = None) -> Placed:
+    """The probabilities of all ports on a survey. holds: whether a port that leaves this, (inputs,), may be the place;
+    only such are compared, where there is one: by an error model that is not the machine's a port may win with what
+    lies beside the cause."""
     weigher = Weigher(survey)
-    best: dict[str, tuple[float, Port, Evidence]] = {}
-    logs: dict[str, list[float]] = {}
     pulses = pulses_of(survey, weigher)
     brief = list(event_ports(survey, pulses)) if pulses is not None else []
+    weighed: list[tuple[float, Port, Evidence]] = []
     for port, evidence in evidence_of(weigher, (*Ports(survey).all(), *brief)):
         price = pulses.choices if pulses is not None and port.regime == "event" else 0.0
-        log = evidence.log - price + float(np.log(port.weight))
+        weighed.append((evidence.log - price + float(np.log(port.weight)), port, evidence))
+    weighed.sort(key=lambda one: -one[0])
+    able: list[tuple[float, Port, Evidence]] = []
+    for one in weighed if holds is not None else ():
+        if able and one[0] < able[0][0] - FEWER:
+            break
+        if holds is not None and holds(weigher.part(one[1].columns, one[2])[1][: survey.inputs]):
+            able.append(one)
+    logs: dict[str, list[float]] = {}
+    for log, port, _ in able or weighed:
         logs.setdefault(port.subsystem, []).append(log)
-        if port.subsystem not in best or log > best[port.subsystem][0]:
-            best[port.subsystem] = log, port, evidence
     score = {name: float(logsumexp(terms)) for name, terms in logs.items()}
     total = logsumexp(list(score.values()))
     order = sorted(score, key=lambda name: -score[name])
-    _, port, evidence = best[order[0]]
+    _, port, evidence = next(one for one in able or weighed if one[1].subsystem == order[0])
     places = [PlaceProbability(name, float(np.exp(score[name] - total))) for name in order]
     kept = [place for place in places if place.probability > SHOWN]
     share = sum(place.probability for place in kept)

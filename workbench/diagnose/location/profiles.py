@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem
@@ -241,10 +242,12 @@ class Explained:
 
 
 def explain(problem: Problem, gap: Array, variable: Variable, free: Free, seed: int) -> Explained:
-    """The best function of a variable, with the base parameters free within their tolerances."""
+    """The best function of a variable, with the base parameters free within their tolerances; noise and model error as
+    every fit weighs them."""
     columns, bend = basis(problem, variable)
-    folds = run_of(problem) if len(problem.runs) >= LEAST_RUNS else blocks(problem)
-    part = held_out(gap, columns, bend, free, folds)
+    # Of a few runs each piece by all others: every other piece may be a machine's way there, or all its way back.
+    folds = run_of(problem) if len(problem.runs) >= LEAST_RUNS else pieces(problem)
+    part = held_out(gap, columns, bend, free, folds, problem)
     share, interval = share_of(problem, gap, gap - part, seed)
     return Explained(variable, part, share, interval)
 
@@ -317,20 +320,28 @@ def _means(bins: np.ndarray, values: Array, k: int) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def held_out(gap: Array, columns: Array, bend: Array, free: Free, folds: np.ndarray) -> Array:
+def held_out(
+    gap: Array, columns: Array, bend: Array, free: Free, folds: np.ndarray, weighed: Problem | None = None
+) -> Array:
     """(inputs,) the prediction of each fold by `columns` and the base, fitted to the other folds.
 
-    bend: (k, k) the penalty on rough amounts.
+    bend: (k, k) the penalty on rough amounts. weighed: by whose noise and model error; all samples alike without it.
     """
     a = np.hstack([columns, free.columns])
+    rows, hold = np.column_stack([a, gap]), free.hold
+    if weighed is not None:
+        rows = np.pad(rows, ((0, weighed.samples - len(rows)), (0, 0)))  # of a dead line
+        rows = weighed.errors.whiten(rows)[: len(gap)]
+        hold = hold * (math.sqrt(weighed.share) / weighed.noise)
     k, m = columns.shape[1], free.columns.shape[1]
     cost = np.zeros((k + m, k + m))
-    scale = float(np.mean(np.sum(columns**2, axis=0))) if k else 0.0
+    scale = float(np.mean(np.sum(rows[:, :k] ** 2, axis=0))) if k else 0.0
     cost[:k, :k] = scale * (SMOOTH * bend + 1e-6 * np.eye(k))
-    cost[k:, k:] = np.diag(free.hold**2)
+    cost[k:, k:] = np.diag(hold**2)
     low = np.concatenate([np.full(k, -np.inf), free.low])
     high = np.concatenate([np.full(k, np.inf), free.high])
-    parts = {f: (a[folds == f].T @ a[folds == f], a[folds == f].T @ gap[folds == f]) for f in np.unique(folds)}
+    mine = {f: rows[folds == f] for f in np.unique(folds)}
+    parts = {f: (x[:, :-1].T @ x[:, :-1], x[:, :-1].T @ x[:, -1]) for f, x in mine.items()}
     gram, pull = sum(g for g, _ in parts.values()), sum(b for _, b in parts.values())
     out = np.zeros_like(gap)
     for f, (g, b) in parts.items():
@@ -365,18 +376,14 @@ class OnTop:
 
 
 def _bounded(gram: Array, pull: Array, low: Array, high: Array) -> Array:
-    """The least of x'Gx/2 - b'x within bounds, to within what one pass of an active set gives."""
-    x = np.zeros(len(pull))
-    held = np.zeros(len(pull), dtype=bool)
-    for _ in range(len(pull)):
-        go = ~held
-        x[go] = np.linalg.lstsq(gram[np.ix_(go, go)], pull[go] - gram[np.ix_(go, held)] @ x[held], rcond=1e-12)[0]
-        beyond = go & ((x < low) | (x > high))
-        if not np.any(beyond):
-            break
-        x[beyond] = np.clip(x[beyond], low[beyond], high[beyond])
-        held |= beyond
-    return x
+    """The least of x'Gx/2 - b'x within bounds."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    value, vector = np.linalg.eigh(gram / np.outer(size, size))
+    seen = value > 1e-12 * value[-1]
+    root, along = np.sqrt(value[seen]), vector[:, seen].T
+    ends = low * size, np.maximum(high, low + 1e-300) * size
+    found = lsq_linear(root[:, None] * along, along @ (pull / size) / root, ends, "bvls")
+    return np.asarray(found.x / size, dtype=float)
 
 
 def basis(problem: Problem, v: Variable) -> tuple[Array, Array]:

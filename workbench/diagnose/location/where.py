@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
@@ -196,7 +197,7 @@ def where_of(
     larger effect's own part of the gap lies, and subsystem and regime are those it declares. Without
     them every port of the machine is a possible place of an unknown force.
     """
-    profiles, best, other = _profiles(problem, near, seed)
+    profiles, best, other, law = _profiles(problem, near, seed)
     events: tuple[Event, ...] = ()
     if named is not None and effects:
         names = tuple(effect.id for effect in effects)
@@ -210,7 +211,7 @@ def where_of(
         places: tuple[PlaceProbability, ...] = (PlaceProbability(subsystem, 1.0),)
         said: tuple[str, ...] = ()
     else:
-        most_likely = placed(problem, near)
+        most_likely = placed(problem, near, holds=holding(problem, near, law, seed))
         gap, beside = near.residual, most_likely.left
         windows = windows_of(problem, gap[: problem.inputs] ** 2 - problem.noise**2)
         if most_likely.pulses:
@@ -233,10 +234,13 @@ def _energy(problem: Problem, rows: Array) -> float:
     return float(np.sum(spacing(problem) * rows[: problem.inputs] ** 2))
 
 
-def _profiles(problem: Problem, near: Fitted, seed: int) -> tuple[list[Profile], Explained, Explained | None]:
-    """All profiles, the best first; the best explanation and the next best."""
+def _profiles(
+    problem: Problem, near: Fitted, seed: int
+) -> tuple[list[Profile], Explained, Explained | None, Explained]:
+    """All profiles, the best first; the best explanation and the next best; the law that surely takes most."""
     gap, free = near.residual[: problem.inputs], free_of(problem, near)
     shares = [explain(problem, gap, v, free, seed) for v in variables(problem, gap)]
+    law = max(shares, key=lambda one: one.interval[0])
     profiles = [profile_of(problem, gap, share, regime_of(problem, gap, share)) for share in shares]
     for wave in (wave_in_time(problem, gap, seed), wave_along_the_way(problem, gap, seed)):
         if wave is not None:
@@ -244,7 +248,22 @@ def _profiles(problem: Problem, near: Fitted, seed: int) -> tuple[list[Profile],
     best = best_of(shares)
     order = sorted(range(len(shares)), key=lambda k: (shares[k] is not best, -shares[k].share))
     rest = [shares[k] for k in order[1:]]
-    return [profiles[k] for k in order], best, rest[0] if rest else None
+    return [profiles[k] for k in order], best, rest[0] if rest else None, law
+
+
+def holding(problem: Problem, fit: Fitted, law: Explained, seed: int = 0) -> Callable[[Array], bool] | None:
+    """Whether a part of the machine holds a law of one variable, by what it leaves of the gap, (inputs,): the law then
+    takes less than HALF of what it takes on left-out runs by itself. None where no law foretells the gap."""
+    if law.interval[0] <= settings.FORETOLD:
+        return None
+    gap, free, weight = fit.residual[: problem.inputs], free_of(problem, fit), spacing(problem)
+    taken = float(weight @ (gap**2 - (gap - law.part) ** 2))
+
+    def holds(left: Array) -> bool:
+        more = explain(problem, left, law.variable, free, seed).part
+        return float(weight @ (left**2 - (left - more) ** 2)) < settings.HALF * taken
+
+    return holds
 
 
 def free_of(problem: Problem, near: Fitted) -> Free:

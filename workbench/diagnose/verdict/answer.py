@@ -156,13 +156,18 @@ def rank(
 
 def shared(ranking: Sequence[Hypothesis], alike: Names, most: float = 0.5) -> tuple[Hypothesis, ...]:
     """The ranking where the runs cannot tell the answer from others: its probability is `most` at the most. What it
-    gives up goes to the hypotheses with effects of `alike`; where none is ranked, they are unlisted, and an unknown
-    cause has it; without any, all others in proportion."""
+    gives up goes to the hypotheses with one of `alike` in place of one effect of its own; where none is ranked, they
+    are unlisted, and an unknown cause has it; without any, all others in proportion."""
     first, *rest = ranking
     surplus = first.probability - most
     if surplus <= 0.0 or not rest:
         return tuple(ranking)
-    heirs = [k for k, row in enumerate(rest) if set(row.effects) & set(alike)]
+    mine, others = set(first.effects), [[set(names) for names in (row.effects, *row.twins)] for row in rest]
+    heirs = [
+        k
+        for k, rows in enumerate(others)
+        if any(len(names) == len(mine) and len(names - mine) == 1 and names - mine <= set(alike) for names in rows)
+    ]
     heirs = heirs or [k for k, row in enumerate(rest) if row.verdict == "unknown" and alike] or list(range(len(rest)))
     total = sum(rest[k].probability for k in heirs)
     for k in heirs:
