@@ -164,11 +164,11 @@ def test_an_answer_that_the_runs_cannot_tell_from_another_is_no_surer_than_a_hal
 
 def test_what_an_answer_shares_goes_to_the_cause_that_is_alike_and_to_no_pair_that_holds_it():
     """A pair that holds the other cause stood at 0.49 beside the single answer at 0.50."""
-    rows = [("a",), 0.95], [("b", "c"), 0.03], [("b",), 0.01], [("a", "b"), 0.01]
+    rows: list[tuple[Names, float]] = [(("a",), 0.95), (("b", "c"), 0.03), (("b",), 0.01), (("a", "b"), 0.01)]
     one, other, pair, both = shared([Hypothesis("named", names, p) for names, p in rows], ("b",))
     assert [row.effects for row in (one, other, pair, both)] == [("a",), ("b",), ("b", "c"), ("a", "b")]
     assert [round(row.probability, 9) for row in (one, other, pair, both)] == [0.5, 0.46, 0.03, 0.01]
-    two = [("a", "c"), 0.9], [("b",), 0.06], [("b", "c"), 0.04]
+    two: list[tuple[Names, float]] = [(("a", "c"), 0.9), (("b",), 0.06), (("b", "c"), 0.04)]
     said = shared([Hypothesis("named", names, p) for names, p in two], ("b",))
     assert [(row.effects, round(row.probability, 9)) for row in said][:2] == [(("a", "c"), 0.5), (("b", "c"), 0.44)]
 
