@@ -190,6 +190,8 @@ def test_a_mass_withheld_from_a_real_axis_is_named_beside_what_the_axis_leaves_i
     assert d.where is not None and d.where.profiles[0].variable in ("acceleration", "input")
     (acceleration,) = (profile for profile in d.where.profiles if profile.variable == "acceleration")
     assert acceleration.explains == pytest.approx(d.verdict.explained, abs=0.1)
+    shares = {run.name: pytest.approx(run.share, abs=0.015) for run in d.delivered.runs}
+    assert d.where.energy_by_run == shares
     # The factors of two runs are no interval.
     factors = [before / after for before, after in d.shrink.by_run.values()]
     assert d.shrink.ci95[0] < min(factors) and max(factors) < d.shrink.ci95[1]

@@ -529,6 +529,9 @@ def linear_runs(wrong: float, seed: int, last: float = 1.0) -> tuple[Any, Fitted
     def residuals(settings: Any) -> Any:
         return np.array([y - x @ np.array([setting.get(f"v{k}", 0.0) for k in range(7)]) for setting in settings])
 
+    def differences(base: Any, others: Any, known: Any) -> Any:
+        return known, residuals(others) - residuals([base])
+
     def fit(terms: int) -> Fitted:
         z = np.linalg.lstsq(x[:, :terms], y, rcond=None)[0]
         left = y - x[:, :terms] @ z
@@ -537,8 +540,9 @@ def linear_runs(wrong: float, seed: int, last: float = 1.0) -> tuple[Any, Fitted
 
     errors = SimpleNamespace(whiten=lambda rows: rows, sizes=(1.0, 1.0))
     problem = SimpleNamespace(
-        runs=range(6), run_of_row=of, inputs=len(of), samples=len(of), errors=errors, kept={}, residuals=residuals
-    )
+        runs=range(6), run_of_row=of, inputs=len(of), samples=len(of), errors=errors, kept={}, residuals=residuals,
+        differences=differences,
+    )  # fmt: skip
     return problem, fit(6), fit(7)
 
 

@@ -356,6 +356,8 @@ def diagnose(
                 f"No effect is named that would change them; {remainder.percent_of_input:.2g} % of the input stay, of "
                 "which the delivered machine holds nothing, so no study of it does."
             )
+    elif study and corrected == refitted:
+        why_not = "The delivered machine holds nothing of the cause, so no study of it shows what that changes."
     elif study:
         changes, why_not = consequences_of(
             campaign.machine, corrected, refitted=refitted, runs=campaign.runs, scenario=scenario

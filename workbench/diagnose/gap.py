@@ -148,7 +148,7 @@ def delivered_of(
     rms in the band, in the input's unit. alike: of each run, see `alike_of`."""
     before = np.nan_to_num([run.residual_rms_moving for run in refitted.runs])
     after = np.nan_to_num([run.residual_rms_moving for run in corrected.runs])
-    length = np.array([np.count_nonzero(run.balance.moving) for run in corrected.runs], dtype=float)
+    length = np.array([np.count_nonzero(run.balance.moving) * run.simulated.sample_time_s for run in corrected.runs])
     beyond = length * np.maximum(before**2 - noise**2, 0.0)
     alike = np.ones(len(after)) if alike is None else alike
     rows = tuple(

@@ -239,8 +239,6 @@ def _sentences(
         "the friction levels.",
         f"With that {kind} as a table beside the base parameters, {after:.2g} {unit} rms are left of {before:.2g} "
         f"{unit}; on {_left_out(problem)} {unseen:.2g} {unit}. The noise is {problem.noise:.2g} {unit}.",
-        "The table stands in for a cause that nobody knows. It holds where the runs have been, "
-        f"{span(float(best.at[0]), float(best.at[-1]), OVER.get(best.over, ('', ''))[1]).strip()}, and no further.",
     ]
     if len(curves) > 1 and curves[1].explains > 0.9 * best.explains:
         sentences.append(

@@ -111,7 +111,7 @@ def effect_sentences(d: Diagnosis) -> list[str]:
 
 
 def where_sentence(d: Diagnosis) -> str:
-    return said.where(d.where)
+    return said.where(d.where, len(d.verdict.effects) > 1)
 
 
 def shrink_sentence(d: Diagnosis) -> str:
@@ -134,9 +134,10 @@ def next_run_sentence(d: Diagnosis) -> str:
 def unknown_sentences(d: Diagnosis) -> list[str]:
     sentences = [] if d.unknown is None else list(d.unknown.sentences)
     if sentences and (correction := d.corrected.measured_correction) is not None:
-        from workbench.diagnose.unknown import over_what
+        from workbench.diagnose.unknown import OVER, over_what, span
 
-        sentences.append(said.correction(over_what(correction.over)))
+        within = span(float(correction.at[0]), float(correction.at[-1]), OVER.get(correction.over, ("", ""))[1])
+        sentences.append(said.correction(over_what(correction.over), within.strip()))
     return sentences
 
 
@@ -397,7 +398,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
     w, ways = words_of(d.campaign.machine), direction_names(d.campaign.machine)
     runs, gap = draw.series_of(d), v.word != "no_gap"
     profiles = sorted(filter(draw.worth_a_panel, where.profiles if where else ()), key=lambda p: -p.explains)
-    against = "What speaks for a cause that the library does not hold:" if v.word == "unknown" else (
+    against = "What speaks for a cause that the library does not list:" if v.word == "unknown" else (
         "What speaks against it:")  # fmt: skip
     lead = [probability_sentence(d), alike_sentence(d), shrink_sentence(d), *effect_sentences(d)]
     parts = {

@@ -246,8 +246,10 @@ def _why(problem: Problem, fits: Sequence[Fitted], best: Offer, now: float, sett
             f"{begin}; {load}, {best.planned.words}{signals}, would do so by {apart}, and decide twenty to one with a "
             f"probability of {sure}."
         )
+    closer = "a closer tolerance is needed, such as a weighed load or a checked sensor."
+    if best.separation < 0.05:
+        return f"{begin}, and no run on the menu would: {closer}"
     return (
         f"{begin}; no run on the menu decides. The best, {load}, {best.planned.words}{signals}, would set them apart "
-        f"by {best.separation:.1f} standard deviations: a closer tolerance is needed, such as a weighed load or a "
-        "checked sensor."
+        f"by {best.separation:.1f} standard deviations: {closer}"
     )

@@ -222,7 +222,7 @@ def where_of(
     left = np.where(windows.inside, beside, torque)
     share, interval = share_in_time(problem, torque, left, seed)
     by_run = _by_run(problem, near.residual[: problem.inputs])  # the gap that profiles and figures show
-    whose = "the gap's energy" if named is None or not effects else "what the named effect does"
+    whose = "the gap's energy" if named is None or not effects else f"what {effects[largest].id} does"
     sentences = _sentences(problem, windows, best, other, by_run, said, side, whose)
     return Where(
         subsystem, regime, windows.windows, share, interval, tuple(profiles), by_run, side, tuple(sentences), places,
@@ -298,8 +298,10 @@ def regime_of(problem: Problem, gap: Array, explained: Explained) -> str:
 
 
 def _by_run(problem: Problem, gap: Array) -> dict[str, float]:
-    energy = np.bincount(run_of(problem), spacing(problem) * gap**2, len(problem.runs))
-    return {run.name: float(e / energy.sum()) for run, e in zip(problem.runs, energy, strict=True)}
+    """Each run's share of the gap's energy beyond noise."""
+    beyond = np.bincount(run_of(problem), spacing(problem) * (gap**2 - problem.noise**2), len(problem.runs))
+    energy = np.maximum(beyond, 0.0)
+    return {run.name: float(e / max(energy.sum(), 1e-300)) for run, e in zip(problem.runs, energy, strict=True)}
 
 
 def _sentences(
