@@ -115,7 +115,9 @@ def _balance(plant: Plant, effects: Effects) -> tuple[Callable[..., tuple[Array,
 
     def balance(time: Array, at: Array, hold: Array, table: Sequence[Array], memory: Sequence[Array]) -> Any:
         out = scope["balance"](time, hold, *at, *memory, *table)
-        rows = np.stack([np.broadcast_to(np.asarray(row, dtype=float), hold.shape) for row in out])
+        rows = np.empty((len(out), len(hold)))
+        for row, its in zip(rows, out, strict=True):
+            row[:] = its
         return rows[:m], rows[m:].reshape(m, m, len(hold))
 
     return balance, names

@@ -102,6 +102,7 @@ class InverseSimulation:
         ]
         self.symbols = tuple(vars(self.base[0]))
         self.row_of = {symbol: row for row, symbol in enumerate(self.symbols)}
+        self.table = np.array([[vars(p)[symbol] for symbol in self.symbols] for p in self.base], dtype=float)
         self.parts = tuple(parts)
         self.models = [PlantModel(self.plant, replace(self.model.active, effects=part.effects)) for part in parts]
         self._late = moved_by(self.model.active)

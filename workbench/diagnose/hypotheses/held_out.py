@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from workbench.diagnose.hypotheses.search import STUCK
 
 BLOCKS = 4  # that a single run is cut into
 STRETCHES = 8  # of a run: so long a residual may hang together
-PARTS = (1.0, 0.3, 0.1)  # of a step
+PARTS = (0.3, 0.1)  # of a step that does not serve
 MOST_STEPS = 20
 MOST_EVALUATIONS = 40  # of the fit at another minimum
 AS_GOOD = 20.0  # of the objective of all rows: a worse minimum is not the best one of some of them either
@@ -55,7 +56,8 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
     minimum of how friction turns over near standstill, if there is one about as good: the other runs may lie there.
 
     Gauss-Newton steps with a Jacobian that each step corrects (C. G. Broyden, Mathematics of Computation 19, 1965); all
-    folds are simulated together. A step is taken as far as it serves the runs that are left: all of it, or a part.
+    folds are simulated together. A step is taken as far as it serves the runs that are left: all of it, or a part. One
+    that promises next to nothing is the end.
     What is each run's own (a phase) is taken from that run itself: another run cannot know it. What was computed once
     is kept.
     """
@@ -90,12 +92,12 @@ def fitted_without(
     """The refit to the other rows for each of several choices of rows, (samples,) bool; see `held_out`. most: steps.
     elsewhere: also from another minimum than the joint fit's."""
     lowest, highest, std = bounds_of(fitted.free)
-    prior = np.diag(1.0 / std**2)
+    prior, whiten = np.diag(1.0 / std**2), problem.errors.whiten
     starts = [fitted, *(_elsewhere(problem, fitted, std) if elsewhere else [])]
     asked, inside = len(inside), [*inside] * len(starts)
     z, slopes, rows = [], [], []
     for start in starts:
-        white = problem.errors.whiten(np.column_stack([start.jacobian, start.residual]))
+        white = whiten(np.column_stack([start.jacobian, start.residual]))
         for mine in inside[:asked]:
             z.append(start.z.copy())
             slopes.append(white[~mine, :-1].copy())
@@ -103,37 +105,47 @@ def fitted_without(
     sizes = np.abs(fitted.jacobian)
     shown = [np.max(sizes[~mine], axis=0) > ROUNDING * np.max(sizes, axis=0) for mine in inside]  # by the other rows
     worth = [float(r @ r) + _pull(at, std) for at, r in zip(z, rows, strict=True)]
-    open_folds = set(range(len(inside)))
+
+    steps: dict[int, Array | None] = dict.fromkeys(range(len(inside)))  # fold -> the step that has not served
     for _ in range(most):
         tried: list[tuple[int, Array]] = []
-        for fold in sorted(open_folds):
-            j, r, at = slopes[fold], rows[fold], z[fold]
-            gradient = j.T @ r + at / std**2
+        for fold, step in list(steps.items()):
+            j, at = slopes[fold], z[fold]
+            if step is not None:
+                tried += [(fold, np.clip(at + part * step, lowest, highest)) for part in PARTS]
+                continue
+            gradient, hessian = j.T @ rows[fold] + at / std**2, j.T @ j + prior
             free = (
                 shown[fold] & ((at > lowest) | (gradient < 0.0)),
                 shown[fold] & ((at < highest) | (gradient > 0.0)),
             )
-            step = _step(j.T @ j + prior, gradient, *free)
-            tried += [(fold, np.clip(at + part * step, lowest, highest)) for part in PARTS]
+            steps[fold] = step = _step(hessian, gradient, *free)
+            moved = np.clip(at + step, lowest, highest) - at
+            if 0.0 <= -(2.0 * gradient + hessian @ moved) @ moved < SETTLED:
+                del steps[fold]
+            else:
+                tried.append((fold, at + moved))
         if not tried:
             break
-        whitened = problem.errors.whiten(problem.residuals([setting_of(fitted.free, at) for _, at in tried]).T).T
+        settings = [setting_of(fitted.free, at) for _, at in tried]
+        found = fitted.residual + problem.differences(fitted.setting, settings, fitted.residual)[1]
         better: dict[int, tuple[float, Array, Array]] = {}
-        for (fold, at), row in zip(tried, whitened, strict=True):
-            left = row[~inside[fold]]
-            moved = at - z[fold]
-            if float(moved @ moved) > 0.0:  # what the simulation has shown of the slope along this step
-                fresh = left - rows[fold] - slopes[fold] @ moved
-                slopes[fold] += np.outer(fresh, moved / float(moved @ moved))
+        for (fold, at), row in zip(tried, whiten(found.T).T, strict=True):
+            left, moved = row[~inside[fold]], at - z[fold]
             size = float(left @ left) + _pull(at, std)
+            if math.isfinite(size):  # what the simulation has shown of the slope along this step
+                slopes[fold] += np.outer(left - rows[fold] - slopes[fold] @ moved, moved / float(moved @ moved))
             if size < (better[fold][0] if fold in better else worth[fold] - SETTLED):
                 better[fold] = (size, at, left)
-        open_folds &= set(better)
-        for fold, (size, at, left) in better.items():
-            worth[fold], z[fold], rows[fold] = size, at, left
+        for fold, many in Counter(fold for fold, _ in tried).items():
+            if fold in better:
+                worth[fold], z[fold], rows[fold] = better[fold]
+                steps[fold] = None
+            elif many > 1:
+                del steps[fold]
     for k in range(asked, len(inside)):
         if worth[k] < worth[k - asked]:  # what turns over elsewhere bends on the way: with slopes of its own to the end
-            others = copy(problem)
+            others = copy(problem.coarse([fitted.setting]))
             others.errors = _Seen(problem.errors, ~inside[k])  # type: ignore[assignment]
             base, kept = int(np.count_nonzero(np.isfinite(std))), starts[-1].jacobian
             last = fit_hypothesis(others, fitted.effects, fitted.free, z[k], MOST_EVALUATIONS, base, kept)
@@ -165,7 +177,11 @@ def _elsewhere(problem: Problem, fitted: Fitted, std: Array) -> list[Fitted]:
     asked = (fitted, "elsewhere", problem.errors.sizes)
     if asked not in problem.kept:
         nominal, base = np.where(turns, 0.0, fitted.z), int(np.count_nonzero(np.isfinite(std)))
-        other = fit_hypothesis(problem, fitted.effects, fitted.free, nominal, MOST_EVALUATIONS, base, fitted.jacobian)
+        coarse = problem.coarse([fitted.setting])
+        other = fit_hypothesis(coarse, fitted.effects, fitted.free, nominal, MOST_EVALUATIONS, base, fitted.jacobian)
+        residual = fitted.residual + problem.differences(fitted.setting, [other.setting], fitted.residual)[1][0]
+        white = problem.errors.whiten(residual)
+        other = replace(other, residual=residual, chi2=float(white @ white))
         apart = np.any(turns & (np.abs(other.z - fitted.z) > STUCK))
         problem.kept[asked] = [other] if apart and other.objective < fitted.objective + AS_GOOD else []
     found: list[Fitted] = problem.kept[asked]

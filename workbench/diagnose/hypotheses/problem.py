@@ -155,6 +155,15 @@ class Problem:
         beside.thin, beside.kept = False, {}
         return beside
 
+    def coarse(self, settings: Iterable[Setting]) -> Problem:
+        """The same campaign simulated thin, itself where that would not do: a wave of the motor's turn passes between
+        the samples."""
+        if max(self.bench.every) == 1 or any(key in self._turning for setting in settings for key in setting):
+            return self
+        beside = copy(self)
+        beside.thin = True
+        return beside
+
     def _time_s(self, j: int, thin: bool) -> Array:
         """The simulated times of run j."""
         return self.bench.times[j] if thin else self.runs[j].time_s
@@ -180,8 +189,9 @@ class Problem:
         """(settings, samples), in the input's unit. Each group's differences are noise-free, beside its first."""
         return np.concatenate([self._group(settings[k : k + GROUP]) for k in range(0, len(settings), GROUP)])
 
-    def differences(self, base: Setting, others: Sequence[Setting]) -> tuple[Array, Array]:
-        """Residuals at `base`, (samples,), and what each other setting adds to them, (others, samples)."""
+    def differences(self, base: Setting, others: Sequence[Setting], known: Array | None = None) -> tuple[Array, Array]:
+        """Residuals at `base`, (samples,), and what each other setting adds to them, (others, samples). known: the
+        former, where that is known."""
         if not len(others):
             return self._group([base])[0], np.zeros((0, self.samples))
         # Those that need the same part of the model go together.
@@ -190,7 +200,7 @@ class Problem:
         first = None
         for k in range(0, len(others), GROUP - 1):
             group = order[k : k + GROUP - 1]
-            out = self._group([base, *(others[i] for i in group)])
+            out = self._group([base, *(others[i] for i in group)], known)
             first = out[0] if first is None else first
             change[group] = out[1:] - out[0]
         assert first is not None
@@ -214,18 +224,19 @@ class Problem:
             )
         return np.full(parameter.size, STEP)
 
-    def _group(self, settings: Sequence[Setting]) -> Array:
+    def _group(self, settings: Sequence[Setting], known: Array | None = None) -> Array:
         """Residuals of a few settings, (settings, samples). Where every sample counts, it does for the first one: by
-        what the others differ from it is simulated thin, for it changes with the motion's finest parts by much less."""
+        what the others differ from it is simulated thin, for it changes with the motion's finest parts by much less.
+        known: the residual of the first one."""
         self.evaluations += 1
-        # A wave of the motor's turn passes between the samples that are simulated thin.
-        turning = any(key in self._turning for setting in settings for key in setting)
-        if self.thin or len(settings) == 1 or max(self.bench.every) == 1 or turning:
-            return self._simulated(settings, self.thin)
-        thin = self._simulated(settings, thin=True)
-        if not np.all(np.isfinite(thin)):  # longer steps have broken down
-            return self._simulated(settings, thin=False)
-        return thin + (self._simulated(settings[:1], thin=False) - thin[:1])
+        if self.thin or len(settings) == 1 or self.coarse(settings) is self:
+            found = self._simulated(settings, self.thin)
+        else:
+            found = self._simulated(settings, thin=True)
+            if not np.all(np.isfinite(found)):  # longer steps have broken down
+                return self._simulated(settings, thin=False)
+            known = self._simulated(settings[:1], thin=False)[0] if known is None else known
+        return found if known is None else found + (known - found[:1])
 
     def _simulated(self, settings: Sequence[Setting], thin: bool) -> Array:
         tables = self._tables(settings)
@@ -267,8 +278,7 @@ class Problem:
 
     def _tables(self, settings: Sequence[Setting]) -> list[Array]:
         """Each run's parameters (symbols, settings)."""
-        row_of, base = self.bench.row_of, [[vars(p)[name] for name in self.bench.symbols] for p in self.bench.base]
-        tables = np.repeat(np.array(base, dtype=float)[:, :, None], len(settings), axis=2)
+        row_of, tables = self.bench.row_of, np.repeat(self.bench.table[:, :, None], len(settings), axis=2)
         for i, setting in enumerate(settings):
             for symbol, value in setting.items():
                 if symbol not in SENSOR_KEYS and symbol != LOG_TIMING:
