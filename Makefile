@@ -68,7 +68,7 @@ proof: $(STAMP) ## what `make test` leaves out: laws on more machines and record
 newest: ## the tests of kernels and simulation under the newest numba, in an environment of its own
 	@$(MAKE) -s VENV=$(VENV)-newest $(VENV)-newest/.set-up
 	$(VENV)-newest/bin/python -m pip --disable-pip-version-check install -q --upgrade numba llvmlite
-	$(VENV)-newest/bin/python -m pytest -n 2 tests/engine tests/plants tests/simulate $(ARGS)
+	$(VENV)-newest/bin/python -m pytest -n 2 tests/engine tests/machines tests/simulate $(ARGS)
 
 bench: $(BENCH_STAMP) ## measure against the peers; writes benchmarks/results.json
 	$(PY) -m benchmarks.run

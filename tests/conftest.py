@@ -17,6 +17,8 @@ import hypothesis
 import pytest
 
 if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
     from tests.support.commands import Commands
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -65,6 +67,17 @@ def campaigns(shared_data: Path) -> Path:
     if not folder.is_dir():
         not_here("no recorded campaigns at ../shared/data/campaigns")
     return folder
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    """A browser for the tests of a module."""
+    from tests.support import browser
+
+    if missing := browser.what_is_missing():
+        not_here(missing)
+    with browser.browser() as started:
+        yield started
 
 
 MAIN = sys.modules["__main__"]

@@ -16,9 +16,14 @@ import click
 import pytest
 
 from tests.support.commands import Commands
+from tests.support.made_pages import made_pages
 from workbench.cli import COMMANDS
 from workbench.diagnose.diagnose import diagnose
+from workbench.effects import library_effects
 from workbench.logs import Campaign
+from workbench.machines import KINDS, RECORDS
+from workbench.metrics import columns, metrics
+from workbench.references import planned_kinds, recorded_kinds
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -206,9 +211,7 @@ DIAGNOSES: dict[tuple[object, ...], object] = {}
 
 
 @pytest.mark.usefixtures("one_diagnosis")
-def test_the_examples_of_the_api_page_and_the_cells_of_the_notebook_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_the_examples_of_the_api_page_and_the_cells_of_the_notebook_run(tmp_path, monkeypatch, capsys):
     """One test, so that one process makes the diagnosis that both show."""
     (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
     monkeypatch.chdir(tmp_path)
@@ -259,9 +262,7 @@ def test_every_name_of_the_api_page_exists_and_says_what_it_is():
         assert (getattr(thing, "__doc__", "") or "").strip(), name
 
 
-def test_the_first_result_of_the_start_page_is_what_the_study_prints(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_the_first_result_of_the_start_page_is_what_the_study_prints(tmp_path, capsys):
     page = (DOCS / "start.md").read_text(encoding="utf-8").partition("## The first result")[2].partition("## ")[0]
     shown = [line for line in page.splitlines() if line.startswith("    ") and "payload" not in line]
     assert len(shown) > 5
@@ -328,3 +329,61 @@ def test_files_of_effects_that_name_the_folder_trace_are_still_read():
     from workbench.trace import expr as then
 
     assert then.where is now.where and then.absolute is now.absolute and then.exp is now.exp
+
+
+# The pages that the build of the docs makes from declarations miss nothing that is declared.
+
+
+MADE = made_pages()
+
+
+def test_the_build_writes_every_page_and_some_page_of_the_docs_includes_it(tmp_path: Path):
+    MADE.write(tmp_path / "made")
+    assert {file.stem: file.read_text(encoding="utf-8") for file in (tmp_path / "made").iterdir()} == {
+        name: page() for name, page in MADE.PAGES.items()
+    }
+    docs = "".join(page.read_text(encoding="utf-8") for page in DOCS.glob("*.md"))
+    assert [name for name in MADE.PAGES if docs.count(f"```{{include}} made/{name}.md\n```\n") != 1] == []
+
+
+def test_every_effect_has_its_section_with_all_its_parameters():
+    page = MADE.effects_page()
+    for effect in library_effects():
+        assert f"### {effect.id}" in page and effect.meaning in page and f"    {effect.equation}\n" in page
+        assert all(f"`{p.named(kind)}`" in page for p in effect.parameters for kind in effect.kinds)
+
+
+def test_every_column_of_an_index_is_defined_with_its_unit():
+    assert set(columns()) <= {metric.name for metric in metrics()}
+    assert all(f"| `{metric.name}` | {metric.unit} | " in MADE.metrics_page() for metric in metrics())
+
+
+def test_every_reference_and_every_signal_of_a_log_has_its_place():
+    assert all(f"| `{name}` | " in MADE.references_page() for name in {**planned_kinds(), **recorded_kinds()})
+    rows = {row.split(" | ")[0].strip("| "): row for row in MADE.signals_page().splitlines()}
+    for name, kind in KINDS.items():
+        assert all(f"`{signal}`" in rows[name] for signal in kind.signals.names)
+
+
+def keys(record: type, prefix: str = "") -> list[str]:
+    """Every key of a record and of the blocks in it, dotted."""
+    found = []
+    for name, field in record.model_fields.items():  # type: ignore[attr-defined]
+        place = f"{prefix}{field.alias or name}"
+        found += [place, *(key for block in MADE._records_in(field.annotation) for key in keys(block, f"{place}."))]
+    return found
+
+
+@pytest.mark.parametrize("record", RECORDS[:2])
+def test_every_key_of_machine_yaml_has_its_line(record: type):
+    page = MADE.keys_page()
+    assert len(keys(record)) > 25
+    assert [key for key in keys(record) if f"| `{key}` | " not in page and f"**{key}**: " not in page] == []
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_and_option_has_its_line(name: str):
+    page = MADE.commands_page()
+    for part in parts_of(command_of(name))[-1:]:
+        options = [p for p in part.params if isinstance(p, click.Option) and not p.hidden]
+        assert [p.opts[0] for p in options if f"`{p.opts[0]}" not in page and f", {p.opts[0]}" not in page] == []

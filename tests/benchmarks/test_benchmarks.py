@@ -1,28 +1,29 @@
-"""The benchmarks' own hoist against the workbench's, and the form of what they write. Nothing here is timed."""
+"""The benchmarks' own hoist and the form of what they write; the attack on the readers; the verdict's numbers."""
 
 from __future__ import annotations
 
+import difflib
 import itertools
 import json
+from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks import ours
+from benchmarks import ours, sensitivity
+from benchmarks.attack.__main__ import attack
+from benchmarks.attack.mangle import KINDS, MADE_BY_THE_VICTIM, good, mangled
+from benchmarks.attack.victim import read
 from benchmarks.case import FITTED, HEIGHT_M, LOOP, PAYLOAD_KG, make_fit_log, make_loop, make_replay, solve_loop
 from benchmarks.hoist import hanging, load_hoist, rates, reference_replay, speed_error
 from benchmarks.measure import ACCURACY, FIT_ACCURACY, RESULTS
 from benchmarks.peers.python_rhs import make_rates
+from benchmarks.sensitivity import Number, changed, numbers
+from workbench.diagnose.hypotheses import evidence, settings
+from workbench.diagnose.verdict import judge
 
-KEYS = {
-    "name": str,
-    "ours_s": float,
-    "peer": str,
-    "peer_s": float,
-    "ratio": float,
-    "error_ours": float,
-    "error_peer": float,
-}
+FIGURES = "ours_s", "peer_s", "ratio", "error_ours", "error_peer"
+KEYS = {"name": str, "peer": str, **dict.fromkeys(FIGURES, float)}
 NAMES = {"replay", "models", "closed_loop", "batch", "fit"}
 PEERS = {"multibody", "scipy-bdf", "scipy-lsoda", "cvode", "python-control", "casadi"}
 
@@ -94,3 +95,81 @@ def test_results_json_has_the_agreed_form_and_every_comparison():
     for row in rows:
         assert {key: type(value) for key, value in row.items()} == KEYS
         assert row["ratio"] == pytest.approx(row["peer_s"] / row["ours_s"])
+
+
+# The attack on the readers: repeatable, counts what breaks, and finds nothing in a small sample.
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_seed_makes_the_same_bytes_and_another_one_others(kind):
+    inputs = [mangled(kind, seed) for seed in range(30)]
+    assert inputs == [mangled(kind, seed) for seed in range(30)]
+    assert len(set(inputs)) > 25
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in MADE_BY_THE_VICTIM])
+def test_what_is_mangled_reads_when_whole(tmp_path, kind):
+    # The first scenarios extend another one, as they stand in their folder.
+    ended = read(kind, good(kind, 0), tmp_path)
+    assert (ended.how, ended.said) == ("read", "")
+
+
+@pytest.mark.parametrize("seed", [11000141, 12000034])
+def test_mat_files_that_crash_scipy_are_refused(tmp_path, seed):
+    ended = read("mat", mangled("mat", seed), tmp_path)
+    assert ended.how == "refused"
+    assert "lift.mat: lift: " in ended.said
+
+
+@pytest.mark.parametrize("seed", [11000099, 12000131])
+def test_of_thousands_of_junk_keys_only_those_that_are_told_are_compared_with_names(tmp_path, seed, monkeypatch):
+    compared: list[str] = []
+    compare = difflib.get_close_matches
+
+    def counted(word: str, *rest: Any, **how: Any) -> list[str]:
+        compared.append(word)
+        return compare(word, *rest, **how)
+
+    monkeypatch.setattr(difflib, "get_close_matches", counted)
+    ended = read("scenario", mangled("scenario", seed), tmp_path)
+    assert ended.how == "refused"
+    assert ended.said.endswith("(and 4995 more problems)")
+    assert len(compared) == 5
+
+
+def test_a_small_attack_breaks_nothing():
+    results = attack(KINDS, range(100, 104))
+    assert len(results) == 4 * len(KINDS)
+    assert [(r.kind, r.seed, r.ended) for r in results if r.bad] == []
+    assert {result.ended.how for result in results} <= {"read", "noted", "refused"}
+
+
+# The verdict's numbers: all are listed with their reason, one is changed everywhere, answers are counted.
+
+
+PAGE = sensitivity.ROOT / "benchmarks" / "verdict_numbers.md"
+
+
+def the(name: str, place: str = "settings") -> Number:
+    (one,) = (number for number in numbers() if number.name == name and number.place.endswith(place))
+    return one
+
+
+def test_every_number_of_the_verdict_has_a_reason_and_a_line_on_the_page():
+    listed = numbers()
+    assert {"threshold", "temperature", "LAW", "HALF", "LOUD"} <= {number.name for number in listed}
+    assert [number.key for number in listed if not number.reason] == []
+    page = PAGE.read_text(encoding="utf-8")
+    command = "python -m benchmarks.sensitivity FOLDERS --out ANSWERS --page benchmarks/verdict_numbers.md"
+    assert [number.key for number in listed if f"| {number.name} |" not in page] == [], f"make it anew: {command}"
+
+
+def test_a_changed_number_is_another_one_wherever_the_diagnosis_reads_it_and_comes_back():
+    kept = settings.LAW
+    with changed(the("LAW"), 0.5):
+        assert evidence.settings.LAW == judge.settings.LAW == pytest.approx(0.5 * kept)
+    assert evidence.settings.LAW == judge.settings.LAW == kept
+    threshold = settings.calibration()["threshold"]
+    with changed(the("threshold", "json"), 2.0):
+        assert settings.calibration()["threshold"] == 2.0 * threshold
+    assert settings.calibration()["threshold"] == threshold

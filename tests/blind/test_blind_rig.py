@@ -1,10 +1,11 @@
-"""A machine and runs of one's own: what is taken from them, and the power of an experiment."""
+"""Campaigns of one's own machine, of the multi-body one and of recorded ones; the power of an experiment."""
 
 from __future__ import annotations
 
 import json
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,16 +13,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.validation import next_run
-from benchmarks.validation.campaign import make_campaign
-from benchmarks.validation.content import draw
+from benchmarks.validation import entry, multibody, next_run
+from benchmarks.validation.campaign import built, input_change, make_campaign
+from benchmarks.validation.content import Content, draw
 from benchmarks.validation.entry import LARGEST, SMALLEST, content_of, made, ordered
 from benchmarks.validation.rig import Rig, rig_from
 from benchmarks.validation.rig_files import rig_of
+from tests.support.commands import Commands
+from tests.support.emps_campaign import emps_in
+from workbench.blind import make as making
 from workbench.blind.make import Asked
 from workbench.blind.power import LEAST, power_of, thresholds
+from workbench.blind.recorded import SINGLES, bent
+from workbench.blind.recording import Recording, recording, rms
+from workbench.blind.seal import Order, key_of, read_manifest, unseal
 from workbench.core.errors import InputError
 from workbench.logs import read_campaign
+from workbench.machines import Hoist
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "scenarios" / "demo_campaign"
@@ -188,3 +196,129 @@ def test_one_more_run_makes_smaller_effects_show(rig: Rig, monkeypatch: pytest.M
     ratios = [then[name] / now[name] for name in both]
     assert len(both) > 15
     assert 0.3 < np.median(ratios) < 1.0
+
+
+# Campaigns of the multi-body machine: read like any other, and labelled with how large their causes are.
+
+
+def short(*names: str) -> Content:
+    """One machine, one run of 8 s, with causes."""
+    content = draw((5, 1), "hoist_clean", "singles" if names else "none", names)
+    return multibody.SOURCE.content(replace(content, runs=(replace(content.runs[0], duration_s=8.0),)))
+
+
+def test_the_label_says_how_much_torque_the_cause_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(entry, "draw", lambda seed, family, case, names: short(*names))
+    order = Order(1, (5, 1), "multibody", "hoist_clean", "singles", ("friction_coulomb",))
+    _, label = entry.made(None, tmp_path, order)
+    assert (label.source, label.effects) == ("multibody", ("friction_coulomb",))
+    (run,) = read_campaign(tmp_path / "001").runs
+    assert label.truth["multibody_arm.reach_m"] > 0.0
+    (seconds,) = label.torque_change_by_second_nm.values()
+    assert len(seconds) == 8 and run.duration_s == pytest.approx(8.0, abs=0.1)
+    assert 0.0 < label.torque_change_rms_nm < max(seconds)
+
+
+def test_without_a_cause_nothing_changes_and_a_torque_offset_changes_by_itself():
+    well, ill = short(), short("torque_offset")
+    assert input_change(well, (5, 1)).rms_nm == 0.0
+    more = built(ill, (5, 1)).sensors.offset - built(well, (5, 1)).sensors.offset
+    assert input_change(ill, (5, 1)).rms_nm == pytest.approx(abs(more), rel=1e-3)
+
+
+def test_an_identified_machine_is_that_of_the_well_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A coulomb friction half as large again is withheld: the machine.yaml of before does not have it."""
+    monkeypatch.setattr(entry, "draw", lambda seed, family, case, names: short(*names))
+    order = Order(1, (5, 1), "multibody", "hoist_clean", "singles", ("friction_coulomb",), identified=True)
+    _, label = entry.made(None, tmp_path, order)
+    assert label.identified
+    machine, nominal = read_campaign(tmp_path / "001").machine, short().machine
+    assert isinstance(machine, Hoist) and isinstance(nominal, Hoist)
+    assert machine.identified["campaign"] == "plain"
+    truth = built(short(), order.seed).truth
+    more_n = label.parameters["friction_coulomb"]["level_n"]
+    for fitted, true in (
+        (machine.guide.coulomb_hoisting_n, truth.F_up),
+        (machine.guide.coulomb_lowering_n, truth.F_dn),
+    ):
+        assert abs(fitted - true) < 0.5 * abs(more_n)
+    assert machine.guide.coulomb_hoisting_n != nominal.guide.coulomb_hoisting_n
+
+
+# Recorded machines as blind campaigns: what is bent is what the label says, and nothing else is.
+
+
+SEED = (5, 1)
+ON_AXES = [name for name in SINGLES if name not in ("payload", "load")]
+
+
+@pytest.fixture(scope="module")
+def emps(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded") / "emps"
+    return emps_in(folder, shared_data, mass=50.0, coulomb=10.0, viscous=50.0, offset=0.0)
+
+
+@cache
+def known_of(folder: Path) -> Recording:
+    return recording(folder)
+
+
+def explained(known: Recording, name: str) -> tuple[float, float]:
+    """rms that the bent machine leaves, and that it leaves with the label's effect, over that of the identified one."""
+    found = bent(name, SEED, known)
+    assert found is not None, name
+    made, _ = found
+    with_effect = made.machine.model_copy(update={"effects": {made.entry: dict(made.parameters)}})
+    residuals = [known.residual(machine, made.runs) for machine in (made.machine, with_effect)]
+    return rms(residuals[0]) / known.remainder_rms, rms(residuals[1]) / known.remainder_rms
+
+
+@pytest.mark.parametrize("name", [*ON_AXES, "step", "quadratic", "periodic"])
+def test_with_what_the_label_says_the_bent_axis_leaves_what_the_machine_does(emps: Path, name: str):
+    before, after = explained(known_of(emps), name)
+    assert before > 1.1
+    assert abs(after**2 - 1.0) < 0.2 * (before**2 - 1.0)
+
+
+# Half of one level is taken up there by both levels' tolerances of 15 % with those of the mass and of the offset.
+@pytest.mark.parametrize("name", [name for name in SINGLES if name not in ("drift", "coulomb_one_way")])
+def test_with_what_the_label_says_the_bent_hoist_leaves_what_the_machine_does(shared_data: Path, name: str):
+    before, after = explained(known_of(shared_data / "campaigns" / "20"), name)
+    assert before > 1.1
+    assert abs(after**2 - 1.0) < 0.2 * (before**2 - 1.0)
+
+
+def test_a_pendulum_logged_with_noise_is_identified_in_a_band_that_holds_its_inertia(shared_data: Path):
+    """Plain least squares: 0.182 kg m^2 and 3.56 N m; in the usual band the noise draws the inertia to half of it."""
+    known = known_of(shared_data / "real" / "geared_pendulum")
+    assert known.machine.inertia_kg_m2 == pytest.approx(0.182, rel=0.03)
+    assert known.machine.gravity.sine_nm == pytest.approx(3.56, rel=0.03)
+
+
+def test_a_gain_is_alike_with_inertia_and_friction_together(emps: Path):
+    known = known_of(emps)
+    found = bent("gain", SEED, known)
+    assert found is not None
+    assert any(
+        name.startswith("friction_") and "inertia_error" in name for name in known.alike("torque_scale", found[1])
+    )
+    inertia = bent("inertia", SEED, known)
+    assert inertia is not None
+    assert not known.alike("inertia_error", inertia[1])
+
+
+def test_the_command_makes_campaigns_that_tell_nothing_of_the_truth(emps, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(making, "recording", known_of)  # what the other tests have identified
+    out = tmp_path / "sealed"
+    words = ("--source", "recorded", "--runs", emps, "--cases", "3", "--seed", "11", "--processes", "1")
+    done = Commands(capsys)("blind", "make", "--out", out, *words)
+    assert done.status == 0, done.err
+    truth = unseal(out, read_manifest(out), key_of(out))
+    for name, label in truth.labels.items():
+        campaign = read_campaign(out / "campaigns" / name)
+        assert len(campaign.runs) >= 3
+        assert not campaign.machine.identified
+        assert label["source"] == "recorded"
+        assert label["family"] == "emps"
+        assert not any(word in (out / "manifest.json").read_text() for word in label["effects"])
+    assert json.loads((out / "manifest.json").read_text())["asked"]["runs"] == "emps"

@@ -99,11 +99,7 @@ def at_motor(force_n):
 LAWS = {
     "viscous": ("fast", {"B_up": 3000.0, "B_dn": 3000.0}, lambda p, r, t: at_motor(3000.0 * r[:, CARRIAGE_SPEED])),
     "coulomb": ("slow", {"dF_up": 4000.0, "dF_dn": 4000.0}, lambda p, r, t: at_motor(4000.0 * sign(r))),
-    "coulomb of lowering": (
-        "slow",
-        {"dF_dn": 4000.0},
-        lambda p, r, t: at_motor(-4000.0 * (r[:, CARRIAGE_SPEED] < 0.0)),
-    ),
+    "coulomb down": ("slow", {"dF_dn": 4000.0}, lambda p, r, t: at_motor(-4000.0 * (r[:, CARRIAGE_SPEED] < 0.0))),
     "stribeck": (
         "slow",
         {"Fs_up": 5000.0, "Fs_dn": 5000.0, "v_str": 0.1},

@@ -1,8 +1,10 @@
-"""`workbench compare-models` and `plant: multibody`: what they write, and what they say of bad input."""
+"""`workbench compare-models` and `plant: multibody`; words of the command line; no warning of a library."""
 
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,8 +12,10 @@ import yaml
 
 from tests.support.commands import Commands
 from tests.support.scenario_text import study_of, write
+from workbench.cli.options import keyed_number
+from workbench.cli.show import WIDTH, filled
 from workbench.core.errors import InputError
-from workbench.machines import Hoist, default_hoist, save_machine
+from workbench.machines import Hoist, default_hoist, save_machine, with_values
 from workbench.study.run import run_study
 
 SHORT = """\
@@ -87,3 +91,57 @@ def test_a_plant_that_cannot_be_is_said_with_its_line(tmp_path: Path, more: str,
     with pytest.raises(InputError, match=said) as caught:
         study_of(tmp_path, more)
     assert "scenario.yaml:" in str(caught.value)
+
+
+# Words of the command line: sentences wrapped to the width, and numbers by key.
+
+
+UNITS = ("N m", "N m s/rad", "m/s³", "m/s²", "rad/s", "kN", "kg", "s", "%", "Hz")
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_number_keeps_its_unit_wherever_the_line_ends(unit: str) -> None:
+    for length in range(60, 110):
+        text = f"{'x' * (length - 20)} goes from -297.5 {unit} to 317 {unit} with more to say"
+        shown = filled(text)
+        assert " ".join(shown.split("\n")) == text
+        assert shown.count(f" -297.5 {unit}") + shown.count(f"\n-297.5 {unit}") == 1
+        assert max(map(len, shown.splitlines())) <= WIDTH
+
+
+def test_a_word_of_key_and_number_is_read_and_any_other_is_one_line():
+    assert keyed_number(" guide.coulomb_hoisting_n = 9e3", "limits") == ("guide.coulomb_hoisting_n", 9000.0)
+    assert keyed_number("heave.amplitude_m=-0.2", "effect", "NAME.PARAMETER=VALUE", parts=2)[1] == -0.2
+    for word, parts in [("heavy", 1), ("=3", 1), ("a=nan", 1), ("a=3", 2), ("a.=3", 2), (".b=3", 2), ("a.b=x", 2)]:
+        with pytest.raises(InputError, match=f"^limits: '{word}', expected KEY=VALUE$"):
+            keyed_number(word, "limits", parts=parts)
+
+
+# No warning of a library reaches the terminal: the commands run with warnings as errors, at zero damping.
+# `tune` finds no gains there that keep a wire without damping stable behind a drive that lags, and says so in a line.
+
+
+STUDY = """
+name: undamped
+machine: undamped.yaml
+payloads_kg: [9000]
+moves: [{by_m: 3.0}]
+start_position_m: 4.0
+limits: {speed_m_s: 0.7, acceleration_m_s2: 0.6, jerk_m_s3: 0.8}
+references: [trapezoid, ruckig, ruckig_equal_time, ruckig_least_peak, optimal, zv, zvd, ei, seventh_order]
+controller: {kp_nm_s_per_rad: 31.0, ki_nm_per_rad: 122.0}
+"""
+AT = ["--machine", "undamped.yaml", "--payloads", "9000", "--heights", "5"]
+
+
+@pytest.mark.parametrize(
+    ("command", "status"), [(["loop", *AT], 0), (["tune", *AT], 2), (["study", "study.yaml"], 0)],
+    ids=["loop", "tune", "study"],
+)  # fmt: skip
+def test_at_zero_damping_no_library_warns(command: list[str], status: int, tmp_path: Path):
+    save_machine(with_values(default_hoist(), {"wire.damping_time_s": 0.0}), tmp_path / "undamped.yaml")
+    (tmp_path / "study.yaml").write_text(STUDY, encoding="utf-8")
+    words = [sys.executable, "-W", "error", "-m", "workbench", *command, "--out", str(tmp_path / "out.yaml")]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == status, done.stderr
+    assert "Warning" not in done.stderr

@@ -128,9 +128,7 @@ def windy_machine(tmp_path: Path, wind: Path) -> Path:
     return tmp_path / "windy.yaml"
 
 
-def test_replay_and_identify_take_a_machine_with_the_user_s_effect(
-    commands: Commands, tmp_path: Path, wind: Path, windy_machine: Path, campaign: Path
-):
+def test_replay_and_identify_take_a_machine_with_the_user_s_effect(commands, tmp_path, wind, windy_machine, campaign):
     assert commands("replay", campaign, "--out", tmp_path / "plain").status == 0
     words = ("replay", campaign, "--machine", windy_machine, "--out", tmp_path / "windy")
     refused = commands(*words)
@@ -148,9 +146,7 @@ def test_replay_and_identify_take_a_machine_with_the_user_s_effect(
 @pytest.mark.parametrize(
     "words", [("loop",), pytest.param(("tune", "--bandwidth", "1.0"), marks=pytest.mark.proof)], ids=["loop", "tune"]
 )
-def test_loop_and_tune_take_a_scenario_with_the_user_s_effect(
-    commands: Commands, tmp_path: Path, wind: Path, words: tuple[str, ...]
-):
+def test_loop_and_tune_take_a_scenario_with_the_user_s_effect(commands, tmp_path, wind, words):
     file = write(tmp_path, BLOWN)
     refused = commands(*words, "--scenario", file)
     assert refused.status == 2 and "unknown effect 'wind'" in refused.err
@@ -171,9 +167,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("text", "said"), BAD.items(), ids=range(len(BAD)))
-def test_a_file_that_is_no_good_is_one_line_before_anything_is_read(
-    commands: Commands, tmp_path: Path, text: str, said: str
-):
+def test_a_file_that_is_no_good_is_one_line_before_anything_is_read(commands, tmp_path, text, said):
     file = write(tmp_path, text, "mine.py")
     ended = commands("study", tmp_path / "is_not_there.yaml", "--effects", file)
     assert ended.status == 2 and ended.out == ""
@@ -182,9 +176,7 @@ def test_a_file_that_is_no_good_is_one_line_before_anything_is_read(
     assert "wind" not in names("hoist")
 
 
-def test_the_option_may_be_repeated_and_one_name_in_two_files_is_refused(
-    commands: Commands, tmp_path: Path, wind: Path
-):
+def test_the_option_may_be_repeated_and_one_name_in_two_files_is_refused(commands, tmp_path, wind):
     second, again = write(tmp_path, TWICE, "gale.py"), write(tmp_path, WIND, "again.py")
     assert commands("loop", "--effects", wind, "--effects", second).status == 0
     assert {"wind", "gale"} <= set(names("hoist"))

@@ -107,9 +107,7 @@ def killing_after(chunks: int, kill: Callable[[], object]) -> Callable[[Progress
     return tell
 
 
-def test_a_worker_killed_in_the_middle_is_survived_by_the_rest_with_the_same_bytes(
-    computers: Computers, study: Study, index: bytes, tmp_path: Path
-) -> None:
+def test_a_worker_killed_in_the_middle_is_survived_by_the_rest_with_the_same_bytes(computers, study, index, tmp_path):
     out = tmp_path / "out"
     victim = computers.workers[0]
     with spread_on(computers.address) as spread:

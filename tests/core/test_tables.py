@@ -1,13 +1,19 @@
-"""The record of a table: what fits into it, and its forms as text, Markdown and HTML."""
+"""Tables and their forms, small numbers in a text, records in JSON."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import dataclass
+from enum import StrEnum
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from workbench.core.json_records import plain, rounded
+from workbench.core.names import powers
 from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
 
@@ -80,3 +86,69 @@ def test_a_sentence_of_a_template_is_one_line_and_empty_lines_part_sentences():
     assert said.sheet([], False) == ""
     with pytest.raises(AttributeError):
         said.no_such_sentence()
+
+
+# Small numbers in a text, as people write them.
+
+
+@pytest.mark.parametrize(
+    ("python", "people"),
+    [
+        ("8.2e-05 N m", "82·10⁻⁶ N m"),
+        ("82.0e-6 and 1.2e-6", "82.0·10⁻⁶ and 1.2·10⁻⁶"),
+        ("from 0.0012 to 8e-05.", "from 0.0012 to 80·10⁻⁶."),
+        ("-5.03e-08", "-50.3·10⁻⁹"),
+        ("2.5e+05 of 89.0e9", "250000 of 89.0·10⁹"),
+        ("1.5e-4", "0.00015"),
+    ],
+)
+def test_a_number_in_powers_of_ten_keeps_value_and_digits(python: str, people: str):
+    assert powers(python) == people
+
+
+def test_names_are_left_alone():
+    assert powers("run_2e3, a2e5, 2e5b and 1.2.3e4") == "run_2e3, a2e5, 2e5b and 1.2.3e4"
+
+
+# Records in JSON: plain values in their order, significant digits, null for what is no finite number.
+
+
+class Word(StrEnum):
+    YES = "yes"
+
+
+@dataclass(frozen=True)
+class Inner:
+    value: float
+    names: tuple[str, ...] = ("a", "b")
+
+
+@dataclass(frozen=True)
+class Outer:
+    inner: Inner
+    angle: np.ndarray
+    word: Word = Word.YES
+    many: int = 1234567
+    flag: bool = True
+
+
+def test_a_record_becomes_mappings_lists_and_numbers_in_its_own_order():
+    said = plain(Outer(Inner(1.23456789), np.array([[1.0, np.nan], [np.inf, 2.0 / 3.0]])), 3)
+    assert json.dumps(said) == (
+        '{"inner": {"value": 1.23, "names": ["a", "b"]}, "angle": [[1.0, null], [null, 0.667]], '
+        '"word": "yes", "many": 1234567, "flag": true}'
+    )
+
+
+def test_what_has_no_form_in_json_is_refused():
+    with pytest.raises(Exception, match="object has no form in JSON"):
+        plain({"a": object()})
+
+
+@given(st.floats(), st.integers(1, 12))
+def test_rounding_keeps_the_digits_asked_for_and_is_its_own_fixed_point(value: float, digits: int):
+    once = rounded(value, digits)
+    assert (once is None) == (not np.isfinite(value))
+    if once is not None:
+        assert rounded(once, digits) == once  # also where it would be beyond the largest float
+        assert once == pytest.approx(value, rel=0.51 * 10.0 ** (1 - digits))

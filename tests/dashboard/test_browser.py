@@ -11,13 +11,11 @@ import re
 import shutil
 import statistics
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.conftest import not_here
 from tests.support import browser
 from tests.support.browser import APP, SCRIPT, Visit
 from tests.support.simulated_campaign import simulated_campaign, true_machine
@@ -26,7 +24,7 @@ from workbench.effects import check
 from workbench.machines import Hoist, load_machine
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Page
 
 # Of the slider: enough for a median where the times are wanted, else enough to see that figures follow.
 MOVES = 9 if os.environ.get("WORKBENCH_SCREENSHOTS") else 3
@@ -38,20 +36,12 @@ WALKED = {"Compare", "Validate", "Gap", "Batches"}
 DOWNLOADS = {"Report": "diagnose.html", "diagnosis.json": "diagnosis.json", "machine.yaml": "machine.yaml"}
 
 
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    if missing := browser.what_is_missing():
-        not_here(missing)
-    with browser.browser() as started:
-        yield started
-
-
 @pytest.fixture
 def shots(tmp_path: Path) -> Path:
     return Path(os.environ.get("WORKBENCH_SCREENSHOTS") or tmp_path / "screenshots").resolve()
 
 
-def test_a_visitor_walks_the_whole_story(chromium: Browser, shots: Path, tmp_path: Path):
+def test_a_visitor_walks_the_whole_story(chromium, shots: Path, tmp_path: Path):
     measured: dict[str, object] = {"cores": os.cpu_count(), "load_average_before": os.getloadavg()[0]}
     with browser.dashboard(tmp_path / "server") as address, browser.visit(chromium, address, shots) as visit:
         measured["first_page_s"] = first_page(visit)
@@ -198,9 +188,7 @@ def batches(visit: Visit, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("start", "scheme"), [(APP, "dark"), (SCRIPT, "light")], ids=["workbench app", "app.py"])
-def test_the_console_is_free_of_errors_and_nothing_is_asked_of_the_network(
-    chromium: Browser, shots: Path, tmp_path: Path, start: list[str], scheme: browser.Scheme
-):
+def test_the_console_is_free_of_errors_and_nothing_is_asked_of_the_network(chromium, shots, tmp_path, start, scheme):
     with (
         browser.dashboard(tmp_path / "server", start) as address,
         browser.visit(chromium, address, shots / scheme, scheme) as visit,
@@ -248,9 +236,7 @@ EVERY = {"Loop": 4, "Signals": 1, "Plant": 0, "Import": 0, "Study": 1, "Sizing":
 @pytest.mark.parametrize(
     ("pages", "most"), [({"Loop": 4}, 3), pytest.param(EVERY, 1000, marks=pytest.mark.proof)], ids=["few", "every"]
 )
-def test_nonsense_that_is_mended_leaves_every_control_showing_what_is_used(
-    chromium: Browser, tmp_path: Path, pages: dict[str, int], most: int
-):
+def test_nonsense_that_is_mended_leaves_every_control_showing_what_is_used(chromium, tmp_path, pages, most):
     """In every field of every page, those that are folded away too; before a release."""
     with (
         browser.dashboard(tmp_path / "server") as address,
@@ -289,7 +275,7 @@ def test_nonsense_that_is_mended_leaves_every_control_showing_what_is_used(
         assert visit.complaints == []
 
 
-def test_the_keyboard_alone_sets_up_keeps_and_compares_a_study(chromium: Browser, tmp_path: Path):
+def test_the_keyboard_alone_sets_up_keeps_and_compares_a_study(chromium, tmp_path: Path):
     with (
         browser.dashboard(tmp_path / "server") as address,
         browser.visit(chromium, address, tmp_path / "shots") as visit,
@@ -357,9 +343,7 @@ CUT = """() => {
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(800, "light"), (400, "dark")])
-def test_a_narrow_page_cuts_nothing_and_leads_to_every_other(
-    chromium: Browser, tmp_path: Path, width: int, scheme: browser.Scheme
-):
+def test_a_narrow_page_cuts_nothing_and_leads_to_every_other(chromium, tmp_path, width, scheme):
     with (
         browser.dashboard(tmp_path / "server") as address,
         browser.visit(chromium, address, tmp_path / "shots", scheme) as visit,
@@ -381,7 +365,7 @@ def test_a_narrow_page_cuts_nothing_and_leads_to_every_other(
         visit.page.get_by_text("No batch yet").wait_for()
 
 
-def test_two_visitors_at_once_have_downloads_jobs_and_uploads_of_their_own(chromium: Browser, tmp_path: Path):
+def test_two_visitors_at_once_have_downloads_jobs_and_uploads_of_their_own(chromium, tmp_path: Path):
     packed = shutil.make_archive(str(tmp_path / "secret"), "zip", simulated_campaign(tmp_path / "campaign"))
     with (
         browser.dashboard(tmp_path / "server") as address,

@@ -75,9 +75,7 @@ def test_another_machine_is_what_is_diagnosed(workbench: Commands, folder: Path,
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_status_is_zero_and_the_answer_first_whatever_the_verdict(
-    workbench: Commands, folder: Path, called: Called, tmp_path: Path, kind: str
-):
+def test_the_status_is_zero_and_the_answer_first_whatever_the_verdict(workbench, folder, called, tmp_path, kind):
     called.answer = made_diagnosis(kind)
     done = workbench("diagnose", folder, "--out", tmp_path / "out")
     assert done.status == 0
@@ -88,9 +86,7 @@ def test_the_status_is_zero_and_the_answer_first_whatever_the_verdict(
         assert (tmp_path / "out" / file).is_file()
 
 
-def test_without_out_nothing_is_written(
-    workbench: Commands, folder: Path, called: Called, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_without_out_nothing_is_written(workbench, folder, called, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert "Nothing is written without --out." in workbench("diagnose", folder).out
     assert list(tmp_path.iterdir()) == []
@@ -108,9 +104,7 @@ def test_without_out_nothing_is_written(
         (["--band", "0.01"], "--band: 0.01 Hz, expected at least"),
     ],
 )
-def test_a_wrong_word_is_said_before_any_work(
-    workbench: Commands, folder: Path, called: Called, tmp_path: Path, words: list[str], problem: str
-):
+def test_a_wrong_word_is_said_before_any_work(workbench, folder, called, tmp_path, words, problem):
     done = workbench("diagnose", folder, "--out", tmp_path / "out", *words)
     assert done.status == 2
     assert problem in done.err
@@ -125,9 +119,7 @@ def test_a_wrong_word_is_said_before_any_work(
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )
-def test_what_stops_it_leaves_nothing(
-    workbench: Commands, folder: Path, called: Called, tmp_path: Path, stop: BaseException, status: int, said: str
-):
+def test_what_stops_it_leaves_nothing(workbench, folder, called, tmp_path, stop, status, said):
     called.answer = stop
     done = workbench("diagnose", folder, "--out", tmp_path / "out")
     assert (done.status, done.out) == (status, "")
@@ -203,9 +195,7 @@ def test_a_missing_effect_is_named_from_its_runs_and_twice_alike(workbench: Comm
     assert replayed["speed_rmse_percent"] < 0.5 * said["gap"]["speed_rmse_percent"]
 
 
-def test_the_readme_shows_what_this_version_prints(
-    workbench: Commands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_the_readme_shows_what_this_version_prints(workbench, tmp_path, monkeypatch):
     """Its command is run; each line of its block is the next line printed, but where … stands for some."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     section = text.partition("## Find the gap")[2].partition("## ")[0]

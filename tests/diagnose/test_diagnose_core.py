@@ -122,9 +122,7 @@ def test_no_base_parameter_turns_what_an_effect_turns(kind: str, request: pytest
 
 
 @pytest.mark.parametrize("kind", ["hoist", "axis"])
-def test_whatever_a_fit_makes_of_a_value_without_a_tolerance_is_a_value_of_the_file(
-    kind: str, request: pytest.FixtureRequest
-):
+def test_whatever_a_fit_makes_of_a_value_without_a_tolerance_is_a_value_of_the_file(kind, request):
     """As of how friction turns over at standstill, which a log with a dead band takes for a step."""
     problem: Problem = request.getfixturevalue(kind)
     for key, parameter in base_parameters(problem.machine, problem.runs).items():

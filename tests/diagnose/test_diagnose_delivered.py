@@ -70,9 +70,7 @@ def apart_of(d: Diagnosis, again: ReplayResult) -> Iterator[tuple[str, Array, fl
         yield run.name, run.balance.residual[rows] - mine, rms
 
 
-def test_the_commands_agree_to_every_digit_they_print(
-    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_the_commands_agree_to_every_digit_they_print(shared_data, tmp_path, capsys):
     workbench, folder, out = Commands(capsys), shared_data / "campaigns/05", tmp_path / "out"
     words = ("--quick", "--candidates", "friction_position_dependent")
     assert workbench("diagnose", folder, *words, "--out", out).status == 0

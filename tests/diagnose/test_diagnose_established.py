@@ -66,6 +66,19 @@ def test_a_true_law_has_one_amount_everywhere_and_a_mimic_has_not(bump: tuple[Ca
     assert broken(bump[1], MIMIC)
 
 
+def test_a_cause_that_is_hardly_likelier_than_none_does_not_hide_what_the_machine_leaves(
+    bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
+):
+    """No gap was once said of a machine that leaves much, for a cause stood that was not named."""
+    evidence = judge.judge(bump[1]).weighed[0].evidence
+    numbers = {**judge.settings.calibration(), "threshold": evidence - 0.1}
+    monkeypatch.setattr(judge.settings, "calibration", lambda: numbers)
+    judged = judge.judge(bump[1])
+    assert judged.names == ()
+    assert judged.held is bump[1].within_tolerances
+    assert judged.word == "unknown"
+
+
 def test_the_delivered_file_gives_the_fits_residual_run_by_run(bump: tuple[Campaign, SearchResult], tmp_path: Path):
     campaign, search = bump
     problem, fit = search.problem, search.fits[TRUE,]
@@ -424,7 +437,7 @@ def test_a_play_that_no_impact_tells_of_is_none_where_most_stays(
     left: float, over: str | None, struck: bool, monkeypatch: pytest.MonkeyPatch
 ):
     """An axis that swings on its shaft as its model does not: a play took a fifth of what stays, at 0.99."""
-    for name, value in (("cancellation", 0.0), ("smooths", False), ("_on_bound", False)):
+    for name, value in (("takes_nothing", False), ("cancellation", 0.0), ("smooths", False), ("_on_bound", False)):
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     play, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (left, 1.0))
     problem = SimpleNamespace(struck=struck, machine=KINDS["axis-linear"].example())
@@ -438,7 +451,7 @@ def test_effects_that_cancel_are_none_where_they_leave_more_than_a_machine_witho
 ):
     """A drift, a gearbox' loss and a wire's mass came at their true values and cancelled by 1.3: the loaded run was the
     second of four."""
-    for name, value in (("cancellation", 1.3), ("smooths", False), ("_on_bound", False)):
+    for name, value in (("takes_nothing", False), ("cancellation", 1.3), ("smooths", False), ("_on_bound", False)):
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     both, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (0.1, 1.0))
     problem, names = SimpleNamespace(struck=False), ("friction_thermal_drift", "gearbox_efficiency")

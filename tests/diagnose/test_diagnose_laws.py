@@ -268,9 +268,7 @@ def test_a_third_cause_is_found_by_going_on_from_two():
     ],
     ids=["a hundred times as large", "beside a wave that passes between the samples simulated"],
 )
-def test_a_second_cause_is_named_however_much_the_first_one_explains(
-    first: dict[str, Values], second: dict[str, Values]
-):
+def test_a_second_cause_is_named_however_much_the_first_one_explains(first, second):
     runs = hoist_runs(with_effects(default_hoist(), {**first, **second}))
     asked = (*first, *second, "friction_coulomb", "torque_offset")
     campaign = Campaign("made", Path("made"), nominal("hoist"), runs)

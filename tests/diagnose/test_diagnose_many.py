@@ -45,9 +45,7 @@ def broken(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("cluster", [(), ("--cluster", "local:2")])
-def test_a_bad_campaign_among_good_ones_is_a_row_and_no_traceback(
-    workbench: Commands, folder: Path, broken: Path, tmp_path: Path, cluster: tuple[str, ...]
-):
+def test_a_bad_campaign_among_good_ones_is_a_row_and_no_traceback(workbench, folder, broken, tmp_path, cluster):
     if cluster:
         pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
     twin = folder.parent / "twin"
@@ -66,9 +64,7 @@ def test_a_bad_campaign_among_good_ones_is_a_row_and_no_traceback(
     assert "about" in done.err and "s left" in done.err
 
 
-def test_several_campaigns_go_on_where_they_were_interrupted(
-    workbench: Commands, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_several_campaigns_go_on_where_they_were_interrupted(workbench, folder, tmp_path, monkeypatch):
     """What is there of the same question is kept as it is; of another question, or damaged, it is refused untouched."""
     twin, out = tmp_path / "twin", tmp_path / "out"
     shutil.copytree(folder, twin)

@@ -23,7 +23,13 @@ from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.gap import UNLIKELY, alike_of, outliers
 from workbench.diagnose.hypotheses.fit import Fitted, covariance, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import FreeParameter, Scalar, base_parameters, effect_parameters
+from workbench.diagnose.hypotheses.free_parameters import (
+    LOG_TIMING,
+    FreeParameter,
+    Scalar,
+    base_parameters,
+    effect_parameters,
+)
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem
@@ -31,6 +37,7 @@ from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
 from workbench.diagnose.verdict.answer import Left
+from workbench.diagnose.verdict.judge import takes_nothing
 from workbench.diagnose.verdict.unknown_cause import (
     cancellation,
     lasting_share,
@@ -411,6 +418,47 @@ def test_a_hoist_that_leaves_much_is_held_to_its_tolerances_unless_the_cause_tak
 
     assert stretched(1.0) > 2.0
     assert stretched(30.0) == 0.0
+
+
+def test_a_cause_that_takes_nothing_and_relieves_nothing_is_not_named():
+    """A soft support was once named as a tight stretch at 0.99, of which the held-out runs showed nothing."""
+    problem, own = answered({"payload_mass_error": {"payload_scale": 1.06}}, ["torque_scale"], {"gain": 1.0})
+    near = replace(own, effects=(), free=own.free[:-1], z=np.zeros(len(own.z) - 1))
+    swing = 20.0 * problem.noise * np.sin(np.arange(problem.inputs))
+
+    def idle(taken: float, near_z: float = 0.0, timing: bool = False) -> bool:
+        """taken: of the residual's energy; near_z: of one base parameter that the cause brings back, deviations."""
+        is_timing = [isinstance(one, Scalar) and one.symbol == LOG_TIMING for one in near.free]
+        z = near.z.copy()
+        z[is_timing.index(timing)] = near_z * (near.free[is_timing.index(timing)].prior_std[0])
+        before = np.concatenate([swing, np.zeros(problem.samples - problem.inputs)])
+        fit = replace(own, z=np.zeros(len(own.z)), residual=math.sqrt(1.0 - taken) * before)
+        return takes_nothing(problem, replace(near, z=z, residual=before), fit)
+
+    assert idle(0.05)
+    assert not idle(0.15)
+    assert not idle(0.0, near_z=3.5)
+    assert idle(0.0, near_z=2.0)
+    assert idle(0.0, near_z=3.5, timing=True)
+
+
+def test_a_log_by_exception_is_no_machine_without_a_gap():
+    """98 % of the samples of an axis' force repeated the last one; the answer was no gap."""
+    problem, own = answered({}, ["torque_scale"], {"gain": 1.0})
+    score: Any = SimpleNamespace(excess=1.0)
+
+    def left(band: float) -> float:
+        runs = []
+        for run in problem.runs:
+            value, kept = run["torque_motor_nm"], run["torque_motor_nm"].copy()
+            for k in range(1, len(kept)):
+                kept[k] = value[k] if abs(value[k] - kept[k - 1]) > band else kept[k - 1]
+            runs.append(replace(run, signals={**run.signals, "torque_motor_nm": kept}))
+        by_exception = Problem(problem.machine, runs)
+        return signs_of(by_exception, own, own, score, Left(0.0, 0.0, False), 0.0)["left"]
+
+    assert left(0.0) == 0.0
+    assert left(40.0) > 1.0
 
 
 # Two effects

@@ -157,13 +157,20 @@ def test_what_may_not_be_named_speaks_for_an_unknown_cause():
 
 
 @given(merits, st.floats(0.0, 3.0), st.booleans())
-def test_what_is_stated_sums_to_one_and_changes_no_answer(values: list[float], open_left: float, rival: bool):
+def test_what_is_stated_sums_to_one_changes_no_answer_and_makes_no_other_likelier(
+    values: list[float], open_left: float, rival: bool
+):
     told, evidence = named(values, rival), {**NO_EVIDENCE, "left": open_left}
     stated = rank(told, evidence, dict(calibration()))
     assert sum(row.probability for row in stated) == pytest.approx(1.0)
     decided = rank(told, evidence, {**calibration(), **AS_DECIDED})
     assert (stated[0].verdict, stated[0].effects) == (decided[0].verdict, decided[0].effects)
     assert {row.effects for row in stated} == {row.effects for row in decided}
+    if stated[0].verdict == "named":
+        total = {w: sum(r.probability for r in stated if r.verdict == w) for w in ("named", "no_gap", "unknown")}
+        assert total["named"] == pytest.approx(max(total.values()))
+    else:  # an unknown cause of 33 % once stood beside 42 % for no gap
+        assert stated[0].probability == pytest.approx(max(row.probability for row in stated))
     assert [row.probability for row in stated[1:]] == sorted((row.probability for row in stated[1:]), reverse=True)
 
 

@@ -76,9 +76,7 @@ MADE: dict[str, Callable[[Variable, Array], Array]] = {
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_a_gap_made_of_one_variable_is_explained_by_it_on_runs_that_were_held_out(
-    even: tuple[Campaign, SearchResult], name: str
-):
+def test_a_gap_made_of_one_variable_is_explained_by_it_on_runs_that_were_held_out(even, name):
     problem = even[1].problem
     way = np.where(forward(problem), 1.0, -1.0)
     made = next(v for v in variables(problem) if v.name == name)
@@ -125,9 +123,7 @@ def test_a_wave_along_the_way_is_found_at_its_length(even: tuple[Campaign, Searc
     assert profile.edges[np.argmax(profile.share)] <= wave.variable.at[0] <= profile.edges[np.argmax(profile.share) + 1]
 
 
-def test_a_bump_in_the_rail_is_found_in_the_guide_by_its_height_without_any_candidate(
-    bump: tuple[Campaign, SearchResult],
-):
+def test_a_bump_in_the_rail_is_found_in_the_guide_by_its_height_without_any_candidate(bump):
     problem, near = bump[1].problem, bump[1].within_tolerances
     where = where_of(problem, near)
     assert (where.subsystem, where.regime) == ("guide", "position")

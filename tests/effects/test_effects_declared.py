@@ -1,17 +1,24 @@
-"""Effects as they are declared: complete, known by name, open to a user's own; and their page in the docs."""
+"""Effects as they are declared, open to a user's own; the measured correction in every command."""
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 from tests.support.effect_machines import MACHINES
+from tests.support.ideal import ideal_hoist
+from tests.support.simulated_campaign import simulated_campaign
+from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.core.run import Run
+from workbench.core.yaml_strict import loads
 from workbench.effects import (
     Effect,
     Parameter,
@@ -26,7 +33,20 @@ from workbench.effects import (
     ranges_of,
 )
 from workbench.effects.declare import KINDS, problems
-from workbench.machines import default_hoist
+from workbench.machines import (
+    Axis,
+    Hoist,
+    default_hoist,
+    kind_of,
+    load_machine,
+    machine_from,
+    plant_of,
+    save_machine,
+    with_correction,
+)
+from workbench.machines.files import machine_text
+from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
+from workbench.simulate.plant_model import plant_model
 
 # The names that others rely on; see docs/formats.md.
 NAMES = [
@@ -93,15 +113,9 @@ def test_a_ripple_has_one_phase_in_all_runs_that_log_where_they_are():
 @pytest.mark.parametrize(
     ("chosen", "said"),
     [
-        (
-            {"drum_ecentricity": {}},
-            "effects.drum_ecentricity: unknown effect 'drum_ecentricity'; did you mean 'drum_ecce",
-        ),
+        ({"drum_ecentricity": {}}, "effects.drum_ecentricity: unknown effect 'drum_ecentricity'; did you mean 'drum"),
         ({"presliding": {"distance_m": 1e-4}}, "'presliding' is no effect of a hoist machine"),
-        (
-            {"heave": {"amplitude": 0.2}},
-            "effects.heave.amplitude: effect 'heave' has no parameter 'amplitude'; did you",
-        ),
+        ({"heave": {"amplitude": 0.2}}, "effects.heave.amplitude: effect 'heave' has no parameter 'amplitude'; did"),
         ({"heave": {"phase_rad": 0.2}}, "effects.heave: says no size; expected amplitude_m"),
         ({"heave": {"amplitude_m": -0.2}}, "effects.heave.amplitude_m: -0.2, expected at least 0"),
         ({"payload_mass_error": {"payload_scale": 0.0}}, "payload_scale: 0, expected more than 0"),
@@ -186,3 +200,200 @@ def test_an_entry_point_s_effects_are_known(monkeypatch: pytest.MonkeyPatch):
         "importlib.metadata.entry_points", lambda group: [Entry()] if group == "workbench.effects" else []
     )
     assert find("pull", "hoist") is declared
+
+
+# The measured correction: what its block may say, that it acts as its table says, that every command takes it.
+
+
+TURN = 2.0 * np.pi
+HOIST = ideal_hoist()
+SETTINGS = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
+VISCOUS = 4000.0
+
+
+def choices(machine: Hoist | Axis) -> list[tuple[str, str]]:
+    """(over, acts_on) that a machine's block may say."""
+    record = next(
+        record_type
+        for record_type in get_args(type(machine).model_fields["measured_correction"].annotation)
+        if record_type
+    )
+    over, acts_on = (get_args(record.model_fields[name].annotation) for name in ("over", "acts_on"))
+    return [(x, place) for x in over for place in acts_on if (x, place) != ("torque_load_nm", "guide")]
+
+
+CHOICES = [(kind, *choice) for kind, machine in MACHINES.items() for choice in choices(machine)]
+
+
+def points(over: str) -> np.ndarray:
+    """Points that fit a variable, unevenly set."""
+    if over in ("angle_motor_rad", "angle_drum_rad", "angle_in_turn_rad"):
+        return np.array([0.3, 1.0, 2.5, 3.0, 5.0, 6.0])
+    return np.array([0.0, 0.1, 0.5, 0.6, 1.0, 2.0])
+
+
+def viscous_table(machine: Hoist, many: int = 9) -> Hoist:
+    at = np.linspace(0.0, 1.2, many)
+    return with_correction(machine, "speed_carriage_m_s", "guide", at, VISCOUS * at, VISCOUS * at)
+
+
+def viscous_effect(machine: Hoist) -> Hoist:
+    return machine.model_copy(update={"effects": {"friction_viscous": {"viscous_n_s_per_m": VISCOUS}}})
+
+
+# What the block says
+
+
+@pytest.mark.parametrize(("kind", "over", "acts_on"), CHOICES)
+def test_a_block_comes_back_from_its_file_as_it_was(tmp_path: Path, kind: str, over: str, acts_on: str):
+    at = points(over)
+    machine = with_correction(MACHINES[kind], over, acts_on, at, 1.5 * at, -at)
+    save_machine(machine, tmp_path / "machine.yaml")
+    again = load_machine(tmp_path / "machine.yaml")
+    assert again == machine and again.measured_correction is not None
+    assert again.measured_correction.forward == tuple(1.5 * at)
+    unit = "n" if acts_on == "guide" or kind == "axis-linear" else "nm"
+    text = (tmp_path / "machine.yaml").read_text()
+    assert f"  backward_{unit}: [-" in text and "null" not in text, "a row of numbers is one line"
+
+
+BLOCK = """\
+measured_correction:
+  over: speed_carriage_m_s
+  acts_on: guide
+  at: [0.0, 0.5, 1.0]
+  forward_n: [0, 100, 200]
+  backward_n: [0, 120, 240]
+"""
+MISTAKES = {
+    ("speed_carriage_m_s", "speed_carriage"): "measured_correction.over: 'speed_carriage'; did you mean 'speed_carria",
+    ("[0.0, 0.5, 1.0]", "[0.0, 0.5, 0.5]"): "measured_correction.at: 0.5 (point 2) after 0.5, expected rising values",
+    ("[0.0, 0.5, 1.0]", "[0.0, 1.0]"): "measured_correction.at: 2 points, expected 3 to 33",
+    ("[0, 100, 200]", "[0, 100]"): "measured_correction: forward has 2 values, at has 3; expected as many",
+    ("forward_n:", "forward_nm:"): "forward_nm does not go with acts_on guide; expected forward_n",
+    ("  backward_n: [0, 120, 240]\n", ""): "backward_n is missing; acts_on guide expects it",
+    ("speed_carriage_m_s\n  acts_on: guide\n  at: [0.0, 0.5, 1.0]", "angle_drum_rad\n  acts_on: guide\n  "
+     "at: [0.0, 3.1416, 6.2832]"): "at spans 6.283 rad, expected less than one turn, 6.283: the table closes",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "said"), MISTAKES.items(), ids=range(len(MISTAKES)))
+def test_a_mistake_is_named_with_file_and_line(change: tuple[str, str], said: str):
+    assert change[0] in BLOCK
+    text = machine_text(HOIST) + BLOCK.replace(*change, 1)
+    with pytest.raises(InputError) as caught:
+        machine_from(loads(text, "machine.yaml"))
+    assert said in str(caught.value)
+    assert caught.value.line is not None and caught.value.line > machine_text(HOIST).count("\n")
+
+
+# What it does
+
+
+def force(machine: Hoist | Axis, **signals: float) -> float:
+    """What the correction adds at its place."""
+    correction = machine.measured_correction
+    assert correction is not None
+    active = of(machine)
+    plant = plant_of(machine)
+    p = SimpleNamespace(**vars(plant.values(machine, 700.0)), **active.values_of(50.0))
+    return float(active.effects.at(kind_of(machine).ports[correction.acts_on].place, p, **signals))
+
+
+def signals_at(over: str, x: float, way: float) -> dict[str, float]:
+    """Signals under which a table reads x, moving that way well beyond standstill."""
+    s = dict.fromkeys(("t", "v", "w", "x", "angle"), 0.0) | {"v": way * 0.7, "w": way * 40.0, "switch": way}
+    if "speed" in over or over == "velocity_m_s":
+        s["w" if over == "speed_motor_rad_s" else "v"] = way * x
+    elif over in ("position_carriage_m", "position_m", "angle_rad", "angle_in_turn_rad"):
+        s["x"] = x
+    elif over == "torque_load_nm":
+        s["load"] = x
+    elif over in ("angle_motor_rad", "angle_drum_rad"):
+        s["angle"] = x * (HOIST.gearbox.ratio if over == "angle_drum_rad" else 1.0)
+    else:
+        s["t"] = x - 50.0 if over == "campaign_time_s" else x
+    return s
+
+
+@pytest.mark.parametrize(("kind", "over", "acts_on"), CHOICES)
+def test_it_is_the_table_s_line_on_either_way_and_its_last_value_beyond(kind: str, over: str, acts_on: str):
+    at, rng = points(over), np.random.default_rng(4)
+    forward, backward = rng.normal(0.0, 300.0, (2, len(at)))
+    machine = with_correction(MACHINES[kind], over, acts_on, at, forward, backward)
+    period = TURN if machine.measured_correction and machine.measured_correction.periodic else None
+    for x in [0.02, 0.3, 0.55, 1.7, 2.0, 5.5, *([-3.0, 40.0] if period else [9.0])]:
+        x = 700.0 if over == "payload_kg" else x
+        for way, level, sign in ((1.0, forward, -1.0), (-1.0, backward, 1.0)):
+            wanted = sign * float(np.interp(x, at, level, period=period))
+            assert force(machine, **signals_at(over, x, way)) == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "over", "acts_on"), CHOICES)
+def test_a_table_that_opposes_both_ways_only_ever_takes_energy(kind: str, over: str, acts_on: str):
+    at, rng = points(over), np.random.default_rng(6)
+    machine = with_correction(MACHINES[kind], over, acts_on, at, *rng.uniform(0.0, 300.0, (2, len(at))))
+    lost = []
+    for _ in range(200):
+        v = float(rng.normal(0.0, rng.choice([0.001, 0.05, 1.0])))
+        s = {name: float(rng.normal(0.0, 5.0)) for name in ("t", "x", "angle", "load")}
+        lost.append(force(machine, v=v, w=v, switch=float(np.clip(v / 0.01, -1.0, 1.0)), **s) * v)
+    assert max(lost) <= 0.0 and min(lost) < 0.0
+
+
+def test_what_both_ways_share_is_a_weight_and_stays_at_standstill():
+    pull, at = 5000.0, [0.0, 10.0, 25.0]
+    shared = with_correction(HOIST, "position_carriage_m", "guide", at, [pull] * 3, [-pull] * 3)
+    mixed = with_correction(HOIST, "position_carriage_m", "guide", at, [pull + 900.0] * 3, [-pull] * 3)
+    friction = with_correction(HOIST, "position_carriage_m", "guide", at, [pull] * 3, [pull] * 3)
+    holds = []
+    for machine in (HOIST, shared, mixed, friction):
+        model = plant_model(machine)
+        holds.append(model.starts([9.0], [0.0], [0.0], [model.values(machine, 4500.0, 0.0)])[1][0])
+    arm = HOIST.winch.drum_diameter_m / 2.0 / HOIST.gearbox.ratio
+    assert holds[1] - holds[0] == pytest.approx(pull / 2.0 * arm, rel=1e-3)
+    assert holds[2] == pytest.approx(holds[1], rel=1e-12)
+    assert holds[3] == holds[0]
+
+
+def moved(machines: Sequence[Hoist]) -> list[LoopResult]:
+    """A closed loop that goes both ways, on each machine."""
+    time = np.arange(5000) * 0.001
+    speed = 130.0 * np.sin(2.0 * time)
+    return simulate_loop(
+        [LoopCase(f"{j}", machine, 4500.0, 9.0, SETTINGS, speed) for j, machine in enumerate(machines)]
+    )
+
+
+def test_in_the_closed_loop_a_table_of_b_v_is_viscous_friction():
+    plain, effect, table = moved([HOIST, viscous_effect(HOIST), viscous_table(HOIST)])
+    torque = [result.run["torque_motor_nm"] for result in (plain, effect, table)]
+    assert np.max(np.abs(torque[1] - torque[0])) > 10.0
+    assert np.max(np.abs(torque[2] - torque[1])) < 0.01
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs of a machine with viscous friction that its nominal machine does not know."""
+    return simulated_campaign(tmp_path_factory.mktemp("campaigns") / "made", truth=viscous_effect(HOIST))
+
+
+# Where it is, and where it is not
+
+
+@pytest.fixture
+def corrected_file(tmp_path: Path) -> Path:
+    save_machine(viscous_table(HOIST), tmp_path / "corrected.yaml")
+    return tmp_path / "corrected.yaml"
+
+
+def test_replay_and_identify_take_a_corrected_machine(commands, tmp_path, campaign, corrected_file):
+    assert commands("replay", campaign, "--out", tmp_path / "nominal").status == 0
+    ended = commands("replay", campaign, "--machine", corrected_file, "--out", tmp_path / "corrected")
+    assert ended.status == 0, ended.err
+    said = [json.loads((tmp_path / name / "replay.json").read_text())["overall"] for name in ("nominal", "corrected")]
+    assert said[1]["torque_residual_rms_nm"] < 0.4 * said[0]["torque_residual_rms_nm"]
+    identified = commands("identify", campaign, "--machine", corrected_file, "--out", tmp_path / "found")
+    assert identified.status == 0, identified.err
+    kept = load_machine(tmp_path / "found" / "machine.yaml").measured_correction
+    assert kept == viscous_table(HOIST).measured_correction

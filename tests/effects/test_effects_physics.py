@@ -175,9 +175,11 @@ def test_a_shorter_fall_stretches_less():
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_a_wire_that_stiffens_neither_makes_nor_loses_energy(seed):
+def test_a_wire_that_stiffens_on_an_uneven_drum_neither_makes_nor_loses_energy(seed):
+    """Virtual work: the arm of the wire force is the derivative of the wound length, for wire and weight alike."""
     rng = np.random.default_rng(seed)
-    model = PlantModel(HOIST.plant, of(MACHINES["hoist"], {"wire_stiffness_length": {"share": 0.8}}))
+    uneven = {"wire_stiffness_length": {"share": 0.8}, "drum_eccentricity": {"amplitude_m": 0.01, "phase_rad": 0.7}}
+    model = PlantModel(HOIST.plant, of(MACHINES["hoist"], uneven))
     p = model.values(MACHINES["hoist"], PAYLOAD, 0.0)
     vars(p).update(mu=0.0, F_up=0.0, F_dn=0.0, tau=0.0)
     start, _ = model.starts([HEIGHT], [0.0], [0.0], [p])
@@ -192,7 +194,8 @@ def test_a_wire_that_stiffens_neither_makes_nor_loses_energy(seed):
 
     def energy(at: Array) -> float:
         th, th_s, x, w, w_s, v = at
-        wound, k = LEVER * th, p.E * p.A / (25.0 - 0.8 * x)
+        wound = LEVER * th + 0.01 * (math.cos(0.7) - math.cos(th / 31.0 + 0.7))
+        k = p.E * p.A / (25.0 - 0.8 * x)
         d1, d2 = wound + 0.25 * th_s - x, -0.25 * th_s - x
         kinetic = 0.5 * (INERTIA * w**2 + 3.0 * w_s**2 + MASS * v**2)
         weight = MASS * G * x + line * ((50.0 - wound) * (25.0 + x) / 2.0 + 25.0 * wound)

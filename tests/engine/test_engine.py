@@ -1,8 +1,9 @@
-"""The compiled replay: accuracy against a plain Runge-Kutta method, order, energy, slack, lanes and threads."""
+"""The compiled replay: accuracy, order, energy, slack, lanes; effects act where they say."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,9 @@ from tests.support import by_hand
 from tests.support.hoist_replays import HOIST, NOMINAL_SPEED, replay, start, values
 from workbench.core.run import Array
 from workbench.engine import kernels
+from workbench.machines import NO_EFFECTS, PLACES, PLANTS, Effects
+from workbench.symbolic.emit import evaluate
+from workbench.symbolic.expr import symbol
 
 FIXED = 1e9  # a tolerance that is always met: one step between two samples
 
@@ -168,3 +172,117 @@ def test_parameters_of_another_number_of_rows_are_refused():
     rows = np.array([[getattr(p, name)] for name in HOIST.parameters])
     with pytest.raises(ValueError, match="22 rows of parameters, the kernel takes 23"):
         kernels.replay(HOIST, rows[:-1], times[:, None], 0.0 * times[:, None] + hold, s[:, None], np.ones((3, 1)))
+
+
+# Effects act where they say, by closed forms; switched off they leave the plant bit for bit alone.
+
+
+STATE = [symbol(name) for name in ("th", "th_s", "x", "w", "w_s", "v")]
+NAMES = [e.args[0] for e in STATE]
+
+
+def constant_at(place: str, value: float) -> Effects:
+    return Effects({place: [lambda s, p: value]})
+
+
+def traced_rates(s: Array, torque: float, p: SimpleNamespace, effects: Effects) -> list[float]:
+    """Motor, sheave and carriage acceleration of the traced plant."""
+    program = HOIST.accelerations(symbol("t"), STATE[:3], STATE[3:], torque, p, effects)
+    return evaluate(list(program), {"t": 0.0, **dict(zip(NAMES, s, strict=True))})
+
+
+def hanging() -> tuple[Array, float, SimpleNamespace]:
+    p = values()
+    s, hold = start(p)
+    return s, hold, p
+
+
+def reflected_inertia(p: SimpleNamespace) -> float:
+    return float(p.n_m * p.J_m + p.J_w / p.ratio**2)
+
+
+# place -> what is added there, and what that does to (motor, carriage) acceleration of a load that hangs still
+ACTS: dict[str, tuple[float, Callable[[SimpleNamespace, float], tuple[float, float]]]] = {
+    "guide_force_n": (500.0, lambda p, hold: (0.0, 500.0 / 12500.0)),
+    "payload_kg": (250.0, lambda p, hold: (0.0, -250.0 * 9.81 / 12750.0)),
+    "carriage_mass_kg": (250.0, lambda p, hold: (0.0, -250.0 * 9.81 / 12750.0)),
+    "wound_length_m": (
+        0.001,  # fall 1 is 1 mm shorter: k mm more tension, and the wound wire no longer hangs
+        lambda p, hold: (
+            -0.3 / 31.0 * 1360.0 / reflected_inertia(p),
+            (1360.0 + 0.5 * 7850.0 * p.A * 9.81 * 0.001) / 12500.0,
+        ),
+    ),
+    "motor_torque_nm": (20.0, lambda p, hold: (20.0 / reflected_inertia(p), 0.0)),
+    "motor_inertia_kg_m2": (0.3, lambda p, hold: (0.0, 0.0)),
+    "platform_acceleration_m_s2": (
+        0.5,  # all weights grow: payload, carriage, the wire below the drum and the wire above the carriage
+        lambda p, hold: (
+            -0.3 / 31.0 * 0.5 * 7850.0 * p.A * 0.5 * 15.0 / reflected_inertia(p),
+            -0.5 - 0.5 * 7850.0 * p.A * 0.5 * (50.0 - 0.3 / 31.0 * start(p)[0][0]) / 12500.0,
+        ),
+    ),
+    "line_mass_kg_per_m": (
+        1.2,
+        lambda p, hold: (
+            -0.3 / 31.0 * 0.5 * 1.2 * 9.81 * 15.0 / reflected_inertia(p),
+            -0.5 * 1.2 * 9.81 * (50.0 - 0.3 / 31.0 * start(p)[0][0]) / 12500.0,
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("place", ACTS)
+def test_what_is_added_at_a_place_of_the_hoist_does_what_the_place_says(place):
+    s, hold, p = hanging()
+    added, expected = ACTS[place]
+    plain = traced_rates(s, hold, p, NO_EFFECTS)
+    changed = traced_rates(s, hold, p, constant_at(place, added))
+    motor, carriage = expected(p, hold)
+    assert changed[0] - plain[0] == pytest.approx(motor, rel=1e-9, abs=1e-9)
+    assert changed[2] - plain[2] == pytest.approx(carriage, rel=1e-9, abs=1e-9)
+
+
+def test_a_more_compliant_wire_pulls_less_at_the_same_stretch():
+    s, hold, p = hanging()
+    k = p.E * p.A / p.L
+    plain = HOIST.outputs(0.0, s[:3], s[3:], hold, p)["tension_min_n"]
+    more = constant_at("wire_compliance_m_per_n", 0.25 / k)
+    (soft,) = evaluate(
+        [HOIST.outputs(0.0, STATE[:3], STATE[3:], hold, p, more)["tension_min_n"]], dict(zip(NAMES, s, strict=True))
+    )
+    assert soft == pytest.approx(plain / 1.25)
+
+
+@pytest.mark.parametrize(("place", "expected"), [("axis_force", (7.0 + 3.0) / 2.0), ("axis_inertia", 7.0 / 5.0)])
+def test_what_is_added_at_a_place_of_the_axis_does_what_the_place_says(place, expected):
+    axis = PLANTS["axis-linear"]
+    p = SimpleNamespace(M=2.0, B=0.0, F_f=0.0, F_b=0.0, v_s=1e-4, G=0.0, C=0.0)
+    assert axis.accelerations(0.0, [0.1], [0.2], 7.0, p, constant_at(place, 3.0)) == [pytest.approx(expected)]
+
+
+def test_what_an_effect_makes_of_the_switch_scales_the_coulomb_level_of_that_way():
+    axis = PLANTS["axis-linear"]
+    p = SimpleNamespace(M=2.0, B=0.5, F_f=3.0, F_b=4.0, v_s=1e-4, G=0.0, C=0.0)
+    for added, friction in ((0.0, 3.0), (-0.5, 0.5 * 3.0), (-1.5, -0.5 * 4.0)):
+        effects = constant_at("axis_switch", added)
+        expected = (7.0 - friction - 0.5 * 0.2) / 2.0
+        assert axis.accelerations(0.0, [0.1], [0.2], 7.0, p, effects) == [pytest.approx(expected)]
+
+
+def test_every_place_is_tested():
+    own = set(PLANTS["two_inertia"].places) - set(PLANTS["axis-rotary"].places)  # see test_plants.py
+    assert {*ACTS, "wire_compliance_m_per_n", "axis_force", "axis_inertia", "axis_switch"} == set(PLACES) - own
+
+
+def test_an_effect_at_no_place_is_refused_with_the_list_of_places():
+    s, hold, p = hanging()
+    with pytest.raises(ValueError, match=r"no place 'guide_force'.*guide_force_n"):
+        HOIST.rates(0.0, list(s[:3]), list(s[3:]), hold, p, constant_at("guide_force", 1.0))
+
+
+def test_effects_at_one_place_are_summed():
+    s, hold, p = hanging()
+    both = Effects({"motor_torque_nm": [lambda s, p: 20.0, lambda s, p: -5.0]})
+    one = constant_at("motor_torque_nm", 15.0)
+    assert traced_rates(s, hold, p, both) == pytest.approx(traced_rates(s, hold, p, one), abs=1e-12)

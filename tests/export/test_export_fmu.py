@@ -215,9 +215,7 @@ def test_an_axis_rests_where_its_plant_says_and_moves_as_the_replay(machine: Axi
     [("loop3", HOIST, PLAIN), ("full_loop2", REAL_DRIVE, FULL)],
     ids=["plain", "full"],
 )
-def test_the_loop_inside_gives_the_metrics_of_a_study(
-    fixture: str, machine: Hoist, settings: PiSettings, request: pytest.FixtureRequest
-):
+def test_the_loop_inside_gives_the_metrics_of_a_study(fixture, machine, settings, request):
     dt = settings.sample_time_s
     plan = plan_motion("ruckig", [Step(by_m=0.4)], 9.0, Limits(0.5, 0.6, 2.0), (0.0, 25.0), lead_s=0.2)
     speed = motor_speed_rad_s(plan.sample(dt, 2.0).speed_m_s, machine.gearbox.ratio, machine.winch.drum_diameter_m)
@@ -352,9 +350,7 @@ def test_an_impossible_value_is_refused_through_the_logger_and_changes_nothing(o
     ],
 )
 @pytest.mark.parametrize("fixture", ["plant3", "plant2"])
-def test_a_step_that_cannot_be_is_refused_and_the_next_one_goes_on(
-    fixture: str, begin: float, length: float, said: str, request: pytest.FixtureRequest
-):
+def test_a_step_that_cannot_be_is_refused_and_the_next_one_goes_on(fixture, begin, length, said, request):
     instance = request.getfixturevalue(fixture).instance().start({"torque_motor_nm": 600.0})
     instance.step(0.0, 0.1)
     before = instance.get("speed_motor_rad_s")

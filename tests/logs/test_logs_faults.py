@@ -13,6 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 import scipy.io
+from hypothesis import given
+from hypothesis import strategies as st
 
 from benchmarks.attack.edits import EDITS, edited
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, csv_text, hoist_columns, write_campaign
@@ -21,7 +23,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.logs import read_campaign
 from workbench.logs.campaign import RunsError
-from workbench.logs.doubts import doubts_of
+from workbench.logs.doubts import dead_band, doubts_of
 from workbench.logs.samples import find_spikes
 from workbench.machines import default_hoist, kind_of
 
@@ -524,3 +526,31 @@ def test_a_wrong_payload_is_told_with_the_one_that_fits(campaigns: Path):
     (note,) = doubts_of(campaign.machine, runs)
     fits = float(note.split("payload_kg: ")[1].split(" kg would fit")[0])
     assert fits == pytest.approx(4500.0, rel=0.05)
+
+
+@given(
+    band=st.floats(0.1, 0.5), seed=st.integers(0, 999), step=st.sampled_from([0.001, 0.01]), every=st.integers(2, 20)
+)
+def test_a_log_by_exception_shows_its_dead_band_and_no_other_log_has_one(
+    band: float, seed: int, step: float, every: int
+):
+    t = np.arange(0.0, 20.0, step)
+    value = 3.0 * np.sin(t) + 0.2 * band * np.random.default_rng(seed).normal(size=len(t))
+    kept = value.copy()
+    for k in range(1, len(kept)):
+        kept[k] = value[k] if abs(value[k] - kept[k - 1]) > band else kept[k - 1]
+    assert band <= dead_band(kept) < 1.5 * band
+    for other in (value, value.round(4), np.round(value / band) * band, value[np.arange(len(t)) // every * every]):
+        assert dead_band(other) == 0.0
+
+
+def test_a_log_by_exception_is_told(shared_data: Path):
+    campaign = recorded(shared_data / "axes" / "01")
+    run = campaign.runs[1]
+    force, kept = run["force_n"], run["force_n"].copy()
+    band = 6.0 * float(np.std(np.diff(force)))
+    for k in range(1, len(kept)):
+        kept[k] = force[k] if abs(force[k] - kept[k - 1]) > band else kept[k - 1]
+    run = replace(run, signals={**run.signals, "force_n": kept})
+    notes = doubts_of(campaign.machine, [campaign.runs[0], run, *campaign.runs[2:]])
+    assert any(note.startswith(f"{run.name}: force_n keeps its value until") for note in notes), notes

@@ -142,9 +142,7 @@ def refusal(file: Path) -> str | None:
     return None
 
 
-def test_without_yes_it_asks_and_writes_nothing_where_the_answer_is_no(
-    tmp_path: Path, commands: Commands, monkeypatch: pytest.MonkeyPatch
-):
+def test_without_yes_it_asks_and_writes_nothing_where_the_answer_is_no(tmp_path, commands, monkeypatch):
     as_trace(tmp_path / "trace.csv")
     save_machine(HOIST, tmp_path / "machine.yaml")
     monkeypatch.setattr("click.termui.visible_prompt_func", lambda text: "n")

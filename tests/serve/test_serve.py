@@ -165,9 +165,7 @@ def test_a_silent_client_loses_its_torque_and_the_brake_closes(session: Session,
     assert not session.flags & (BITS["watchdog"] | BITS["brake_closed"])
 
 
-def test_a_torque_that_is_no_number_is_not_used_and_does_not_feed_the_watchdog(
-    session: Session, clock: Hand, said: list[str]
-):
+def test_a_torque_that_is_no_number_is_not_used_and_does_not_feed_the_watchdog(session, clock, said):
     steps(session, clock, 10, 600.0)
     for _ in range(150):
         assert not session.command(float("nan"))

@@ -9,7 +9,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -65,9 +65,7 @@ def one_line(err: str) -> str:
         ("{", "expected"),
     ],
 )
-def test_a_log_with_a_wrong_file_beside_it_is_set_aside_and_the_watch_goes_on(
-    said: str, reason: str, place: Path, commands: Commands
-):
+def test_a_log_with_a_wrong_file_beside_it_is_set_aside_and_the_watch_goes_on(said, reason, place, commands):
     first, second = (put(place / "logs", run) for run in short_runs(2))
     beside = first.with_name(f"{first.name}.yaml")
     right = beside.read_text()
@@ -172,9 +170,7 @@ def lose_the_alarms(file: Path) -> None:
     "damage",
     [damage_a_page, damage_a_row, lose_a_cycle, lose_the_alarms, lambda file: file.write_bytes(b"no store" * 99)],
 )
-def test_a_damaged_store_is_one_line_and_is_rebuilt_as_it_was(
-    damage: Callable[[Path], object], place: Path, commands: Commands
-):
+def test_a_damaged_store_is_one_line_and_is_rebuilt_as_it_was(damage, place, commands):
     file, whole = place / "state" / "watch.sqlite", dump(place)
     damage(file)
     done = commands(*words(place, "--once"))

@@ -1,9 +1,12 @@
-"""A stream of values: where cycles begin and end, what spoils one, and a server that comes and goes."""
+"""A stream of values cut into cycles, a server that comes and goes, a fleet of machines."""
 
 from __future__ import annotations
 
 import math
+import re
+import shutil
 import socket
+import sqlite3
 import time
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -12,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.attack.watch_states import HOIST, RULES, make_state, put, short_runs
 from benchmarks.watch import healthy, month
 from tests.support.commands import Commands
 from tests.support.opcua_machine import OpcUaMachine
@@ -33,8 +37,8 @@ from workbench.watch.opcua import (
 )
 from workbench.watch.watch import Watch
 
-HOIST = default_hoist()
-RULES = CutRules("speed", still=0.1, stand_s=1.0, silent_s=1.0)
+MACHINE = default_hoist()
+CUT = CutRules("speed", still=0.1, stand_s=1.0, silent_s=1.0)
 DT = 0.02
 NODES = """nodes:
   torque_motor_nm: ns=2;s=Drive.torque_motor_nm
@@ -70,7 +74,7 @@ def play(
 
 
 def test_a_cycle_lies_between_two_stands_and_a_dwell_is_part_of_it():
-    cutter = Cutter(RULES)
+    cutter = Cutter(CUT)
     play(cutter, 0.0, 18.0)
     assert not cutter.spoilt and len(cutter.cycles) == 3
     for k, cut in enumerate(cutter.cycles):
@@ -85,14 +89,14 @@ def test_a_cycle_lies_between_two_stands_and_a_dwell_is_part_of_it():
 
 
 def test_a_stream_that_begins_in_a_motion_waits_for_a_stand():
-    cutter = Cutter(RULES)
+    cutter = Cutter(CUT)
     play(cutter, 2.4, 11.9)
     assert [round(cut.moves_s[0] - 1008.0) for cut in cutter.cycles] == [0]
 
 
 @pytest.mark.parametrize("late", [0.0, 0.7])
 def test_a_stream_that_stops_in_a_motion_spoils_that_cycle_only(late: float):
-    cutter = Cutter(RULES)
+    cutter = Cutter(CUT)
     play(cutter, 0.0, 2.5, late=lambda t: late)
     for t in (2.6, 3.0, 5.0, 8.0):
         cutter.tick(t + late)
@@ -103,7 +107,7 @@ def test_a_stream_that_stops_in_a_motion_spoils_that_cycle_only(late: float):
 
 @pytest.mark.parametrize(("jump", "word"), [(-3600.0, "back"), (3600.0, "ahead"), (-5.0, "back"), (5.0, "ahead")])
 def test_a_clock_that_jumps_in_a_cycle_spoils_that_cycle_only(jump: float, word: str):
-    cutter = Cutter(RULES)
+    cutter = Cutter(CUT)
     play(cutter, 0.0, 2.5)
     play(cutter, 2.5, 17.9, clock=1000.0 + jump)
     assert [(bad.in_cycle, word in bad.reason) for bad in cutter.spoilt] == [(True, True)]
@@ -145,7 +149,7 @@ def test_a_payload_picked_up_before_the_move_shortens_the_stand_and_one_changed_
 
 @cache
 def runs(count: int) -> tuple[Run, ...]:
-    return tuple(run for run, _ in month(HOIST, count, healthy, 3))
+    return tuple(run for run, _ in month(MACHINE, count, healthy, 3))
 
 
 def free_port() -> int:
@@ -163,11 +167,11 @@ def machine() -> Iterator[OpcUaMachine]:
 
 def watch_of(place: Path, machine: OpcUaMachine, said: list[str]) -> tuple[Watch, Line]:
     (place / "nodes.yaml").write_text(NODES)
-    nodes = nodes_of(place / "nodes.yaml", HOIST)
-    rules = CutRules(nodes.motion, still_speed(HOIST, None), silent_s=1e5, slip_s=1e5)
-    line = Line(machine.address, nodes, rules, HOIST, place / "stream", 0.01, clock=machine.clock)
+    nodes = nodes_of(place / "nodes.yaml", MACHINE)
+    rules = CutRules(nodes.motion, still_speed(MACHINE, None), silent_s=1e5, slip_s=1e5)
+    line = Line(machine.address, nodes, rules, MACHINE, place / "stream", 0.01, clock=machine.clock)
     rule = Rules(healthy=60)
-    return Watch(place / "stream", HOIST, place / "state", rule, settle_s=0.0, line=line, say=said.append), line
+    return Watch(place / "stream", MACHINE, place / "state", rule, settle_s=0.0, line=line, say=said.append), line
 
 
 def until(what: Callable[[], bool], said: list[str], seconds: float = 30.0) -> None:
@@ -177,9 +181,7 @@ def until(what: Callable[[], bool], said: list[str], seconds: float = 30.0) -> N
         time.sleep(0.05)
 
 
-def test_cycles_of_a_server_are_those_of_its_logs_and_a_server_that_goes_and_comes_spoils_one(
-    machine: OpcUaMachine, tmp_path: Path
-):
+def test_cycles_of_a_server_are_those_of_its_logs_and_a_server_that_goes_and_comes_spoils_one(machine, tmp_path):
     whole, said = runs(3), list[str]()
     watch, line = watch_of(tmp_path, machine, said)
     stand = 4.0 / machine.rate
@@ -205,7 +207,7 @@ def test_cycles_of_a_server_are_those_of_its_logs_and_a_server_that_goes_and_com
     watch.close()
     assert [k.payload_kg for k in kept] == [whole[0].payload_kg, whole[2].payload_kg]
     for k, run in zip(kept, (whole[0], whole[2]), strict=True):
-        alone = estimate(HOIST, run)
+        alone = estimate(MACHINE, run)
         assert np.all(np.abs(k.estimate.values - alone.values) < 2.0 * alone.errors + 1e-9)
     assert sum("not counted" in text and "the line to the server was lost" in text for text in said) == 1
 
@@ -216,7 +218,7 @@ def test_cycles_of_a_server_are_those_of_its_logs_and_a_server_that_goes_and_com
 
 
 def test_what_a_stream_lacks_is_one_line(machine: OpcUaMachine, tmp_path: Path, commands: Commands):
-    save_machine(HOIST, tmp_path / "machine.yaml")
+    save_machine(MACHINE, tmp_path / "machine.yaml")
     nodes = tmp_path / "nodes.yaml"
 
     def said(text: str, *more: object, address: str = machine.address) -> str:
@@ -236,3 +238,85 @@ def test_what_a_stream_lacks_is_one_line(machine: OpcUaMachine, tmp_path: Path, 
     assert "has no node for speed_motor_rad_s" in said(without, *named)
     assert "needs a node for position_carriage_m" in said(NODES.replace("start_position_m: 9.0\n", ""), *named)
     assert "a stream has no end" in said(NODES, *named, "--once")
+
+
+# Many machines: one table by state, each with a state of its own, in one process and on workers.
+
+
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "watch.md"
+FLEET = """\
+machines:
+  sick: {logs: logs/a, machine: machine.yaml}
+  new: {logs: logs/b, machine: machine.yaml, limits: {carriage.mass_kg: 9000}}
+  broken: {logs: logs/c, machine: machine.yaml}
+"""
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A machine with an alarm that no call has told of and a new log, a new one with two logs, and a damaged state."""
+    save_machine(HOIST, tmp_path / "machine.yaml")
+    make_state(tmp_path / "state" / "sick")
+    (tmp_path / "state" / "broken").mkdir()
+    (tmp_path / "state" / "broken" / "watch.sqlite").write_bytes(b"no store" * 99)
+    for folder, runs in (("a", short_runs(1)), ("b", short_runs(2)), ("c", ())):
+        (tmp_path / "logs" / folder).mkdir(parents=True)
+        for run in runs:
+            put(tmp_path / "logs" / folder, run)
+    (tmp_path / "fleet.yaml").write_text(FLEET)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+OPTIONS = "--state", "state", "--once", "--settle", 0.02, "--healthy", RULES.healthy, "--skip-diagnosis"
+
+
+@pytest.mark.parametrize("cluster", [(), ("--cluster", "local:2")])
+def test_one_table_by_state_and_a_broken_machine_keeps_nobody_from_being_watched(cluster, place, commands):
+    done = commands("watch", "--fleet", "fleet.yaml", *OPTIONS, *cluster)
+    assert done.status == 2 and "broken: state/broken/watch.sqlite: is damaged" in done.err.replace(f"{place}/", "")
+    assert "Traceback" not in done.err and "3 machines: 1 failed, 1 alarm, 1 learning, 0 healthy." in done.out
+    with sqlite3.connect("state/fleet.sqlite") as db:
+        rows = db.execute("SELECT machine, state, cycles FROM machines").fetchall()
+    assert rows == [("broken", "failed", 0), ("sick", "alarm", 61), ("new", "learning", 2)]
+    shutil.rmtree("state/broken")
+    assert commands("watch", "--fleet", "fleet.yaml", *OPTIONS).status == 1  # now the alarm is told of
+    assert commands("watch", "--fleet", "fleet.yaml", *OPTIONS).status == 0
+
+
+def test_the_documented_queries_give_machines_estimates_and_alarms(place: Path, commands: Commands):
+    pd = pytest.importorskip("pandas", reason="allowed: pandas is not installed")
+    shutil.rmtree("state/broken")
+    assert commands("watch", "--fleet", "fleet.yaml", *OPTIONS).status == 1
+    text = DOCS.read_text(encoding="utf-8")
+    by_state, estimates = re.findall(r"```sql\n(.*?)```", text, re.DOTALL)
+    with sqlite3.connect("state/fleet.sqlite") as db:
+        assert db.execute(by_state).fetchone()[:3] == ("sick", "alarm", "friction both ways")
+    with sqlite3.connect("state/sick/watch.sqlite") as db:
+        rows = db.execute(estimates).fetchall()
+    assert len(rows) == 5 * 61 and {metric for _, metric, _ in rows} >= {"carriage.mass_kg"}
+    names: dict[str, object] = {}
+    exec(re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0], names)
+    cycles, alarms, machines = (names[name] for name in ("cycles", "alarms", "machines"))
+    assert isinstance(cycles, pd.DataFrame) and isinstance(alarms, pd.DataFrame) and isinstance(machines, pd.DataFrame)
+    assert len(cycles.loc["sick"]) == 61 and len(cycles.loc["new"]) == 2 and len(machines) == 3
+    ordered = cycles.loc["sick"].sort_values("start_s", kind="stable")
+    mass = [value for _, metric, value in rows if metric == "carriage.mass_kg"]
+    assert mass == pytest.approx(list(ordered["carriage.mass_kg"]))
+    assert set(alarms.loc["sick"]["likeliest"]) == {"friction both ways"}
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "said"),
+    [
+        ("machines: {}\n", (), "fleet.yaml"),
+        (FLEET.replace("logs:", "log:"), (), "unknown key 'log'"),
+        (FLEET, ("logs/a",), "takes the place of FOLDER"),
+        (None, ("logs/a",), "FOLDER and --machine, or --fleet"),
+    ],
+)
+def test_a_fleet_that_cannot_be_is_one_line(text, words, said, place, commands):
+    (place / "fleet.yaml").write_text(text or "")
+    given = ("--fleet", "fleet.yaml") if text is not None else ()
+    done = commands("watch", *words, *given, *OPTIONS)
+    assert done.status == 2 and said in done.err and len(done.err.strip().splitlines()) == 1

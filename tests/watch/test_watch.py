@@ -20,7 +20,6 @@ import pytest
 from benchmarks.attack.watch_states import put
 from benchmarks.sequences import axis_cycle
 from benchmarks.watch import friction_grows, healthy, month, sensor_drifts
-from tests.support.commands import Commands
 from tests.support.effect_machines import linear_axis
 from tests.watch.test_state import counted
 from workbench.core.errors import InputError
@@ -215,9 +214,7 @@ def test_faults_of_simulated_months_raise_an_alarm_soon(kind: str, names: set[st
 @pytest.mark.parametrize(
     ("true", "offset_nm", "wire_kg_per_m"), [("torque_offset", 12.0, 0.0), ("wire_mass", 0.0, 9.0)]
 )
-def test_causes_that_look_alike_are_told_apart_beside_the_healthy_cycles(
-    true: str, offset_nm: float, wire_kg_per_m: float
-):
+def test_causes_that_look_alike_are_told_apart_beside_the_healthy_cycles(true, offset_nm, wire_kg_per_m):
     healthy_ones = [estimate(HOIST, run) for run in logs("healthy")]
     payloads = np.array([run.payload_kg for run in logs("healthy")])
     mean = np.mean([made.resolution for made in healthy_ones], axis=0)
@@ -262,9 +259,7 @@ def words(place: Path, state: Path, *more: object) -> list[object]:
             "--healthy", "60", "--skip-diagnosis", *more]  # fmt: skip
 
 
-def test_the_command_alarms_by_its_exit_status_and_counts_nothing_twice(
-    arrived: Path, tmp_path: Path, commands: Commands
-):
+def test_the_command_alarms_by_its_exit_status_and_counts_nothing_twice(arrived, tmp_path, commands):
     state = tmp_path / "state"
     first = commands(*words(arrived, state, "--limit", "guide.coulomb_hoisting_n=9000"))
     assert first.status == 1, first.err

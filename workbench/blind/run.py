@@ -18,19 +18,8 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from workbench import __version__
+from workbench.blind import seal
 from workbench.blind.make import mapped, validation
-from workbench.blind.seal import (
-    CAMPAIGNS,
-    Entry,
-    append,
-    check_campaign,
-    compare,
-    entries,
-    head_of,
-    manifest_hash,
-    read_manifest,
-    sha256,
-)
 from workbench.core.errors import InputError
 from workbench.core.input_file import read_input
 from workbench.diagnose.diagnose import Diagnosis, diagnose
@@ -209,17 +198,17 @@ def run(
     or local:N; the workers get each campaign's files and nothing else.
     InputError where a campaign was changed since sealing, and while another process runs this folder.
     """
-    manifest = read_manifest(folder)
+    manifest = seal.read_manifest(folder)
     wanted = sorted(manifest.cases)[:count]
     with _alone(folder):
-        found = entries(folder)
+        found = seal.entries(folder)
         if found and not found[0].chain:
             raise InputError("was begun by a version without a chain of hashes; go on with that one", file=folder)
-        compare(folder, found, None)
+        seal.compare(folder, found, None)
         kept = [name for name in wanted if answer_file(folder, name).exists()]
         todo = [name for name in wanted if name not in kept]
         for name in todo:
-            check_campaign(folder, name, manifest.cases[name])
+            seal.check_campaign(folder, name, manifest.cases[name])
         begun, done = time.monotonic(), 0
         if kept and todo:
             tell(f"goes on after {len(kept)} of {len(wanted)}")
@@ -227,13 +216,14 @@ def run(
         for name, text in given:
             now = datetime.now(UTC).isoformat(timespec="seconds")
             # The ledger first: an answer without its line would count as changed.
-            append(folder, found, Entry(name, sha256(text.encode()), now, __version__, manifest_hash(folder)))
+            entry = seal.Entry(name, seal.sha256(text.encode()), now, __version__, seal.manifest_hash(folder))
+            seal.append(folder, found, entry)
             save(text, answer_file(folder, name))
             done += 1
             each_s = (time.monotonic() - begun) / done
             left = each_s * (len(todo) - done)
             tell(f"{len(kept) + done}/{len(wanted)} campaign {name}: {_said(text)}; {left / 60.0:.0f} min left")
-        return Ran(len(manifest.cases), len(kept), len(kept) + done, head_of(folder, found))
+        return Ran(len(manifest.cases), len(kept), len(kept) + done, seal.head_of(folder, found))
 
 
 def answered(folder: Path, most_effects: int = MOST_EFFECTS) -> str:
@@ -271,7 +261,7 @@ def _answers(
     task = partial(_answered_apart, __version__, diagnose)
 
     def sent(name: str) -> tuple[str, dict[str, bytes]]:
-        campaign = folder / CAMPAIGNS / name
+        campaign = folder / seal.CAMPAIGNS / name
         files = (path for path in campaign.rglob("*") if path.is_file())
         return name, {path.relative_to(campaign).as_posix(): read_input(path, "log") for path in files}
 

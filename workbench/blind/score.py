@@ -13,26 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from workbench.blind import seal
 from workbench.blind.make import mapped, validation
 from workbench.blind.measures import Row, next_run_decides, oracle_after, recorded, right, right_word
 from workbench.blind.run import ANSWERS, answer_file, load, save, text_of
-from workbench.blind.seal import (
-    CAMPAIGNS,
-    LEDGER,
-    MANIFEST,
-    Entry,
-    Manifest,
-    Truth,
-    check_campaign,
-    compare,
-    copy_of,
-    entries,
-    key_of,
-    manifest_hash,
-    read_manifest,
-    sha256,
-    unseal,
-)
 from workbench.core.errors import InputError
 from workbench.core.input_file import read_input
 from workbench.core.whole_folder import write_json
@@ -50,8 +34,8 @@ class Score:
     sentence."""
 
     folder: Path
-    manifest: Manifest
-    truth: Truth
+    manifest: seal.Manifest
+    truth: seal.Truth
     opened: str
     rows: tuple[Row, ...]
     after_opening: tuple[str, ...]
@@ -94,7 +78,7 @@ def open_all(folders: Sequence[Path], key: Path | None = None, kept_answers: str
     for place, given in (("key", key), ("answers", kept_answers)):
         if given is not None and len(folders) > 1:
             raise InputError("is of one folder; for several, lay each beside its folder", place=place)
-    return [open_and_score(folder, key or key_of(folder), kept_answers) for folder in folders]
+    return [open_and_score(folder, key or seal.key_of(folder), kept_answers) for folder in folders]
 
 
 def sheet_of(scores: Sequence[Score]) -> Sheet:
@@ -121,8 +105,8 @@ def open_and_score(folder: Path, key: Path, kept_answers: str | Path | None = No
     kept_answers: head or copy of the ledger, see `ledger.compare`. InputError that names the first thing that was
     changed: sealed labels, manifest, a campaign's file, an answer.
     """
-    manifest = read_manifest(folder)
-    found = entries(folder)
+    manifest = seal.read_manifest(folder)
+    found = seal.entries(folder)
     lines = {entry.case: entry for entry in found}
     there = sorted(file.stem for file in (folder / ANSWERS).glob("*.json"))
     if not there:
@@ -134,12 +118,12 @@ def open_and_score(folder: Path, key: Path, kept_answers: str | Path | None = No
             f"the answer to campaign {name}, given {lines[name].at}, is gone; `workbench blind run` gives it anew",
             file=answer_file(folder, name),
         )
-    chained = any(entry.chain for entry in found) or kept_answers is not None or copy_of(folder).exists()
-    compared = compare(folder, found, kept_answers) if chained else NO_CHAIN
+    chained = any(entry.chain for entry in found) or kept_answers is not None or seal.copy_of(folder).exists()
+    compared = seal.compare(folder, found, kept_answers) if chained else NO_CHAIN
     answers = load(folder / ANSWERS)
     for name in sorted(manifest.cases):
-        check_campaign(folder, name, manifest.cases[name])
-    truth = unseal(folder, manifest, key)
+        seal.check_campaign(folder, name, manifest.cases[name])
+    truth = seal.unseal(folder, manifest, key)
     opened = _written_down(folder, manifest, lines, list(answers))
     rows = tuple({**answer, "label": _label(truth, name)} for name, answer in answers.items())
     later = tuple(name for name in answers if lines[name].at > opened)
@@ -149,23 +133,23 @@ def open_and_score(folder: Path, key: Path, kept_answers: str | Path | None = No
     return Score(folder, manifest, truth, opened, rows, later, versions, again, compared)
 
 
-def _label(truth: Truth, name: str) -> Mapping[str, Any]:
+def _label(truth: seal.Truth, name: str) -> Mapping[str, Any]:
     return {key: value for key, value in truth.labels[name].items() if key != "truth"}
 
 
-def _check_answer(folder: Path, manifest: Manifest, lines: Mapping[str, Entry], name: str) -> None:
+def _check_answer(folder: Path, manifest: seal.Manifest, lines: Mapping[str, seal.Entry], name: str) -> None:
     file = answer_file(folder, name)
     if name not in manifest.cases:
         raise InputError(f"answers campaign {name}, which the manifest does not have", file=file)
     if name not in lines:
         raise InputError(f"the answer to campaign {name} was not given by `workbench blind run`", file=file)
-    if lines[name].sha256 != sha256(read_input(file, "json")):
+    if lines[name].sha256 != seal.sha256(read_input(file, "json")):
         raise InputError(f"the answer to campaign {name} was changed since it was given", file=file)
-    if lines[name].manifest != manifest_hash(folder):
-        raise InputError(f"was changed since campaign {name} was answered", file=folder / MANIFEST)
+    if lines[name].manifest != seal.manifest_hash(folder):
+        raise InputError(f"was changed since campaign {name} was answered", file=folder / seal.MANIFEST)
 
 
-def _written_down(folder: Path, manifest: Manifest, lines: Mapping[str, Entry], names: Sequence[str]) -> str:
+def _written_down(folder: Path, manifest: seal.Manifest, lines: Mapping[str, seal.Entry], names: Sequence[str]) -> str:
     """When the seal was first opened; each opening is a line, with the hashes of the answers that it saw.
 
     InputError where an answer is another one than at an earlier opening.
@@ -179,7 +163,7 @@ def _written_down(folder: Path, manifest: Manifest, lines: Mapping[str, Entry], 
                 if name not in lines or lines[name].sha256 != digest:
                     raise InputError(
                         f"campaign {name} is answered otherwise than when the seal was opened at {opening['at']}",
-                        file=folder / LEDGER,
+                        file=folder / seal.LEDGER,
                     )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError("is damaged, expected what `workbench blind score` wrote", file=path) from error
@@ -212,7 +196,8 @@ def fitted_truth(folder: Path, row: Row) -> Row:
     """The row with the held-out rms of its label's effects fitted to its runs; as it is where that breaks down."""
     file = folder / ORACLE / f"{row['folder']}.json"
     if not file.exists():
-        save(json.dumps(_held_out_of_truth(folder / CAMPAIGNS / row["folder"], sorted(row["label"]["effects"]))), file)
+        effects = sorted(row["label"]["effects"])
+        save(json.dumps(_held_out_of_truth(folder / seal.CAMPAIGNS / row["folder"], effects)), file)
     return {**row, "held_out": [*row["held_out"], *json.loads(read_input(file, "json"))]}
 
 

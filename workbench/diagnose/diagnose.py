@@ -362,15 +362,8 @@ def diagnose(
         changes, why_not = consequences_of(
             campaign.machine, corrected, refitted=refitted, runs=campaign.runs, scenario=scenario
         )
-    sentence = sentence_of(
-        judged,
-        shrink,
-        remainder,
-        also,
-        corrected.measured_correction is not None,
-        unknown.effects if unknown else (),
-        gap,
-    )
+    tabled, own = corrected.measured_correction is not None, tuple(unknown.effects) if unknown else ()
+    sentence = sentence_of(judged, shrink, remainder, also, tabled, own, gap)
     verdict = Verdict(
         judged.word,
         judged.names,

@@ -221,7 +221,7 @@ def _sentences(gap: Gap, unit: str) -> list[str]:
     if stretch := stretch_of(gap):
         sentences.append(f"Left to itself the refit puts {stretch}.")
     account = "Noise accounts" if stretch else "Noise and tolerances account"
-    sentences.append("There is a gap." if gap.significant else f"{account} for what remains: no significant gap.")
+    sentences.append(f"{account} for {'a part of ' if gap.significant else ''}what remains.")
     return sentences
 
 

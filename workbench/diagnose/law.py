@@ -359,14 +359,9 @@ def find_law(problem: Problem, fitted: Fitted, acts_on: str, name: str = "measur
 
 
 def _refined(
-    problem: Problem,
-    start: Regression,
-    rides: Sequence[tuple[Any, Any]],
-    gain: float,
-    acts_on: str,
-    terms: Sequence[Term],
-    k: int,
-) -> tuple[Term, Array]:
+    problem: Problem, start: Regression, rides: Sequence[tuple[Any, Any]], gain: float, acts_on: str,
+    terms: Sequence[Term], k: int,
+) -> tuple[Term, Array]:  # fmt: skip
     """Term k of a set with its inner number at the least residual on held-out groups, and that residual's squares."""
     term = terms[k]
     at = term.shape[term.refined]
@@ -388,15 +383,9 @@ def _refined(
 
 
 def _finished(
-    problem: Problem,
-    fitted: Fitted,
-    start: Regression,
-    rides: Sequence[tuple[Any, Any]],
-    gain: float,
-    acts_on: str,
-    terms: list[Term],
-    name: str,
-) -> Law | None:
+    problem: Problem, fitted: Fitted, start: Regression, rides: Sequence[tuple[Any, Any]], gain: float, acts_on: str,
+    terms: list[Term], name: str,
+) -> Law | None:  # fmt: skip
     """The chosen terms with their inner numbers refined and their amplitudes fitted in the driven simulation."""
 
     x = columns(problem, rides, terms, acts_on, gain)
@@ -460,17 +449,7 @@ def _finished(
     if explains < USEFUL:
         return None
     return Law(
-        tuple(terms),
-        best[base:],
-        std,
-        acts_on,
-        port.unit,
-        before,
-        after,
-        explains,
-        name,
-        source,
-        text,
+        tuple(terms), best[base:], std, acts_on, port.unit, before, after, explains, name, source, text,
         x @ shown[base:], float(np.sqrt(np.mean(rows**2))),
     )  # fmt: skip
 

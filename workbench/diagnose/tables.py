@@ -17,7 +17,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import (
+from workbench.diagnose.hypotheses.free_parameters import (  # fmt: skip
     GAIN,
     TENSION_GAIN,
     Setting,
@@ -437,12 +437,8 @@ class Tables:
         thin = Problem(machine, problem.runs, problem.band_hz)
         with_it = thin if problem.thin else thin.exact()
         with_it.rows, with_it.noise = problem.rows, problem.noise  # the tension's rows are scaled by the noise
-        return with_it.residuals([in_no_file(setting)])[0]
-
-
-def in_no_file(setting: Setting) -> Setting:
-    """The part of a setting that `refitted_machine` does not hold: the gain of a load cell, which is no value of it."""
-    return {symbol: value for symbol, value in setting.items() if symbol == TENSION_GAIN}
+        in_no_file = {symbol: value for symbol, value in setting.items() if symbol == TENSION_GAIN}
+        return with_it.residuals([in_no_file])[0]
 
 
 def _rounded(value: float, digits: int) -> float:

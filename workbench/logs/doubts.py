@@ -40,6 +40,7 @@ STEPS_APART = 0.02
 RATES = (1.0, 2.0, 2.5, 3.0, 4.0, 5.0, 8.0, 10.0, 16.0, 20.0, 50.0, 100.0)
 BESIDE = 4  # samples either side of a break
 BROKEN, SOUND = 7.0, 3.5  # times the noise of a break, and what other runs may have before it takes more
+MOSTLY = 0.5  # of a channel's samples, or of its changes
 ROWS = 10  # that are the same in two places: no noisy log repeats itself
 OFF_START = 0.2  # m or rad between the stated and the logged start
 
@@ -73,7 +74,7 @@ def doubts_of(machine: Hoist | Axis, runs: Sequence[Run]) -> list[str]:
         top = float(np.median([s.top for s in seen])) if seen else 0.0
         seen = [s for s in seen if top / LIKE_SPEED < s.top < top * LIKE_SPEED]
     notes = [*_late(kind, seen), *(_loads(machine, kind, seen) if kind.holds_load else _gains(kind, seen))]
-    for check in (_equal_channels, _copied_rows, _sampling, _noise, _jumps, _starts):
+    for check in (_equal_channels, _copied_rows, _kept, _sampling, _noise, _jumps, _starts):
         notes += check(kind, runs)
     return notes
 
@@ -287,6 +288,33 @@ def _windows(run: Run) -> tuple[np.ndarray, np.ndarray]:
                 changes += rows[k : k + count] != rows[k - 1 : k - 1 + count]
     lively = np.flatnonzero(changes >= ROWS - 2)
     return hashes[lively], lively
+
+
+def dead_band(column: Array) -> float:
+    """By how much a value must change before its log takes it anew; 0 of a log that takes every sample.
+
+    Such a log repeats most samples and changes by little more than its dead band, or by more, yet not in steps of it as
+    a coarse converter does; one that samples seldom changes by anything.
+    """
+    changes = np.abs(np.diff(column))
+    taken = changes[changes > 0.0]
+    if len(taken) < ROWS or len(taken) > MOSTLY * len(changes):
+        return 0.0
+    band = float(np.min(taken))
+    steps = taken / band
+    coarse = np.mean(np.abs(steps - np.round(steps)) < STEPS_APART) > MOSTLY
+    return 0.0 if coarse or band < MOSTLY * float(np.median(taken)) else band
+
+
+def _kept(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
+    """A log by exception: what a process historian keeps."""
+    for name in (*kind.inputs, kind.plant.speeds[0]):
+        bands = {run.name: band for run in runs if name in run and (band := dead_band(run[name])) > 0.0}
+        if bands:
+            yield (
+                f"{', '.join(bands)}: {name} keeps its value until it has changed by more than "
+                f"{max(bands.values()):.3g}; such a log by exception hides what is smaller: log every sample"
+            )
 
 
 def _sampling(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:

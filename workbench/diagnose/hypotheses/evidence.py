@@ -139,8 +139,9 @@ def beyond(data: float, least: float) -> float:
 
 
 def lag_explains(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> bool:
-    """Whether a lag of a sensor alone takes what any hypothesis with a play takes, to LAGS of the energy. The kinks of
-    a late signal look like the impacts of a play; what `smooths` takes off a play's impacts without being one."""
+    """Whether a lag of a sensor alone takes what any hypothesis with a play takes, to FORETOLD of the energy. The
+    kinks of a late signal look like the impacts of a play; what `smooths` takes off a play's impacts without being one.
+    """
 
     def taken(some: Collection[Names]) -> float:
         left = min((fits[names].rms(problem.inputs) for names in some), default=math.inf)
@@ -148,7 +149,7 @@ def lag_explains(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -
 
     lags = [names for names in fits if len(names) == 1 and _is_lag(problem, names[0])]
     lag = taken([names for names in lags if not smooths(problem, fits[names])])
-    return lag > 0.0 and lag > (1.0 - settings.LAGS) * taken([names for names in fits if PLAY in names])
+    return lag > 0.0 and lag > (1.0 - settings.FORETOLD) * taken([names for names in fits if PLAY in names])
 
 
 def smooths(problem: Problem, fit: Fitted) -> bool:

@@ -23,12 +23,11 @@ NUISANCE = 3.0  # standard deviations of a tolerance or an effect's nuisance amo
 
 # Impacts of a play
 IMPACTS = 150.0  # evidence of a play where impacts come again: no other effect has them, and no fit looks at them
-LAGS = 0.1  # of the energy that a play takes: what a lag leaves of it that made the impacts itself; a play has left 0.2
 
 # A law that holds
 VARIES = 0.08  # share: a true cause has shown 0.076 at most (a lag), mimics 0.09 and more
 RESTS = 0.25  # rest: 0.2 at most, and 0.4 and more
-FORETOLD = 0.1  # of what is left: so much a curve, a change of amount or the base parameters take up by chance
+FORETOLD = 0.1  # of an energy: so much a curve, a change of amount, another lag or the base parameters take by chance
 SMOOTHED = 0.2  # of a filter's lag: as far the delays of two causes agree by chance in one of ten
 HALF = 0.5  # of the best one's evidence: what a part of it needs; of the energy of several shares: their sum
 

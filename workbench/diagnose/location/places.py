@@ -423,15 +423,11 @@ class Placed:
     pulses: tuple[Pulse, ...] = ()
 
 
-def places_of(problem: Problem, fit: Fitted, seed: int = 0) -> tuple[PlaceProbability, ...]:
-    """The places where the residual of `fit`, the base parameters alone, may enter; probabilities sum to one."""
-    return placed(problem, fit).places
-
-
 def placed(
     problem: Problem, fit: Fitted, own: int | None = None, holds: Callable[[Array], bool] | None = None
 ) -> Placed:
-    """As `places_of`, with the best port and its part of the gap. own: see `survey_of`; holds: see `weighed`."""
+    """The places where the residual of `fit`, the base parameters alone, may enter, with the best port and its part of
+    the gap; probabilities sum to one. own: see `survey_of`; holds: see `weighed`."""
     return weighed(survey_of(problem, fit, own), holds)
 
 

@@ -28,6 +28,7 @@ class ReasonKind(Enum):
     UNDO_EACH_OTHER = "undo_each_other"
     FREE_LAW = "free_law"
     NO_IMPACTS = "no_impacts"
+    LOG_KEEPS = "log_keeps"
 
 
 @dataclass(frozen=True)
@@ -146,9 +147,9 @@ def rank(
     """
     x = logistic_argument(signs, numbers)
     answer = _rows(evidence, _shares(evidence, x, numbers), groups)[0]
-    if x < 0.0:
+    if x < 0.0 and answer.verdict != "unknown":
         x *= numbers["surer"]
-    rows = _rows(evidence, _with_misses(_shares(evidence, x, numbers), numbers, answer.verdict == "named"), groups)
+    rows = _rows(evidence, _with_misses(_shares(evidence, x, numbers), numbers, answer.verdict), groups)
     first = next(row for row in rows if (row.verdict, row.effects) == (answer.verdict, answer.effects))
     return (first, *sorted((row for row in rows if row is not first), key=lambda row: -row.probability))
 
@@ -204,18 +205,22 @@ def _shares(evidence: Sequence[tuple[Names, float]], x: float, numbers: Mapping[
     return _Shares(float(shares[0]), unknown + rivals, np.where(listed, shares[1:], 0.0))
 
 
-def _with_misses(shares: _Shares, numbers: Mapping[str, float], named: bool) -> _Shares:
+def _with_misses(shares: _Shares, numbers: Mapping[str, float], answer: VerdictWord) -> _Shares:
     """What is stated: of no gap and of an unknown cause less, for so many of such answers are a listed cause that the
-    fits have missed. Which one, they do not say: it is a row of its own. Beside a named answer it is shared by the
+    fits have missed, beyond those that they have found. Which one, they do not say: it is a row of its own, and both
+    words give in proportion, so that the answer stays the likelier. Beside a named answer it is shared by the
     hypotheses in proportion."""
-    total = float(np.sum(shares.named))
+    total, without = float(np.sum(shares.named)), shares.no_gap + shares.unknown
     if total <= 0.0:
         return shares
-    no_gap = (1.0 - numbers["missed_no_gap"]) * shares.no_gap
-    unknown = (1.0 - numbers["missed_unknown"]) * shares.unknown
-    if named:
+    if answer == "named":
+        no_gap = (1.0 - numbers["missed_no_gap"]) * shares.no_gap
+        unknown = (1.0 - numbers["missed_unknown"]) * shares.unknown
         return _Shares(no_gap, unknown, shares.named * (1.0 - no_gap - unknown) / total)
-    return _Shares(no_gap, unknown, shares.named, shares.no_gap - no_gap + shares.unknown - unknown)
+    answered = shares.no_gap if answer == "no_gap" else shares.unknown
+    missed = max(numbers[f"missed_{answer}"] * answered - total, 0.0)
+    kept = 1.0 - missed / without
+    return _Shares(kept * shares.no_gap, kept * shares.unknown, shares.named, missed)
 
 
 def _rows(

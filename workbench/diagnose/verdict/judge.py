@@ -18,6 +18,7 @@ from scipy.special import ndtri
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
     PLAY,
+    Score,
     Weighed,
     advantage,
     lag_explains,
@@ -28,14 +29,14 @@ from workbench.diagnose.hypotheses.evidence import (
     weigh,
 )
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of
+from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, Scalar, bounds_of
 from workbench.diagnose.hypotheses.held_out import significance
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
 from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.free_law import worth
-from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of
+from workbench.diagnose.verdict.unknown_cause import cancellation, kept_percent, signs_of
 
 SAME = 0.5  # evidence between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
@@ -88,14 +89,6 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     weighed, score = weigh(problem, search.base, near, search.fits, search.rivals)
     weighed = tuple(w for w in weighed if w.names not in barred)
     best, mimics = established(problem, weighed, search.base, near)
-    held, stands = near, best is not None and best.evidence > settings.calibration()["threshold"]
-    if best is not None and stands:
-        held, score = best.fit, best.score
-    floor = math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
-    left, share = left_of(problem, near, held, floor)
-    signs = signs_of(problem, search.base, held, score, left, share)
-    if stands:
-        signs["left"] = 0.0  # what an established cause leaves is a remainder
     vetoes = vetoes_of(problem, near, weighed, best)
     # An unlisted effect that is about as good as the best listed one is left out; a mimic has no evidence, unless a law
     # of one variable does without it: then its evidence is that law's.
@@ -108,7 +101,21 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         if not w.rival or w in vetoes
     )
     groups = groups_of(problem, [w for w in weighed if not w.rival and w.names not in mimics])
-    rows = rank(counted, signs, settings.calibration(), groups)
+    floor = math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
+
+    def ranked(held: Fitted, score: Score, stands: bool) -> tuple[Left, dict[str, float], tuple[Hypothesis, ...]]:
+        left, share = left_of(problem, near, held, floor)
+        signs = signs_of(problem, search.base, held, score, left, share)
+        if stands:
+            signs["left"] = 0.0  # what an established cause leaves is a remainder
+        return left, signs, rank(counted, signs, settings.calibration(), groups)
+
+    held, stands = near, best is not None and best.evidence > settings.calibration()["threshold"]
+    if best is not None and stands:
+        left, signs, rows = ranked(best.fit, best.score, True)
+        held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
+    if not stands:  # nor is no gap what leaves much
+        left, signs, rows = ranked(held, score, False)
     return Judged(
         word=rows[0].verdict,
         names=rows[0].effects,
@@ -120,7 +127,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         signs=signs,
         floor=floor,
         unknown_probability=next(row.probability for row in rows if row.verdict == "unknown"),
-        reasons=_reasons(left, signs, best, vetoes, mimics),
+        reasons=_reasons(left, signs, best, vetoes, mimics, kept_percent(problem)),
         counted=counted,
         stands=stands,
         groups=groups,
@@ -223,8 +230,8 @@ def established(
 def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     """What speaks against a fit, whatever its law."""
     last, more = w.names[-1], w.fit.chi2 / max(near.chi2, 1e-300) - 1.0  # as weighed: near standstill no law is exact
-    if more > 0.0 and not (problem.struck and PLAY in w.names):  # what a play leaves are the rebounds
-        return Constancy(last, "residual", more)
+    if (more > 0.0 or takes_nothing(problem, near, w.fit)) and not (problem.struck and PLAY in w.names):
+        return Constancy(last, "residual", more)  # what a play leaves are the rebounds
     undone = cancellation(problem, w.fit, len(near.z))
     # True causes may happen to cancel, as a drift where later runs carry more; what imitates leaves a remainder.
     if (undone > -math.log(settings.HALF) and w.score.excess > 1.0) or smooths(problem, w.fit):
@@ -232,6 +239,19 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     if PLAY in w.names and only_mends(problem, PLAY) and more > -settings.HALF:
         return Constancy(PLAY, IMPACTS, more)
     return Constancy(last, BOUND, 1.0) if _on_bound(w.fit, len(near.z)) else None
+
+
+def takes_nothing(problem: Problem, near: Fitted, fit: Fitted) -> bool:
+    """Whether a fit takes no more of the gap's energy than chance does, nor brings the machine's known values nearer to
+    nominal. The log's timing is no such value: what goes with the speed bends it as it bends a delay."""
+    floor = math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
+    known = np.repeat(
+        [not (isinstance(one, Scalar) and one.symbol == LOG_TIMING) for one in near.free],
+        [one.size for one in near.free],
+    )
+    held = known / bounds_of(near.free)[2]
+    relieved = float(np.sum((near.z * held) ** 2) - np.sum((fit.z[: len(near.z)] * held) ** 2))
+    return relieved < settings.NUISANCE**2 and left_of(problem, near, fit, floor)[1] < settings.FORETOLD
 
 
 def groups_of(problem: Problem, weighed: Sequence[Weighed]) -> tuple[tuple[Names, ...], ...]:
@@ -276,9 +296,10 @@ def _reasons(
     best: Weighed | None,
     vetoes: Sequence[Weighed],
     mimics: Mapping[Names, Constancy],
+    kept: float,
 ) -> tuple[Reason, ...]:
     """Against the best named hypothesis."""
-    reasons = []
+    reasons = [Reason(ReasonKind.LOG_KEEPS, percent=kept)] if kept > settings.OWN_LAW else []
     if vetoes and (best is None or vetoes[0].evidence > best.evidence):
         reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=vetoes[0].names))
     if signs["left"] > 0.5:

@@ -22,11 +22,11 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.verdict.answer import Left
+from workbench.logs.doubts import dead_band
 from workbench.machines import kind_of
 
 AGAIN = 2.0  # as evidence: what comes again with twice its own size is as much as a model error of seven times its size
 UNHEARD = 10.0  # as evidence: impacts that come again, and a hypothesis without play
-MUCH = 0.1  # of the gap's energy left: an answer that leaves so much leaves it open
 MOMENTS = 0.02  # of the rows
 AT_SPEED = 0.1  # of the largest of the run: slower is near standstill
 SHORTEST = 0.05  # of a run's rows, before and behind a change that lasts
@@ -40,22 +40,25 @@ def signs_of(problem: Problem, base: Fitted, held: Fitted, score: Score, left: L
     """What speaks for a cause that no hypothesis holds, each 0 where nothing does.
 
     base: the fit without effects; held: that of the answer, which explains `share` of the gap's energy.
-    left: the logarithm of the model error that it needs, over the default, in full where it leaves MUCH of that energy,
-    less where less. prior: the distance of the base parameters from nominal beyond chance and beyond what an inexact
-    effect explains, in standard deviations above BY_CHANCE (see `tolerance_excess`). A machine that leaves nothing
-    itself is held to its tolerances in full by a cause that base parameters could take up.
+    left: the logarithm of the model error that it needs, over the default, in full where it leaves FORETOLD of that
+    energy, less where less; or what speaks from a log that keeps its values (`kept_percent`). prior: the distance of
+    the base parameters from nominal beyond chance and beyond what an inexact effect explains, in standard deviations
+    above BY_CHANCE (see `tolerance_excess`). A machine that leaves nothing itself is held to its tolerances in full by
+    a cause that base parameters could take up.
     """
     if problem.struck:  # what stays beside an impact are its rebounds, which no law foretells
         return {"left": 0.0 if PLAY in held.effects else UNHEARD, "prior": 0.0}
     open_share, bent = 1.0, 0.0
     if held.effects:
-        open_share, rms = min((1.0 - share) / MUCH, 1.0), max(held.rms(problem.inputs), 1e-300)
+        open_share, rms = min((1.0 - share) / settings.FORETOLD, 1.0), max(held.rms(problem.inputs), 1e-300)
         if kind_of(problem.machine).floor == "own":  # what the machine leaves itself bends the base parameters
             bent = settings.FORETOLD * max(1.0 - (problem.noise / rms) ** 2, 0.0) * held.chi2
         else:  # only a law does that takes much off the residual, for it is inexact
             bent = settings.LAW**2 * max((base.rms(problem.inputs) / rms) ** 2 - 1.0, 0.0) * held.chi2
     return {
-        "left": open_share * _unexplained(problem, held, left, score.excess),
+        "left": max(
+            open_share * _unexplained(problem, held, left, score.excess), AGAIN * beyond(kept_percent(problem))
+        ),
         "prior": max(tolerance_excess(problem, held, bent) - settings.BY_CHANCE[bool(held.effects)], 0.0),
     }
 
@@ -78,8 +81,20 @@ def _unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> f
     sudden = left.rms * math.sqrt(sudden_share(problem, held.residual)) / (settings.OWN_SUDDEN * largest)
     by_law = [law.share for law in laws_left(problem, held) if law.interval[0] > settings.FORETOLD]
     lawful = max([lasting_share(problem, held.residual), *by_law])
-    again = max(left.percent_of_input * math.sqrt(lawful) / settings.OWN_LAW, sudden)
-    return max(many * beyond_own, AGAIN * min(max(again - 1.0, 0.0), 1.0))
+    again = max(left.percent_of_input * math.sqrt(lawful), sudden * settings.OWN_LAW)
+    return max(many * beyond_own, AGAIN * beyond(again))
+
+
+def beyond(percent: float) -> float:
+    """0 to 1, of per cent of the input's rms: how far it is beyond OWN_LAW."""
+    return min(max(percent / settings.OWN_LAW - 1.0, 0.0), 1.0)
+
+
+def kept_percent(problem: Problem) -> float:
+    """Of the input's rms: what a log hides that keeps a value until it has left a dead band, evenly spread over it."""
+    bands = [dead_band(run[name]) for run in problem.runs for name in kind_of(problem.machine).inputs if name in run]
+    largest = math.sqrt(np.mean([np.mean(u**2) for u in problem.bench.measured]))
+    return 100.0 * max(bands, default=0.0) / math.sqrt(3.0) / max(largest, 1e-300)
 
 
 def sudden_share(problem: Problem, residual: Array) -> float:

@@ -68,7 +68,7 @@ def presliding(s: Any, e: Any, p: Any) -> Scalar:
     place={"axis-linear": "axis_force"}, subsystem="axis", regime="periodic",
     parameters=[
         amount("A", "amplitude_n", "of the force", "force", 0.3, 0.01, 0.02),
-        Parameter("n", "waves_per_m", "waves per metre of travel", "1/length", 1.2, 400.0, 0.05, 5.0,
+        Parameter("n", "waves_per_m", "waves per metre of travel", "1/length", 2.0, 400.0, 0.05, 5.0,
                   domain="positive", scan="waves"),
         Parameter("phi", "phase_rad", "at position 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0, scan="phase"),
     ],
