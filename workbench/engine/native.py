@@ -48,6 +48,7 @@ OUTSIDE = {"sin", "cos", "exp", "sqrt", "floor", "memcpy", "memset", "memmove"}
 # What LLVM calls numba's arguments, and their types: an array is seven of them (memory info, owner, number of
 # elements, bytes of one, data, shape, strides).
 _ARRAY = (("0", "ptr"), ("1", "ptr"), ("2", "i64"), ("3", "i64"), ("4", "ptr"), ("5.0", "i64"), ("6.0", "i64"))
+FULL = "8 lanes, which fill the widest registers"  # said by a text whose loops take them: measured, others are slower
 _MEMBERS = {"a": _ARRAY, "f": (("", "double"),), "i": (("", "i64"),)}
 _CTYPES = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64, "double": ctypes.c_double}
 
@@ -90,7 +91,7 @@ def _native_functions(text: str, letters: Mapping[str, str]) -> Functions | None
         codes = kept = _read(path)
         if codes is None or codes.keys() != letters.keys():
             module = _module(text)
-            codes = {name: _compiled(module[name], types) for name, types in letters.items()}
+            codes = {name: _compiled(module[name], types, FULL in text) for name, types in letters.items()}
         functions = {name: _load(codes[name], types) for name, types in letters.items()}
         if codes is not kept:
             _write(path, codes)
@@ -123,11 +124,11 @@ def _module(text: str) -> dict[str, Any]:
     return module
 
 
-def _compiled(function: Any, letters: str) -> bytes:
+def _compiled(function: Any, letters: str, full: bool = False) -> bytes:
     """Object code of a function that numba has jitted without its runtime (`_nrt=False`); its one symbol is `entry`.
 
-    NotNativeError where numba passes arguments in another way than `_load` does, or where the code would call into
-    Python or numba.
+    full: in the widest registers that there are. NotNativeError where numba passes arguments in another way than
+    `_load` does, or where the code would call into Python or numba.
     """
     import llvmlite.binding as llvm
 
@@ -140,7 +141,7 @@ def _compiled(function: Any, letters: str) -> bytes:
     for item in itertools.chain(module.functions, module.global_variables):
         if not item.is_declaration:
             item.linkage = "external" if item.name == native else "internal"
-    target = _target()
+    target = _target(full)
     options = llvm.PipelineTuningOptions(speed_level=3)
     options.loop_vectorization = True
     builder = llvm.create_pass_builder(target, options)
@@ -250,12 +251,14 @@ def host() -> Mapping[str, str]:
     return {"cpu": llvm.get_host_cpu_name(), "features": features, "triple": triple, "numba": version("numba")}
 
 
-def _target() -> Any:
+def _target(full: bool = False) -> Any:
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    if full and "+avx512f" in features:
+        features += ",-prefer-256-bit"
     machine = llvm.Target.from_default_triple().create_target_machine
     return machine(cpu=cpu, features=features, opt=3, jit=True, codemodel="jitdefault")
 

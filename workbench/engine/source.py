@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.engine.native import load_functions
+from workbench.engine.native import FULL, load_functions
 from workbench.engine.preamble import PREAMBLE
 from workbench.engine.rodas3 import rodas3_step
 from workbench.machines import NO_EFFECTS, Effects, Plant
@@ -117,7 +117,8 @@ class KernelText:
         ]
         jit = '@njit(nogil=True, error_model="numpy", _nrt=False)'
         body = [f"def run({', '.join(arguments)}):", *self.lines]
-        text = "\n".join([f"# Generated: {name}.", PREAMBLE, jit, *prepare, "", "", jit, *body, ""])
+        said = f"# Generated: {name}, {FULL}." if self.lanes == 8 else f"# Generated: {name}."
+        text = "\n".join([said, PREAMBLE, jit, *prepare, "", "", jit, *body, ""])
         functions = load_functions(text, {"prepare": "aa", "run": "".join(arguments.values())})
         return Kernel(self.lanes, self.parameters, max(1, len(self.rows)), functions["prepare"], functions["run"])
 

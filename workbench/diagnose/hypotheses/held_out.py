@@ -100,7 +100,6 @@ def fitted_without(
             z.append(start.z.copy())
             slopes.append(white[~mine, :-1].copy())
             rows.append(white[~mine, -1].copy())
-    coarse = problem.coarse([fitted.setting])
     sizes = np.abs(fitted.jacobian)
     shown = [np.max(sizes[~mine], axis=0) > ROUNDING * np.max(sizes, axis=0) for mine in inside]  # by the other rows
     worth = [float(r @ r) + _pull(at, std) for at, r in zip(z, rows, strict=True)]
@@ -144,7 +143,8 @@ def fitted_without(
     while better:  # what turns over elsewhere bends on the way: with slopes of its own to the end
         before = {k: worth[k] for k in better}
         for k in better:
-            slopes[k], damping[k] = whiten(coarse.evaluate(fitted.free, z[k])[1])[~inside[k]], DAMPING
+            there = problem.coarse([fitted.setting]).evaluate(fitted.free, z[k])[1]
+            slopes[k], damping[k] = whiten(there)[~inside[k]], DAMPING
         follow(better)
         for k in better:
             z[k - asked], worth[k - asked] = z[k], worth[k]
