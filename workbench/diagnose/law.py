@@ -359,9 +359,14 @@ def find_law(problem: Problem, fitted: Fitted, acts_on: str, name: str = "measur
 
 
 def _refined(
-    problem: Problem, start: Regression, rides: Sequence[tuple[Any, Any]], gain: float, acts_on: str,
-    terms: Sequence[Term], k: int,
-) -> tuple[Term, Array]:  # fmt: skip
+    problem: Problem,
+    start: Regression,
+    rides: Sequence[tuple[Any, Any]],
+    gain: float,
+    acts_on: str,
+    terms: Sequence[Term],
+    k: int,
+) -> tuple[Term, Array]:
     """Term k of a set with its inner number at the least residual on held-out groups, and that residual's squares."""
     term = terms[k]
     at = term.shape[term.refined]
@@ -383,9 +388,15 @@ def _refined(
 
 
 def _finished(
-    problem: Problem, fitted: Fitted, start: Regression, rides: Sequence[tuple[Any, Any]], gain: float, acts_on: str,
-    terms: list[Term], name: str,
-) -> Law | None:  # fmt: skip
+    problem: Problem,
+    fitted: Fitted,
+    start: Regression,
+    rides: Sequence[tuple[Any, Any]],
+    gain: float,
+    acts_on: str,
+    terms: list[Term],
+    name: str,
+) -> Law | None:
     """The chosen terms with their inner numbers refined and their amplitudes fitted in the driven simulation."""
 
     x = columns(problem, rides, terms, acts_on, gain)
