@@ -13,11 +13,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import least_squares
 
 from tests.support.fitted_runs import fitted_to, made_by
 from tests.support.noisy_runs import hoist_runs
-from workbench.core.run import Array
 from workbench.diagnose.diagnose import sentence_of
 from workbench.diagnose.gap import folds_of, shrink_of, stretch_of, worst_tolerance
 from workbench.diagnose.hypotheses.evidence import Score, Weighed, nested
@@ -25,13 +23,11 @@ from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     FreeParameter,
     Names,
-    Scalar,
     base_parameters,
-    bounds_of,
     effect_parameters,
     setting_of,
 )
-from workbench.diagnose.hypotheses.held_out import fitted_without, folds_by_run, held_out
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import calibration
@@ -61,23 +57,6 @@ def test_what_was_not_seen_is_met_no_better_than_what_was(tight: tuple[Problem, 
     problem, fit = tight
     unseen = held_out(problem, fit, folds_by_run(problem))
     assert fit.rms(problem.inputs) <= unseen.rms(problem.inputs) < 1.3 * problem.noise
-
-
-def test_a_refit_to_the_other_runs_ends_as_low_as_another_solver(tight: tuple[Problem, Fitted]):
-    """The machine without the stretch, whose base parameters go to their bounds; refits once ended where a whole step
-    did not serve."""
-    problem, free = tight[0], [replace(one, furthest=1.5) for one in tight[1].free if isinstance(one, Scalar)][:-3]
-    fit = fit_hypothesis(problem, (), free, np.zeros(len(free)), 60)
-    lowest, highest, std = bounds_of(free)
-    inside = [problem.run_of_row == j for j in range(len(problem.runs))]
-    for mine, refit in zip(inside, fitted_without(problem, fit, inside), strict=True):
-
-        def rows(z: Array, mine: np.ndarray = mine) -> Array:
-            white = problem.errors.whiten(problem.residuals([setting_of(free, z)])[0])
-            return np.concatenate([white[~mine], z / std])
-
-        other = least_squares(rows, fit.z, bounds=(lowest - 1e-9, highest + 1e-9), diff_step=1e-3, x_scale=1.0)
-        assert refit.objective < 1.001 * 2.0 * other.cost
 
 
 def test_a_phase_that_is_a_runs_own_is_taken_from_that_run():

@@ -53,7 +53,7 @@ def minimise(
         gradient = weight**2 * (jacobian.T @ residual) + prior.T @ (prior @ z)
         hessian = weight**2 * (jacobian.T @ jacobian) + prior.T @ prior
         box = np.maximum(lowest - z, -reach), np.minimum(top - z, reach)
-        step = bounded_step(hessian, gradient, box, damping)
+        step = _step(hessian, gradient, box, damping)
         trial = np.clip(z + step, lowest, top)
         step = trial - z
         promised = float(-(2.0 * gradient @ step + step @ hessian @ step))
@@ -80,7 +80,7 @@ def _chi2(z: Array, residual: Array, weight: float, prior: Array) -> float:
     return value if np.isfinite(value) else np.inf
 
 
-def bounded_step(hessian: Array, gradient: Array, box: tuple[Array, Array], damping: float) -> Array:
+def _step(hessian: Array, gradient: Array, box: tuple[Array, Array], damping: float) -> Array:
     """The damped Newton step, the best one within the box."""
     scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     unit = hessian / np.outer(scale, scale)  # variables on their own scale, else the damping is of the largest

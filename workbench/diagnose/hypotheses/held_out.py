@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,13 +13,13 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import PhaseOfEachRun, Setting, bounds_of, logarithmic_of, setting_of
+from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import STUCK
-from workbench.identify.fit import DAMPING, bounded_step
 
 BLOCKS = 4  # that a single run is cut into
 STRETCHES = 8  # of a run: so long a residual may hang together
-FAILS = 2  # steps one after the other, each more damped
+PARTS = (0.3, 0.1)  # of a step that does not serve
 MOST_STEPS = 20
 MOST_EVALUATIONS = 40  # of the fit at another minimum
 AS_GOOD = 20.0  # of the objective of all rows: a worse minimum is not the best one of some of them either
@@ -54,8 +56,8 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
     minimum of how friction turns over near standstill, if there is one about as good: the other runs may lie there.
 
     Gauss-Newton steps with a Jacobian that each step corrects (C. G. Broyden, Mathematics of Computation 19, 1965); all
-    folds are simulated together. Steps keep within the bounds and are damped where they do not serve the runs that are
-    left (K. Levenberg, Quarterly of Applied Mathematics 2, 1944); one that promises next to nothing is the end.
+    folds are simulated together. A step is taken as far as it serves the runs that are left: all of it, or a part. One
+    that promises next to nothing is the end.
     What is each run's own (a phase) is taken from that run itself: another run cannot know it. What was computed once
     is kept.
     """
@@ -103,57 +105,67 @@ def fitted_without(
     sizes = np.abs(fitted.jacobian)
     shown = [np.max(sizes[~mine], axis=0) > ROUNDING * np.max(sizes, axis=0) for mine in inside]  # by the other rows
     worth = [float(r @ r) + _pull(at, std) for at, r in zip(z, rows, strict=True)]
-    damping = [DAMPING] * len(inside)
 
-    def follow(folds: Iterable[int]) -> None:
-        """To the end, a step of all of these at a time."""
-        failed = dict.fromkeys(folds, 0)
-        for _ in range(most):
-            tried: dict[int, Array] = {}
-            for fold in list(failed):
-                j, at = slopes[fold], z[fold]
-                gradient, hessian = j.T @ rows[fold] + at / std**2, j.T @ j + prior
-                # What these rows do not show stays: rounding over a curvature of zero would throw it anywhere.
-                seen, step = np.flatnonzero(shown[fold] & (np.diag(hessian) > 0.0)), np.zeros(len(at))
-                box = (lowest - at)[seen], (highest - at)[seen]
-                step[seen] = bounded_step(hessian[np.ix_(seen, seen)], gradient[seen], box, damping[fold])
-                if -(2.0 * gradient + hessian @ step) @ step < SETTLED:
-                    del failed[fold]
-                else:
-                    tried[fold] = np.clip(at + step, lowest, highest)
-            if not tried:
-                return
-            settings = [setting_of(fitted.free, at) for at in tried.values()]
-            change = problem.differences(fitted.setting, settings, fitted.residual)[1]
-            for (fold, at), row in zip(tried.items(), whiten((fitted.residual + change).T).T, strict=True):
-                left, moved = row[~inside[fold]], at - z[fold]
-                size = float(left @ left) + _pull(at, std)
-                if math.isfinite(size):  # what the simulation has shown of the slope along this step
-                    slopes[fold] += np.outer(left - rows[fold] - slopes[fold] @ moved, moved / float(moved @ moved))
-                if size < worth[fold] - SETTLED:
-                    worth[fold], z[fold], rows[fold], failed[fold] = size, at, left, 0
-                    damping[fold] *= 0.1
-                elif failed[fold] < FAILS:
-                    failed[fold], damping[fold] = failed[fold] + 1, max(10.0 * damping[fold], 1e-2)
-                else:
-                    del failed[fold]
-
-    follow(range(len(inside)))
-    better = [k for k in range(asked, len(inside)) if worth[k] < worth[k - asked]]
-    while better:  # what turns over elsewhere bends on the way: with slopes of its own to the end
-        before = {k: worth[k] for k in better}
-        for k in better:
-            there = problem.coarse([fitted.setting]).evaluate(fitted.free, z[k])[1]
-            slopes[k], damping[k] = whiten(there)[~inside[k]], DAMPING
-        follow(better)
-        for k in better:
-            z[k - asked], worth[k - asked] = z[k], worth[k]
-        better = [k for k in better if worth[k] < before[k] - SETTLED]
+    steps: dict[int, Array | None] = dict.fromkeys(range(len(inside)))  # fold -> the step that has not served
+    for _ in range(most):
+        tried: list[tuple[int, Array]] = []
+        for fold, step in list(steps.items()):
+            j, at = slopes[fold], z[fold]
+            if step is not None:
+                tried += [(fold, np.clip(at + part * step, lowest, highest)) for part in PARTS]
+                continue
+            gradient, hessian = j.T @ rows[fold] + at / std**2, j.T @ j + prior
+            free = (
+                shown[fold] & ((at > lowest) | (gradient < 0.0)),
+                shown[fold] & ((at < highest) | (gradient > 0.0)),
+            )
+            steps[fold] = step = _step(hessian, gradient, *free)
+            moved = np.clip(at + step, lowest, highest) - at
+            if 0.0 <= -(2.0 * gradient + hessian @ moved) @ moved < SETTLED:
+                del steps[fold]
+            else:
+                tried.append((fold, at + moved))
+        if not tried:
+            break
+        settings = [setting_of(fitted.free, at) for _, at in tried]
+        found = fitted.residual + problem.differences(fitted.setting, settings, fitted.residual)[1]
+        better: dict[int, tuple[float, Array, Array]] = {}
+        for (fold, at), row in zip(tried, whiten(found.T).T, strict=True):
+            left, moved = row[~inside[fold]], at - z[fold]
+            size = float(left @ left) + _pull(at, std)
+            if math.isfinite(size):  # what the simulation has shown of the slope along this step
+                slopes[fold] += np.outer(left - rows[fold] - slopes[fold] @ moved, moved / float(moved @ moved))
+            if size < (better[fold][0] if fold in better else worth[fold] - SETTLED):
+                better[fold] = (size, at, left)
+        for fold, many in Counter(fold for fold, _ in tried).items():
+            if fold in better:
+                worth[fold], z[fold], rows[fold] = better[fold]
+                steps[fold] = None
+            elif many > 1:
+                del steps[fold]
+    for k in range(asked, len(inside)):
+        if worth[k] < worth[k - asked]:  # what turns over elsewhere bends on the way: with slopes of its own to the end
+            others = copy(problem.coarse([fitted.setting]))
+            others.errors = _Seen(problem.errors, ~inside[k])  # type: ignore[assignment]
+            base, kept = int(np.count_nonzero(np.isfinite(std))), starts[-1].jacobian
+            last = fit_hypothesis(others, fitted.effects, fitted.free, z[k], MOST_EVALUATIONS, base, kept)
+            z[k - asked], worth[k - asked] = last.z, last.objective
     points = [at + _own(fitted, mine, at - fitted.z) for at, mine in zip(z[:asked], inside, strict=False)]
     return [
         Refit(setting_of(fitted.free, np.clip(at, lowest, highest)), size)
         for at, size in zip(points, worth, strict=False)
     ]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """An error model of the rows that a refit sees."""
+
+    errors: ErrorModel
+    rows: np.ndarray
+
+    def whiten(self, rows: Array) -> Array:
+        return self.errors.whiten(rows)[self.rows]
 
 
 def _elsewhere(problem: Problem, fitted: Fitted, std: Array) -> list[Fitted]:
@@ -178,6 +190,19 @@ def _elsewhere(problem: Problem, fitted: Fitted, std: Array) -> list[Fitted]:
 
 def _pull(z: Array, std: Array) -> float:
     return float(np.sum((z / std) ** 2))
+
+
+def _step(hessian: Array, gradient: Array, down: np.ndarray, up: np.ndarray) -> Array:
+    """The Newton step of what is not held at a bound that it wants to cross.
+
+    What these rows do not show stays: rounding over a curvature of zero would throw it anywhere.
+    """
+    free = np.flatnonzero(down & up & (np.diag(hessian) > 0.0))
+    h = hessian[np.ix_(free, free)]
+    scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
+    step = np.zeros(len(gradient))
+    step[free] = np.linalg.lstsq(h / np.outer(scale, scale), -gradient[free] / scale, rcond=1e-10)[0] / scale
+    return step
 
 
 def _own(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:

@@ -207,9 +207,8 @@ def _shares(evidence: Sequence[tuple[Names, float]], x: float, numbers: Mapping[
 
 def _with_misses(shares: _Shares, numbers: Mapping[str, float], answer: VerdictWord) -> _Shares:
     """What is stated: of no gap and of an unknown cause less, for so many of such answers are a listed cause that the
-    fits have missed, beyond those that they have found. Which one, they do not say: it is a row of its own, and both
-    words give in proportion, so that the answer stays the likelier. Beside a named answer it is shared by the
-    hypotheses in proportion."""
+    fits have missed. Which one, they do not say: it is a row of its own, and both words give in proportion, no more
+    than leaves the answer the likeliest. Beside a named answer it is shared by the hypotheses in proportion."""
     total, without = float(np.sum(shares.named)), shares.no_gap + shares.unknown
     if total <= 0.0:
         return shares
@@ -218,9 +217,9 @@ def _with_misses(shares: _Shares, numbers: Mapping[str, float], answer: VerdictW
         unknown = (1.0 - numbers["missed_unknown"]) * shares.unknown
         return _Shares(no_gap, unknown, shares.named * (1.0 - no_gap - unknown) / total)
     answered = shares.no_gap if answer == "no_gap" else shares.unknown
-    missed = max(numbers[f"missed_{answer}"] * answered - total, 0.0)
-    kept = 1.0 - missed / without
-    return _Shares(kept * shares.no_gap, kept * shares.unknown, shares.named, missed)
+    kept = 1.0 - numbers[f"missed_{answer}"] * answered / without
+    kept = min(max(kept, float(np.max(shares.named)) / answered), 1.0)
+    return _Shares(kept * shares.no_gap, kept * shares.unknown, shares.named, (1.0 - kept) * without)
 
 
 def _rows(
