@@ -19,16 +19,7 @@ from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.isolability import angle_between, isolability, separations, smallest_amount
 from workbench.diagnose.isolability import best_signatures as signatures
 from workbench.diagnose.isolation.lines import Line
-from workbench.diagnose.isolation.next_run import (
-    APART,
-    LEAST,
-    Offer,
-    _apart,
-    chance_to_decide,
-    choose,
-    next_run,
-    separation,
-)
+from workbench.diagnose.isolation.next_run import APART, LEAST, Offer, chance_to_decide, choose, next_run, separation
 from workbench.diagnose.isolation.planned import Planned, from_moves, menu, seen_in
 from workbench.machines import save_machine
 from workbench.references import Limits
@@ -79,13 +70,6 @@ def test_a_run_that_sees_the_parameter_otherwise_sets_apart_what_the_campaign_di
     now = separation(fitted(), fitted(), [campaign])
     assert now == pytest.approx(1.0, rel=1e-3)
     assert separation(fitted(), fitted(), [campaign, new]) > 100.0 * now
-
-
-def test_an_answer_is_told_from_a_rival_that_needs_base_parameters_ten_tolerances_off():
-    """Were the rival true, nothing but its odd machine would tell: by that an answer of 0.97 stood at 0.0."""
-    fits, lines = [fitted(), fitted(10.0)], [line(0.0, 1e3), line(0.0, 1e3)]
-    assert _apart(fits, lines, True) == pytest.approx(10.0, rel=1e-3)
-    assert _apart(fits, lines, False) == 0.0
 
 
 def offer(apart: float, seconds: float, *signals: str) -> Offer:

@@ -77,14 +77,13 @@ def next_run(
     """
     fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None]
     campaign = [on_campaign(problem, fit) for fit in fits]
-    named = settled < math.inf  # an answer: where it is true, a rival that needs base parameters off is told from it
-    near = [k for k in range(1, len(fits)) if _apart([fits[0], fits[k]], [campaign[0], campaign[k]], named) <= settled]
+    near = [k for k in range(1, len(fits)) if _apart([fits[0], fits[k]], [campaign[0], campaign[k]], None) <= settled]
     kept = [0, *near[:RIVALS]]
     planned = menu(problem) if near else []
     if not planned:
         return None
     fits, campaign = [fits[k] for k in kept], [campaign[k] for k in kept]
-    now = _apart(fits, campaign, named)
+    now = _apart(fits, campaign, None)
     ahead = Problem(problem.machine, [candidate.run for candidate in planned], problem.band_hz)
     trial = [on_menu(problem, ahead, fit) for fit in fits]
     logged = tuple(s for s in kind_of(problem.machine).to_log if all(s in run for run in problem.runs))
@@ -92,12 +91,12 @@ def next_run(
     for signals in _choices(problem, logged):
         for k, candidate in enumerate(planned):
             lines = [of_run(k, signals) for of_run in trial]
-            offers.append(Offer(candidate, signals, _apart(fits, campaign, named, lines)))
+            offers.append(Offer(candidate, signals, _apart(fits, campaign, lines)))
         if any(_decides(offer, now) for offer in offers):
             break
     plain = choose(offers, now)
-    best = _designed(problem, fits, campaign, plain, named) if plain.separation > now else plain
-    if named and best.separation <= settled:  # not all of them, perhaps the best one
+    best = _designed(problem, fits, campaign, plain) if plain.separation > now else plain
+    if settled < math.inf and best.separation <= settled:  # not all of them, perhaps the best one
         return next_run(problem, search, fits[:2], settled) if len(fits) > 2 else None
     return NextRun(
         _why(problem, fits, best, now, settled), best.planned.payload_kg, best.planned.words, best.signals,
@@ -112,7 +111,7 @@ def chance_to_decide(separation: float) -> float:
     return NormalDist().cdf((0.5 * separation**2 - DECIDED) / separation) if separation > 0.0 else 0.0
 
 
-def _designed(problem: Problem, fits: Sequence[Fitted], campaign: Sequence[Line], plain: Offer, named: bool) -> Offer:
+def _designed(problem: Problem, fits: Sequence[Fitted], campaign: Sequence[Line], plain: Offer) -> Offer:
     """A motion no longer than the plain one that sets the hypotheses further apart, found by a seeded random search and
     by varying the best; the plain one where that finds none."""
     rng, seen, best, design = np.random.default_rng(0), seen_in(problem), plain, None
@@ -126,7 +125,7 @@ def _designed(problem: Problem, fits: Sequence[Fitted], campaign: Sequence[Line]
         ahead = Problem(problem.machine, [run.run for _, run in able], problem.band_hz)
         trial = [on_menu(problem, ahead, fit) for fit in fits]
         for k, (one, run) in enumerate(able):
-            apart = _apart(fits, campaign, named, [of_run(k, plain.signals) for of_run in trial])
+            apart = _apart(fits, campaign, [of_run(k, plain.signals) for of_run in trial])
             if apart > BETTER * best.separation:
                 best, design = Offer(run, plain.signals, apart), one
     return best
@@ -182,12 +181,11 @@ def _fit_of(problem: Problem, search: SearchResult, hypothesis: Fitted | str | N
     return Fitted(names, free, z, residual, jacobian, chi2, near.prior, 1, False)
 
 
-def _apart(fits: Sequence[Fitted], campaign: Sequence[Line], named: bool, more: Sequence[Line] | None = None) -> float:
-    """Standard deviations between the first hypothesis and its nearest rival, whichever of the two is true; named: if
-    the first one is."""
+def _apart(fits: Sequence[Fitted], campaign: Sequence[Line], more: Sequence[Line] | None) -> float:
+    """Standard deviations between the first hypothesis and its nearest rival, whichever of the two is true."""
     least = math.inf
     for k in range(1, len(fits)):
-        for true, rival in ((0, k), (k, 0))[: 1 if named else 2]:
+        for true, rival in ((0, k), (k, 0)):
             lines = [(campaign[true], campaign[rival])]
             if more is not None:
                 lines.append((more[true], more[rival]))
