@@ -18,7 +18,7 @@ from workbench.diagnose.location.places import placed
 from workbench.diagnose.location.profiles import best_of
 from workbench.diagnose.location.where import holding, laws_left, regime_of
 from workbench.diagnose.verdict.answer import Remainder
-from workbench.diagnose.verdict.judge import input_rms
+from workbench.diagnose.verdict.unknown_cause import input_rms
 from workbench.machines import kind_of
 
 

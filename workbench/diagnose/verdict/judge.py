@@ -36,7 +36,7 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
 from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.free_law import worth
-from workbench.diagnose.verdict.unknown_cause import cancellation, kept_percent, signs_of
+from workbench.diagnose.verdict.unknown_cause import cancellation, input_rms, kept_percent, signs_of
 
 SAME = 0.5  # evidence between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
@@ -101,7 +101,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         if not w.rival or w in vetoes
     )
     groups = groups_of(problem, [w for w in weighed if not w.rival and w.names not in mimics])
-    floor = math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
+    floor = floor_of(problem)
 
     def ranked(held: Fitted, score: Score, stands: bool) -> tuple[Left, dict[str, float], tuple[Hypothesis, ...]]:
         left, share = left_of(problem, near, held, floor)
@@ -244,14 +244,13 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
 def takes_nothing(problem: Problem, near: Fitted, fit: Fitted) -> bool:
     """Whether a fit takes no more of the gap's energy than chance does, nor brings the machine's known values nearer to
     nominal. The log's timing is no such value: what goes with the speed bends it as it bends a delay."""
-    floor = math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
     known = np.repeat(
         [not (isinstance(one, Scalar) and one.symbol == LOG_TIMING) for one in near.free],
         [one.size for one in near.free],
     )
     held = known / bounds_of(near.free)[2]
     relieved = float(np.sum((near.z * held) ** 2) - np.sum((fit.z[: len(near.z)] * held) ** 2))
-    return relieved < settings.NUISANCE**2 and left_of(problem, near, fit, floor)[1] < settings.FORETOLD
+    return relieved < settings.NUISANCE**2 and left_of(problem, near, fit, floor_of(problem))[1] < settings.FORETOLD
 
 
 def groups_of(problem: Problem, weighed: Sequence[Weighed]) -> tuple[tuple[Names, ...], ...]:
@@ -275,10 +274,9 @@ def groups_of(problem: Problem, weighed: Sequence[Weighed]) -> tuple[tuple[Names
     return tuple(tuple(one.names for one in group) for group in groups if len(group) > 1)
 
 
-def input_rms(problem: Problem) -> float:
-    """The rms of the measured input while the machine moves, in its unit."""
-    parts = [u[rows] for u, rows in zip(problem.bench.measured, problem.rows, strict=True)]
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+def floor_of(problem: Problem) -> float:
+    """The rms of noise and model error, in the input's unit: what a machine without a gap leaves."""
+    return math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
 
 
 def left_of(problem: Problem, near: Fitted, held: Fitted, floor: float) -> tuple[Left, float]:

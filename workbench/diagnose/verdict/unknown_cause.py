@@ -93,8 +93,13 @@ def beyond(percent: float) -> float:
 def kept_percent(problem: Problem) -> float:
     """Of the input's rms: what a log hides that keeps a value until it has left a dead band, evenly spread over it."""
     bands = [dead_band(run[name]) for run in problem.runs for name in kind_of(problem.machine).inputs if name in run]
-    largest = math.sqrt(np.mean([np.mean(u**2) for u in problem.bench.measured]))
-    return 100.0 * max(bands, default=0.0) / math.sqrt(3.0) / max(largest, 1e-300)
+    return 100.0 * max(bands, default=0.0) / math.sqrt(3.0) / max(input_rms(problem), 1e-300)
+
+
+def input_rms(problem: Problem) -> float:
+    """The rms of the measured input while the machine moves, in its unit."""
+    parts = [u[rows] for u, rows in zip(problem.bench.measured, problem.rows, strict=True)]
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
 def sudden_share(problem: Problem, residual: Array) -> float:
