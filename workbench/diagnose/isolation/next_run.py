@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby, product
 from statistics import NormalDist
 from typing import Any
@@ -117,6 +117,7 @@ def next_run(
                 offers.append(Offer(candidate, signals, _apart(fits, known, shown)))
         plain = choose(offers, now)
         best = _designed(problem, fits, known, plain) if plain.separation > now else plain
+        best, plain = (_stated(problem, fits, known, offer) for offer in (best, plain))
         if settled == math.inf or best.separation > settled:
             break
         if len(fits) == 2:
@@ -130,9 +131,15 @@ def next_run(
 
 
 def _ahead(problem: Problem, planned: Sequence[Planned], fits: Sequence[Fitted]) -> list[OnMenu]:
-    """Each hypothesis on planned runs."""
+    """Each hypothesis on planned runs; they share what base parameters change."""
     ahead = Ahead(problem.machine, [one.run for one in planned], problem.band_hz)
     return [on_menu(problem, ahead, fit) for fit in fits]
+
+
+def _stated(problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared], offer: Offer) -> Offer:
+    """An offer with the separation that each hypothesis gives with base signatures of its own."""
+    own = [_ahead(problem, [offer.planned], [fit])[0] for fit in fits]
+    return replace(offer, separation=_apart(fits, known, compared([of_run(0, offer.signals) for of_run in own])))
 
 
 def chance_to_decide(separation: float) -> float:
