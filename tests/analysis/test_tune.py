@@ -72,6 +72,22 @@ def test_the_search_calls_stable_what_the_poles_call_stable_and_sees_the_same_ms
             assert judged.bandwidth_hz[k] == pytest.approx(min(m.margins.bandwidth_hz for m in members), rel=2e-3)
 
 
+def test_what_is_looked_at_first_drops_nothing_that_all_frequencies_allow(search: Search):
+    """Few frequencies bound Ms from below, and those up to a bandwidth tell whether it is reached; the turns are those
+    of the phase, summed step by step."""
+    kp, ratio = (a.ravel() for a in np.meshgrid(np.geomspace(0.5, 5000.0, 40), np.geomspace(0.01, 300.0, 30)))
+    judged = search.judge(kp, kp * ratio)
+    for limit in (1.2, 1.4, 2.0):
+        allowed, looked_at = judged.ms <= limit, search.within(kp, kp * ratio, limit)
+        assert np.all(looked_at[allowed]) and np.any(allowed)
+    for wanted in (0.5, 2.0, 8.0):
+        reached = search.reaches(kp, kp * ratio, np.full(len(kp), wanted))
+        assert np.array_equal(reached, judged.bandwidth_hz >= wanted) and 0 < np.count_nonzero(reached) < len(kp)
+    back = 1.0 + search.plants[None] * (kp[:, None] * search.per_kp + (kp * ratio)[:, None] * search.per_ki)[:, None]
+    steps = np.angle(back[..., 1:] * np.conj(back[..., :-1])).sum(axis=-1) + np.angle(-back[..., 0])
+    assert np.array_equal(judged.stable, np.all(np.abs(steps - search.turns) < 0.5 * np.pi, axis=1))
+
+
 def test_best_rejection_keeps_to_ms_and_no_brute_grid_finds_a_larger_ki(search: Search):
     shaped = best_rejection(search, 1.4)
     members = family(slow_drive(), with_gains(shaped.kp, shaped.ki), POINTS)

@@ -409,12 +409,36 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     assert fit.effects == (effect.id,)
 
 
+def test_no_fit_is_made_twice_from_one_start(monkeypatch: pytest.MonkeyPatch):
+    """A second pass of a search asks again for an effect in the place of its nuisance, and for what led nowhere."""
+    machine = with_effects(default_hoist(), {"friction_viscous": {"viscous_n_s_per_m": 9000.0}})
+    search = Search(Problem(default_hoist(), hoist_runs(machine)), [find("friction_viscous", "hoist")])
+    starts, again = [], search._in_place
+
+    def counted(problem: Problem, names: Sequence[str], free: Sequence[FreeParameter], z: Array, *rest: Any) -> Any:
+        starts.append((tuple(names), z.tobytes()))
+        return fit_hypothesis(problem, names, free, z, *rest)
+
+    monkeypatch.setattr("workbench.diagnose.hypotheses.search.fit_hypothesis", counted)
+    search.causes(1, 1, 0.0)
+    assert search._strained(search.base_fit()) and len(starts) == len(set(starts))
+    first = len(starts)
+    search.causes(1, 1, 0.0)
+    again(search.base_fit())
+    assert len(starts) == first
+
+
 def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: Problem):
     free = list(base_parameters(hoist.machine, hoist.runs).values())
     base = fit_hypothesis(hoist, (), free, np.zeros(len(free)))
     projection = Projection.of(hoist, base)
     assert np.max(np.abs(projection.rows.T @ projection.clean(np.ones((hoist.samples, 1))))) < 1e-8
     assert np.linalg.norm(projection.rows.T @ projection.residual) < 1e-8
+    signatures = signatures_of(hoist, [find("friction_coulomb", "hoist"), find("torque_scale", "hoist")], base.setting)
+    for one, (data, prior, amounts) in zip(signatures, projection.gains(signatures), strict=True):
+        alone = linear_gain(projection.clean(one.columns), projection.residual, [one.signed], projection.priors)
+        assert (data, prior, *amounts) == pytest.approx((*alone[:2], *alone[2]), rel=1e-6, abs=1e-9)
+    assert projection.gains([]) == []
     # At the best point of the base nothing is gained by it either: what is projected out was nothing.
     stacked = hoist.errors.whiten(base.residual)
     assert projection.residual @ projection.residual == pytest.approx(stacked @ stacked + base.prior, rel=1e-3)

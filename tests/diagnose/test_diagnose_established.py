@@ -497,7 +497,10 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
 ):
     """Whatever they are worth together: what the law does without one of them is none of the causes."""
     names = ("friction_coulomb", "torque_scale")
-    fits = {some: SimpleNamespace(effects=some, prior=0.0, chi2=0.0) for some in ((names[0],), (names[1],), names)}
+    fits = {
+        some: SimpleNamespace(effects=some, prior=0.0, chi2=0.0, objective=0.0)
+        for some in ((names[0],), (names[1],), names)
+    }
     search = SimpleNamespace(problem=SimpleNamespace(struck=False), base=fits[names], within_tolerances=None, fits=fits)
     both = cast(Any, SimpleNamespace(names=names, fit=fits[names]))
     worths: dict[tuple[str, ...], float] = {names: 40.0, names[:1]: 5.0, names[1:]: 5.0}

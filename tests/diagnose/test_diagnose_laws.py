@@ -255,6 +255,9 @@ def test_a_third_cause_is_found_by_going_on_from_two():
     assert set(d.verdict.effects) == {*truth, "torque_scale"}, d.verdict.sentence
     merits = [step.merit for step in d.verdict.steps]
     assert len(merits) == 3 and merits == sorted(merits)
+    likely = {row.effects for row in d.verdict.ranking if row.probability > 0.01}  # others are not refitted to folds
+    assert {row.effects for row in d.candidates if row.held_out_rms is not None} <= likely | {d.verdict.effects}
+    assert d.candidates[0].held_out_rms == pytest.approx(d.shrink.after, rel=1e-9)
 
 
 @pytest.mark.parametrize(

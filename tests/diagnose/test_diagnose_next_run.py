@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,8 +20,18 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.isolability import angle_between, isolability, separations, smallest_amount
 from workbench.diagnose.isolability import best_signatures as signatures
-from workbench.diagnose.isolation.lines import Line
-from workbench.diagnose.isolation.next_run import APART, LEAST, Offer, chance_to_decide, choose, next_run, separation
+from workbench.diagnose.isolation.lines import Ahead, Line, OnMenu, on_campaign, on_menu
+from workbench.diagnose.isolation.next_run import (
+    APART,
+    LEAST,
+    Compared,
+    Offer,
+    chance_to_decide,
+    choose,
+    compared,
+    next_run,
+    separation,
+)
 from workbench.diagnose.isolation.planned import Planned, from_moves, menu, seen_in
 from workbench.machines import save_machine
 from workbench.references import Limits
@@ -48,6 +60,10 @@ def line(level: float, slope: float, own: bool = False) -> Line:
     )  # fmt: skip
 
 
+def both(mine: Line, its: Line) -> Compared:
+    return compared([mine, its])[0]
+
+
 def fitted(z: float = 0.0) -> Fitted:
     parameter = Scalar("x", 0.0, 1.0, std=1.0)
     return Fitted(("e",), (parameter,), np.array([z]), np.zeros(ROWS), np.zeros((ROWS, 1)), 0.0, z * z, 1, True)
@@ -55,21 +71,35 @@ def fitted(z: float = 0.0) -> Fitted:
 
 def test_predictions_that_no_base_parameter_brings_together_are_apart_by_their_distance():
     expected = math.sqrt(0.5 * ROWS * (1.0 - LEAST**2))
-    assert separation(fitted(), fitted(), [(line(0.0, 0.0), line(1.0, 0.0))]) == pytest.approx(expected)
+    assert separation(fitted(), fitted(), [both(line(0.0, 0.0), line(1.0, 0.0))]) == pytest.approx(expected)
 
 
 def test_predictions_that_a_base_parameter_brings_together_are_apart_by_its_tolerances():
     # A slope so steep that the data pin it: the rival has to move by 2.5 tolerances.
-    assert separation(fitted(), fitted(), [(line(0.0, 1e3), line(2.5e3, 1e3))]) == pytest.approx(2.5, rel=1e-3)
+    assert separation(fitted(), fitted(), [both(line(0.0, 1e3), line(2.5e3, 1e3))]) == pytest.approx(2.5, rel=1e-3)
 
 
 def test_a_run_that_sees_the_parameter_otherwise_sets_apart_what_the_campaign_did_not():
     """On the campaign the base parameter hides the difference; on the new run it cannot."""
-    campaign = (line(0.0, 1e3), line(1e3, 1e3))
-    new = (line(0.0, -1e3), line(1e3, -1e3))
+    campaign = both(line(0.0, 1e3), line(1e3, 1e3))
+    new = both(line(0.0, -1e3), line(1e3, -1e3))
     now = separation(fitted(), fitted(), [campaign])
     assert now == pytest.approx(1.0, rel=1e-3)
     assert separation(fitted(), fitted(), [campaign, new]) > 100.0 * now
+
+
+def test_what_is_kept_of_each_run_gives_the_least_squares_of_all_their_rows():
+    """Two channels, a value of the run's own, tolerances: against all rows stacked."""
+    rng = np.random.default_rng(2)
+    channel = np.repeat([0, 1], (150, 50))
+    mine, its = (Line(rng.normal(size=200), rng.normal(size=(200, 1)), rng.normal(size=(200, 1)), np.ones(1), channel,
+                      0.7) for _ in range(2))  # fmt: skip
+    rows = np.hstack([its.jacobian, its.own, (mine.residual - its.residual)[:, None]]) * math.sqrt(0.7)
+    stacked = np.vstack([[1.0, 0.0, -0.4], rows, [0.0, 1.0, 0.0]])
+    step = np.linalg.lstsq(stacked[:, :2], stacked[:, 2], rcond=None)[0]
+    left = (stacked[:, :2] @ step - stacked[:, 2]) ** 2
+    expected = left[0] - 0.09 + sum(np.sum(left[1:-1][channel == c] - 0.7 * LEAST**2) for c in (0, 1))
+    assert separation(fitted(0.3), fitted(0.4), [both(mine, its)]) == pytest.approx(math.sqrt(expected), rel=1e-9)
 
 
 def offer(apart: float, seconds: float, *signals: str) -> Offer:
@@ -120,6 +150,28 @@ def test_a_designed_motion_is_no_longer_than_the_plain_one_and_sets_more_apart(h
     assert kept["separation"] == advice.separation and kept["now"] == advice.now
     played = from_moves(heavier.problem, *(kept[key] for key in ("payload_kg", "start_position", "speed", "moves")))
     assert np.allclose(played.run["speed_motor_rad_s"], run["speed_motor_rad_s"])
+
+
+def test_rivals_share_base_signatures_in_the_choice_and_have_their_own_in_what_is_stated(heavier: SearchResult):
+    """Of a menu both give nearly the same; the stated separation is that of each hypothesis' own, both ways."""
+    problem, runs = heavier.problem, [one.run for one in menu(heavier.problem)[:3]]
+    fits = [heavier.fits[names] for names in (("torque_offset",), ("friction_viscous",))]
+    known = compared([on_campaign(problem, fit) for fit in fits])
+
+    def apart(lines: Sequence[OnMenu], run: int, signals: tuple[str, ...]) -> float:
+        data = compared([of_run(run, signals) for of_run in lines])
+        return min(separation(fits[true], fits[1 - true], [known[true], data[true]]) for true in (0, 1))
+
+    def own(runs: Sequence[Run]) -> list[OnMenu]:
+        return [on_menu(problem, Ahead(problem.machine, runs, problem.band_hz), fit) for fit in fits]
+
+    once, each = Ahead(problem.machine, runs, problem.band_hz), own(runs)
+    shared = [on_menu(problem, once, fit) for fit in fits]
+    for run, signals in product(range(3), ((), ("tension_dead_line_n",), ("position_carriage_m",))):
+        assert apart(shared, run, signals) == pytest.approx(apart(each, run, signals), rel=0.05)
+    advice = next_run(problem, heavier, fits)
+    assert advice is not None and advice.planned is not None
+    assert advice.separation == pytest.approx(apart(own([advice.planned.run]), 0, advice.signals), rel=1e-9)
 
 
 def test_the_chance_to_decide_is_that_of_drawn_likelihoods():

@@ -159,6 +159,13 @@ def test_whitened_rows_are_independent_and_of_variance_one(default: ErrorModel, 
     assert errors.log_det() == pytest.approx(np.linalg.slogdet(dense(errors))[1], abs=1e-8)
 
 
+def test_no_columns_are_whitened_without_the_solver(monkeypatch: pytest.MonkeyPatch):
+    """LAPACK's writes beyond an array that has none, and Python dies of it somewhere else."""
+    monkeypatch.setattr("workbench.diagnose.hypotheses.model_error.dtbtrs", None)
+    errors = ErrorModel(np.ones(9), np.ones(9), np.ones(9), np.append(0.0, np.full(8, 0.9)))
+    assert errors.whiten(np.zeros((9, 0))).shape == (9, 0)
+
+
 def test_a_constant_residual_of_a_long_correlation_counts_as_few_values():
     """One bias held through a run is one observation of the discrepancy, however many samples show it."""
     carry = np.full(400, 0.999)

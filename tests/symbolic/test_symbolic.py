@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from workbench.engine.preamble import PREAMBLE
 from workbench.symbolic import expr as ops
-from workbench.symbolic.derive import derivative
+from workbench.symbolic.derive import derivative, jacobian
 from workbench.symbolic.emit import Printer, evaluate
 from workbench.symbolic.expr import Expr, Scalar, const_value, constant, symbol, where
 
@@ -53,6 +53,21 @@ def test_a_derivative_is_that_of_central_differences(name):
     h = 1e-6
     above, below = (evaluate([function(X)], {"x": at + d})[0] for d in (h, -h))
     assert exact == pytest.approx((above - below) / (2.0 * h), rel=1e-8, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_slopes_of_numbers_are_those_of_the_program_of_derivatives(name):
+    function, at = OPERATIONS[name]
+    both = function(X) * Y + function(X), function(Y), constant(2.0)
+    programs = [[evaluate([derivative(f, by)], {"x": at, "y": 1.3 * at})[0] for by in (X, Y)] for f in both]
+    assert jacobian(both, [X, Y], [at, 1.3 * at]) == pytest.approx(np.array(programs), rel=1e-14)
+
+
+def test_a_branch_that_is_not_taken_has_no_part_in_slopes():
+    kink = where(X > 0.0, 2.0 * X, ops.sqrt(X * X) * Y)  # whose own slope is none at 0
+    assert np.array_equal(
+        jacobian([kink, where(X > -1.0, Y, ops.sqrt(X))], [X, Y], [0.5, 3.0]), [[2.0, 0.0], [0.0, 1.0]]
+    )
 
 
 def test_every_operation_that_exists_is_tested():

@@ -15,7 +15,7 @@ from workbench.core.run import Array
 from workbench.effects import joined, of
 from workbench.engine.source import state_symbols
 from workbench.machines import NO_EFFECTS, Axis, Effects, Hoist, Plant, kind_of
-from workbench.symbolic.derive import derivative, values
+from workbench.symbolic.derive import derivative, jacobian, values
 from workbench.symbolic.emit import evaluate
 from workbench.symbolic.expr import Expr, Scalar, symbol
 
@@ -96,8 +96,6 @@ class EvenMotion:
         self.states = len(q) + len(y)
         self.rates = plant.rates(0.0, q, y, u, p, held)
         self.outputs = [shown[name] for name in outputs]
-        memo: dict[tuple[int, int], Scalar] = {}
-        self._slopes = [[derivative(f, x, memo) for x in self.by] for f in (*self.rates, *self.outputs)]
         # The arm of the wire force over the drum's radius: 1 but for effects on the wound length.
         self._arm: Scalar = 1.0
         if effects.pieces.get("wound_length_m"):
@@ -107,7 +105,7 @@ class EvenMotion:
 
     def slopes(self, at: Array) -> Array:
         """(rates and outputs, states and input): exact derivatives at a point."""
-        return self._table(self._slopes, at)[:, :-1]
+        return jacobian([*self.rates, *self.outputs], self.by, at)[:, :-1]
 
     def rise(self, at: Array) -> Array:
         """Positions per unit of the fixed one in even motion, a wire unchanged: the arm is that of the drum there."""
@@ -128,7 +126,7 @@ class EvenMotion:
             rise = self.rise(at)
             at[n : 2 * n] = speed / rise[0] * rise if self.effects.pieces else y
             wrong = np.array(evaluate(list(self.rates), values(self.by, at)))
-            J = self._table(self._slopes[: len(self.rates)], at)
+            J = jacobian(self.rates, self.by, at)
             J[:, 0] += J[:, -1]
             # Memory of an effect that is off stays where it is, whatever the motion.
             live = [i for i in range(len(wrong)) if i < n or np.any(J[i])]
@@ -142,9 +140,6 @@ class EvenMotion:
             if np.all(np.abs(change) <= 1e-10 * (1.0 + np.abs(at[free]))):
                 break
         return at
-
-    def _table(self, rows: Sequence[Sequence[Scalar]], at: Array) -> Array:
-        return np.array(evaluate([value for row in rows for value in row], values(self.by, at))).reshape(len(rows), -1)
 
 
 def angle_read(effects: Effects, angle: Expr, place: str, names: tuple[str, ...]) -> Effects:

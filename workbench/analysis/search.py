@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -147,7 +147,7 @@ class Search:
     def why_no_wider(self, kp: float, ki: float) -> str:
         """What ends the bandwidth that the widest gains give the slowest member."""
         T = np.abs(1.0 - 1.0 / (1.0 + self.plants * (kp * self.per_kp + ki * self.per_ki)))
-        widths = self._bandwidth(T)
+        widths = self._bandwidth(T**2)
         slowest = int(np.argmin(widths))
         crossing = float(widths[slowest])
         return why(self.zeros[slowest], self.lags_deg(crossing), self.frequency_hz, T[slowest], crossing)
@@ -162,28 +162,47 @@ class Search:
         distance = np.abs(back[:, :-1] + part * chord).min(axis=0)
         return float(1.0 / distance.min()), float(self.frequency_hz[int(np.argmin(distance))])
 
+    def _returned(self, kp: Array, ki: Array, at: slice = slice(None)) -> Iterator[Complex]:
+        """1 + L, (candidates, members, frequencies `at`), of as many candidates at a time as a cache holds."""
+        plants, per_kp, per_ki = self.plants[:, at], self.per_kp[at], self.per_ki[at]
+        size = max(1, CACHED // plants.size)
+        for start in range(0, len(kp), size):
+            K = kp[start : start + size, None] * per_kp + ki[start : start + size, None] * per_ki
+            back = plants[None] * K[:, None, :]
+            back += 1.0
+            yield back
+
     def judge(self, kp: Array, ki: Array) -> Judged:
         """Candidates kp, ki (n,)."""
         parts = []
-        size = max(1, 400_000 // self.plants.size)
-        for start in range(0, len(kp), size):
-            K = kp[start : start + size, None] * self.per_kp + ki[start : start + size, None] * self.per_ki
-            back = 1.0 + self.plants[None] * K[:, None, :]
-            ms = 1.0 / np.abs(back).min(axis=(1, 2))
-            turned = _turns(back)
-            T = np.abs(1.0 - 1.0 / back)
-            stable = np.all(np.abs(turned - self.turns) < 0.5 * math.pi, axis=1)
-            parts.append((ms, T.max(axis=(1, 2)), self._bandwidth(T).min(axis=1), stable))
+        for back in self._returned(kp, ki):
+            size = _square(back)
+            T = _square(back - 1.0) / size
+            stable = np.all(np.abs(_turns(back) - self.turns) < 0.5 * math.pi, axis=1)
+            worst = 1.0 / np.sqrt(size.min(axis=(1, 2))), np.sqrt(T.max(axis=(1, 2)))
+            parts.append((*worst, self._bandwidth(T).min(axis=1), stable))
         ms, mt, bandwidth, stable = (np.concatenate([part[i] for part in parts]) for i in range(4))
         return Judged(ms, mt, bandwidth, stable)
 
-    def _bandwidth(self, T: Array) -> Array:
-        """(candidates, members): where |T| first falls below -3 dB, between two frequencies by their logarithms."""
-        below = T < HALF_POWER
+    def within(self, kp: Array, ki: Array, ms: float) -> np.ndarray:
+        """(n,) whether candidates may keep to a bound on Ms: few frequencies tell of most that do not."""
+        few = self._returned(kp, ki, slice(None, None, FEW))
+        return np.concatenate([_square(back).min(axis=(1, 2)) * ms**2 >= 1.0 for back in few])
+
+    def reaches(self, kp: Array, ki: Array, bandwidth_hz: Array) -> np.ndarray:
+        """(n,) whether every member has the bandwidth (n,): that is seen up to it."""
+        seen = self._returned(kp, ki, slice(int(np.searchsorted(self.frequency_hz, bandwidth_hz.max())) + 1))
+        widths = [self._bandwidth(_square(back - 1.0) / _square(back)).min(axis=1) for back in seen]
+        return np.concatenate(widths) >= bandwidth_hz
+
+    def _bandwidth(self, squared: Array) -> Array:
+        """(candidates, members): where |T| first falls below -3 dB, between two frequencies by their logarithms.
+        squared: |T|^2, from the first frequency on."""
+        below = squared < HALF_POWER**2
         k = np.argmax(below, axis=-1)
         rows = np.indices(k.shape)
         before = np.maximum(k - 1, 0)
-        a, b = np.log(T[(*rows, before)] / HALF_POWER), np.log(T[(*rows, k)] / HALF_POWER)
+        a, b = np.log(squared[(*rows, before)] / HALF_POWER**2), np.log(squared[(*rows, k)] / HALF_POWER**2)
         part = np.where(a > b, a / np.where(a > b, a - b, 1.0), 1.0)
         f = np.log(self.frequency_hz)
         crossing = np.exp(f[before] + np.clip(part, 0.0, 1.0) * (f[k] - f[before]))
@@ -234,11 +253,21 @@ def make_search(
     )  # fmt: skip
 
 
+def _square(z: Complex) -> Array:
+    return np.asarray(z.real**2 + z.imag**2)
+
+
 def _turns(back: Complex) -> Array:
-    """(..., frequencies) -> how far the phase turns from the first frequency to the last, whole turns included."""
-    steps = np.angle(back[..., 1:] * np.conj(back[..., :-1]))
+    """(..., frequencies) -> how far the phase turns from the first frequency to the last, whole turns included: once
+    for each time that the locus passes the negative real axis, where the phase jumps."""
+    lower = np.signbit(back.imag)
+    turned = np.angle(back[..., -1]) - np.angle(back[..., 0])
+    here = np.nonzero(lower[..., 1:] != lower[..., :-1])
+    a, b = back[..., :-1][here], back[..., 1:][here]
+    way = np.where(np.signbit(b.imag), 1.0, -1.0)  # downwards the phase grows there, upwards it falls
+    np.add.at(turned, here[:-1], 2.0 * math.pi * way * (way * (a.real * b.imag - a.imag * b.real) > 0.0))
     # The start differs by candidate (how much the integral weighs); its own phase is taken out.
-    return np.asarray(steps.sum(axis=-1) + np.angle(-back[..., 0]))
+    return np.asarray(turned + np.angle(-back[..., 0]))
 
 
 def _grid(plants: Sequence[Sampled], dt: float) -> Array:
@@ -263,6 +292,8 @@ def _grid(plants: Sequence[Sampled], dt: float) -> Array:
 
 LOWEST_CROSSOVER_HZ = 0.05
 NEAR = 0.999  # of the bound on Ms, for what lies between the grid's frequencies
+CACHED = 30_000  # complex numbers
+FEW = 8  # of so many frequencies one
 Range = tuple[float, float]
 
 
@@ -363,8 +394,11 @@ def _largest(search: Search, ms_limit: float, score: Callable[[Array, Judged], A
     best: tuple[float, float, float] | None = None
     for _ in range(10):
         kp, ratio = (a.ravel() for a in np.meshgrid(kps, ratios, indexing="ij"))
-        judged = search.judge(kp, kp * ratio)
-        scores = np.where(_allowed(judged, ms_limit), score(kp * ratio, judged), -np.inf)
+        able = np.flatnonzero(search.within(kp, kp * ratio, NEAR * ms_limit))
+        scores = np.full(len(kp), -np.inf)
+        if len(able):
+            judged, ki = search.judge(kp[able], (kp * ratio)[able]), (kp * ratio)[able]
+            scores[able] = np.where(_allowed(judged, ms_limit), score(ki, judged), -np.inf)
         k = int(np.argmax(scores))
         if np.isfinite(scores[k]) and (best is None or scores[k] >= best[0]):
             best = (float(scores[k]), float(kp[k]), float(ratio[k]))
@@ -388,12 +422,12 @@ def kp_for(search: Search, bandwidth_hz: Array, ratio: Array) -> Array:
     """For each bandwidth and ki/kp (n,) the smallest kp that gives it; where none does, one that does not."""
     table = np.geomspace(*_ranges(search)[0], 40)
     kp = np.repeat(table[:, None], len(ratio), axis=1)
-    reached = search.judge(kp.ravel(), (kp * ratio).ravel()).bandwidth_hz.reshape(kp.shape) >= bandwidth_hz
+    reached = search.reaches(kp.ravel(), (kp * ratio).ravel(), np.tile(bandwidth_hz, len(kp))).reshape(kp.shape)
     first = np.clip(np.argmax(reached, axis=0), 1, None)
     low, high = np.log(table[first - 1]), np.log(table[first])
     for _ in range(16):
         middle = 0.5 * (low + high)
-        enough = search.judge(np.exp(middle), np.exp(middle) * ratio).bandwidth_hz >= bandwidth_hz
+        enough = search.reaches(np.exp(middle), np.exp(middle) * ratio, bandwidth_hz)
         low, high = np.where(enough, low, middle), np.where(enough, middle, high)
     smallest_kp: Array = np.exp(high)
     return smallest_kp

@@ -13,7 +13,8 @@ from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.verdict.answer import Candidate
 from workbench.diagnose.verdict.judge import Judged
 
-SCORED = 3  # hypotheses whose held-out score is computed
+SCORED = 3  # hypotheses whose held-out score is computed, at most
+OPEN = 0.01  # probability: beside a named answer, what has less is not worth refits to all runs but one
 
 
 def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar]) -> tuple[Candidate, ...]:
@@ -21,10 +22,11 @@ def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar])
     fit failed."""
     problem, near, folds = search.problem, search.within_tolerances, folds_by_run(search.problem)
     without = held_out(problem, near, folds).rms(problem.inputs)
-    rows = []
+    rows, likely = [], {row.effects for row in judged.ranking if row.probability > OPEN}
     # A freer law that is alike may have the larger evidence.
     for k, hypothesis in enumerate(sorted(judged.weighed, key=lambda weighed: weighed.names != judged.names)):
-        unseen = held_out(problem, hypothesis.fit, folds).rms(problem.inputs) if k < SCORED else None
+        scored = k < SCORED and (k == 0 or judged.word != "named" or hypothesis.names in likely)
+        unseen = held_out(problem, hypothesis.fit, folds).rms(problem.inputs) if scored else None
         before, after = (
             (near.rms(problem.inputs), hypothesis.fit.rms(problem.inputs)) if unseen is None else (without, unseen)
         )

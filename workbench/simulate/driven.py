@@ -223,7 +223,7 @@ class InverseSimulation:
         def in_lanes(series: list[Array]) -> Array:
             if len(motions) == 1:
                 return series[0][:, None]
-            return np.take(np.stack(series, axis=-1), np.array(which)[full], axis=-1)
+            return np.ascontiguousarray(np.array(series)[np.array(which)[full]].T)
 
         start = start[:, full]
         travelled = in_lanes([motion.position - motion.position[0] for motion in motions])
@@ -274,10 +274,14 @@ class InverseSimulation:
     def _behind_log(self, j: int, values: Mapping[str, float] | None = None, thin: bool = False) -> Motion:
         """The motion of run j behind its sensor: a delay and the low-pass may change places. values: by symbol, where
         not the active ones."""
-        motion, every = (self._smooth[j], self.every[j]) if thin else (self._logged[j], 1)
-        series = (motion.position, motion.speed, motion.acceleration)
-        at = [true_motion(self.model.active, self.runs[j].time_s, x, values) for x in series]
-        return Motion(*(np.ascontiguousarray(x[::every]) for x in at))
+        motion, every, time_s = self._logged[j], 1, self.runs[j].time_s
+        if thin:
+            motion, every = self._smooth[j], self.every[j]
+        position, speed = (  # straight between the thinned times: what is there says all
+            true_motion(self.model.active, time_s[::every], x[::every], values) for x in (motion.position, motion.speed)
+        )
+        acceleration = true_motion(self.model.active, time_s, motion.acceleration, values)
+        return Motion(*map(np.ascontiguousarray, (position, speed, acceleration[::every])))
 
     def _smoothed(self, j: int) -> Motion:
         """The logged motion of run j without what is too quick for its thinned times.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+from workbench.symbolic import expr as ops
 from workbench.symbolic.expr import Expr, Scalar, const_value
 
 INFIX = {"+", "-", "*", "/", "<", "<=", ">", ">=", "&", "|"}
@@ -100,8 +101,6 @@ def _operation(e: Expr, args: Sequence[str]) -> str:
 
 def evaluate(outputs: Sequence[Scalar], values: Mapping[str, float]) -> list[float]:
     """Run a traced program with numbers for its symbols; slow, for tests and single values."""
-    from workbench.symbolic import expr as ops
-
     known: dict[int, Scalar] = {}
 
     def run(e: Scalar) -> Scalar:
@@ -114,12 +113,16 @@ def evaluate(outputs: Sequence[Scalar], values: Mapping[str, float]) -> list[flo
         elif e.op == "const":
             result = const_value(e)
         else:
-            a = [run(x) for x in e.args]
-            result = _NUMERIC[e.op](*a) if e.op in _NUMERIC else getattr(ops, e.op)(*a)
+            result = computed(e.op, [run(x) for x in e.args])
         known[e.id] = result
         return result
 
     return [float(run(out)) for out in outputs]
+
+
+def computed(op: str, args: Sequence[Scalar]) -> Scalar:
+    """The value of an operation on numbers."""
+    return _NUMERIC[op](*args) if op in _NUMERIC else getattr(ops, op)(*args)
 
 
 _NUMERIC: dict[str, Callable[..., Scalar]] = {

@@ -65,6 +65,8 @@ class ErrorModel:
 
     def whiten(self, rows: Array) -> Array:
         """(n,) or (n, k) -> the same shape: independent values of variance 1 where the error model holds."""
+        if not np.size(rows):
+            return np.zeros(np.shape(rows))  # LAPACK's solver writes beyond an array without columns
         gains = self._numbers()
         columns = np.array(rows, dtype=float, order="F").reshape(len(self.white), -1, order="F")
         # The state before each row, m_i = along_i m_(i-1) + into_i r_(i-1): a matrix of two diagonals.

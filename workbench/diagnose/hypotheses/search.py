@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product, takewhile
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +52,7 @@ from workbench.diagnose.hypotheses.signatures import (
     Projection,
     Signature,
     columns_signed,
-    linear_gain,
+    gain_of,
     signatures_of,
     start_of,
     stepped_aside,
@@ -207,6 +208,7 @@ class Search:
         self.fits: dict[Names, Fitted] = {}
         self.linear: dict[Names, float] = {}
         self.failures: dict[Names, str] = {}
+        self._fitted: dict[Any, Fitted] = {}  # by problem, hypothesis and start
         self.scanned: Sequence[Signature] = ()
         self._base: Fitted | None = None
         self._begun: tuple[Fitted, Sequence[Signature]] | None = None  # within the tolerances, and the signatures there
@@ -219,7 +221,7 @@ class Search:
         """The fit of the base parameters alone, without an effect."""
         if self._base is None:
             self._tell(Progress(Stage.SEARCH, Task.BASE))
-            fits = [fit_hypothesis(self.problem, (), self.held, z, LAST_ROUND, self.count) for z in self._starts()]
+            fits = [self._fit((), self.held, z) for z in self._starts()]
             self._base = min(fits, key=lambda fit: fit.objective)
         return self._base
 
@@ -381,7 +383,7 @@ class Search:
         held = [within(k, limit) for k, limit in zip(self.held, far, strict=True)]
         reach = np.repeat(far, [k.size for k in self.held])
         z = np.clip(base.z, -reach, reach)
-        return fit_hypothesis(self.problem, (), held, z, LAST_ROUND, self.count)
+        return self._fit((), held, z)
 
     def _signatures(self, effects: Sequence[Effect], at: Fitted) -> list[Signature]:
         """The signatures of all effects that can be simulated. A failed simulation becomes a row of the report.
@@ -403,11 +405,10 @@ class Search:
         """Effect -> its most promising shapes at a point, by the signatures already known. None without signatures."""
         wanted = {effect.id for effect in effects}
         gains: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
-        projection = Projection.of(self.problem, at) if self.scanned else None
-        for signature in self.scanned:
-            if projection is not None and signature.effect.id in wanted:
-                data, prior, _ = projection.gain(signature)
-                gains.setdefault(signature.effect.id, []).append((data + prior, signature.at))
+        again = [signature for signature in self.scanned if signature.effect.id in wanted]
+        found = Projection.of(self.problem, at).gains(again) if again else []
+        for signature, (data, prior, _) in zip(again, found, strict=True):
+            gains.setdefault(signature.effect.id, []).append((data + prior, signature.at))
         best = {name: sorted(shapes, key=lambda q: -q[0])[:SHAPES_AGAIN] for name, shapes in gains.items()}
         return {name: [at for _, at in shapes] for name, shapes in best.items()} or None
 
@@ -513,9 +514,7 @@ class Search:
                 z[self._place_of(parameter)] = 0.0
             self._try(
                 tuple(sorted((*at.effects, name))),
-                lambda n=(*at.effects, name), free=[*at.free, *more], z=z: fit_hypothesis(  # type: ignore[misc]
-                    self.problem, n, free, z, LAST_ROUND, self.count
-                ),
+                lambda n=(*at.effects, name), free=[*at.free, *more], z=z: self._fit(n, free, z),  # type: ignore[misc]
             )
 
     def _ranges(self, effect: Effect) -> tuple[Ranged, ...]:
@@ -555,7 +554,16 @@ class Search:
             self._try(names, lambda f=fit, z=z: self._again(replace(f, z=z)))  # type: ignore[misc]
 
     def _again(self, fit: Fitted) -> Fitted:
-        return fit_hypothesis(self.problem, fit.effects, fit.free, fit.z, LAST_ROUND, self.count, fit.jacobian)
+        return self._fit(fit.effects, fit.free, fit.z, known=fit.jacobian)
+
+    def _fit(
+        self, names: Names, free: Sequence[FreeParameter], z: Array, most: int = LAST_ROUND, known: Array | None = None
+    ) -> Fitted:
+        """The fit of a hypothesis from a start. What was fitted once is kept: each pass asks for some of it again."""
+        asked = (self.problem, names, tuple(free), z.tobytes(), most, known is None)
+        if asked not in self._fitted:
+            self._fitted[asked] = fit_hypothesis(self.problem, names, free, z, most, self.count, known)
+        return self._fitted[asked]
 
     def _extend(self, result: SearchResult, size: int, least: float) -> None:
         """The leading hypotheses of `size` effects, extended by the further effects that promise evidence, and `least`
@@ -635,7 +643,7 @@ class Search:
         mine = [parameter for parameter in pair.free[own:] if left in _effects_of(parameter)]
         kept = np.array([True] * self.count + [left in _effects_of(k) for k in pair.free[own:] for _ in k.lowest])
         free = [*pair.free[:own], *mine]
-        return fit_hypothesis(self.problem, (left,), free, pair.z[kept], FIRST_ROUND, self.count)
+        return self._fit((left,), free, pair.z[kept], FIRST_ROUND)
 
     def _joint(self, result: SearchResult, least: float) -> None:
         """Pairs of effects that promise more together than the best single effect, and `least` of what it leaves,
@@ -645,23 +653,26 @@ class Search:
         best = near.objective - min(alone, default=near.objective)  # taken off by the best alone, from the same point
         enough = best + least * (near.objective - best)
         projection = Projection.of(self.problem, near)
-        kept: dict[str, list[tuple[float, Signature, Array]]] = {}
-        for one in result.signatures:
-            if one.effect.id in self.effects:
-                columns = projection.clean(one.columns)
-                data, prior, _ = linear_gain(columns, projection.residual, columns_signed(one), projection.priors)
-                kept.setdefault(one.effect.id, []).append((data + prior, one, columns))
-        shapes = [q for name in sorted(kept) for q in sorted(kept[name], key=lambda q: -q[0])[:SHAPES_KEPT]]
+        kept: dict[str, list[tuple[float, Signature]]] = {}
+        mine = [one for one in result.signatures if one.effect.id in self.effects]
+        for one, (data, prior, _) in zip(mine, projection.gains(mine), strict=True):
+            kept.setdefault(one.effect.id, []).append((data + prior, one))
+        shapes = [q for name in sorted(kept) for _, q in sorted(kept[name], key=lambda q: -q[0])[:SHAPES_KEPT]]
         pairs: dict[tuple[str, str], tuple[float, Signature, Signature, Array]] = {}
-        for (_, a, left), (_, b, right) in combinations(shapes, 2):
+        if not shapes:
+            return
+        columns = projection.clean(np.hstack([one.columns for one in shapes]))
+        gram, pull = columns.T @ columns, columns.T @ projection.residual
+        places = np.split(np.arange(len(pull)), np.cumsum([one.columns.shape[1] for one in shapes[:-1]]))
+        for (a, left), (b, right) in combinations(zip(shapes, places, strict=True), 2):
             names = (a.effect.id, b.effect.id)
             if not self._new_to(names[:1], names[1]) or names in self.fits:
                 continue
-            both, signs = np.hstack([left, right]), [*columns_signed(a), *columns_signed(b)]
-            data, prior, amounts = linear_gain(both, projection.residual, signs, projection.priors)
-            self.linear[names] = max(data + prior, self.linear.get(names, 0.0))
-            worth = data + prior - cost(self.problem, both.shape[1])
-            if data + prior > enough and worth > pairs.get(names, (-math.inf,))[0]:
+            both = np.concatenate([left, right])
+            gain, amounts = gain_of(gram[np.ix_(both, both)], pull[both], [*columns_signed(a), *columns_signed(b)])
+            self.linear[names] = max(gain, self.linear.get(names, 0.0))
+            worth = gain - cost(self.problem, len(both))
+            if gain > enough and worth > pairs.get(names, (-math.inf,))[0]:
                 pairs[names] = (worth, a, b, amounts)
         for pair, (_, a, b, amounts) in sorted(pairs.items(), key=lambda q: -q[1][0])[:PARTNERS]:
             self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]
@@ -669,10 +680,9 @@ class Search:
     def _promised(self, at: Fitted, signatures: Sequence[Signature]) -> dict[str, Promise]:
         """Effect -> its best shape, linearly: of the SHAPES_KEPT best the one that explains most beyond the model error
         that stays beside it."""
-        projection = Projection.of(self.problem, at)
         by_effect: dict[str, list[Promise]] = {}
-        for signature in signatures:
-            data, prior, amounts = projection.gain(signature)
+        gains = Projection.of(self.problem, at).gains(signatures)
+        for signature, (data, prior, amounts) in zip(signatures, gains, strict=True):
             size = signature.columns.shape[1] + len(signature.at)
             promise = Promise(data + prior, data, data + prior - cost(self.problem, size), signature, amounts)
             by_effect.setdefault(signature.effect.id, []).append(promise)
@@ -733,7 +743,7 @@ class Search:
         std = bounds_of(free)[2]
         left = np.sum(white**2, axis=0) + np.array([np.sum((z / std) ** 2) for z in ways])
         z = ways[int(np.argmin(np.where(np.isfinite(left), left, np.inf)))]
-        return fit_hypothesis(self.problem, names, free, z, FIRST_ROUND, self.count)
+        return self._fit(names, free, z, FIRST_ROUND)
 
     def _aside(self, at: Fitted, taken: Array, *signatures: Signature) -> Array:
         """z of the fit's own parameters, refitted linearly after effects have taken `taken`, (samples,), off it."""

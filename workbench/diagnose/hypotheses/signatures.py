@@ -208,9 +208,16 @@ class Projection:
         a = np.vstack([self.errors.whiten(columns), np.zeros((self.priors, columns.shape[1]))])
         return a - self.rows @ (self.rows.T @ a)
 
-    def gain(self, signature: Signature) -> tuple[float, float, Array]:
-        """`linear_gain` of an effect at one shape."""
-        return linear_gain(self.clean(signature.columns), self.residual, columns_signed(signature), self.priors)
+    def gains(self, signatures: Sequence[Signature]) -> list[tuple[float, float, Array]]:
+        """`linear_gain` of each effect at one shape; all are cleaned together."""
+        if not signatures:
+            return []
+        every = self.clean(np.hstack([one.columns for one in signatures]))
+        parts = np.split(every, np.cumsum([one.columns.shape[1] for one in signatures[:-1]]), axis=1)
+        return [
+            linear_gain(columns, self.residual, columns_signed(one), self.priors)
+            for columns, one in zip(parts, signatures, strict=True)
+        ]
 
 
 def linear_gain(columns: Array, residual: Array, signs: Sequence[bool], priors: int) -> tuple[float, float, Array]:
@@ -218,9 +225,16 @@ def linear_gain(columns: Array, residual: Array, signs: Sequence[bool], priors: 
 
     signs: which amounts may be negative.
     """
-    if columns.shape[1] == 0:
-        return 0.0, 0.0, np.zeros(0)
-    gram, pull = columns.T @ columns, columns.T @ residual
+    gain, amounts = gain_of(columns.T @ columns, columns.T @ residual, signs)
+    at = residual[-priors:]
+    prior = float(np.sum(at**2 - (at - columns[-priors:] @ amounts) ** 2))
+    return gain - prior, prior, amounts
+
+
+def gain_of(gram: Array, pull: Array, signs: Sequence[bool]) -> tuple[float, Array]:
+    """`linear_gain` by the columns' products with each other and with the residual: data and prior together."""
+    if not len(pull):
+        return 0.0, np.zeros(0)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     amounts = _normal(gram, pull, scale)
     held = np.zeros(len(pull), dtype=bool)
@@ -231,9 +245,7 @@ def linear_gain(columns: Array, residual: Array, signs: Sequence[bool], priors: 
         amounts = np.zeros(len(pull))
         if len(free):
             amounts[free] = _normal(gram[np.ix_(free, free)], pull[free], scale[free])
-    left = residual - columns @ amounts
-    gained = residual**2 - left**2
-    return float(np.sum(gained[:-priors])), float(np.sum(gained[-priors:])), np.asarray(amounts, dtype=float)
+    return float(2.0 * amounts @ pull - amounts @ gram @ amounts), amounts
 
 
 def _normal(gram: Array, pull: Array, scale: Array) -> Array:

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
-from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.core.run import Array, Run
+from workbench.diagnose.hypotheses.fit import Fitted, is_timing
 from workbench.diagnose.hypotheses.free_parameters import (
     LOAD_CELL_STD,
     TENSION_GAIN,
     FreeParameter,
     PhaseOfEachRun,
+    Scalar,
     Setting,
     setting_of,
 )
-from workbench.diagnose.hypotheses.problem import GROUP, SENSOR_KEYS, STEP, TENSION, TENSION_TRUST, Problem
+from workbench.diagnose.hypotheses.problem import STEP, TENSION, TENSION_TRUST, Problem
 from workbench.machines import kind_of
-from workbench.simulate.driven import changed
 
 POSITION = "position_carriage_m"
 POSITION_TRUST = 1e-4  # of the wire's length: a usual draw-wire encoder or laser
@@ -43,6 +45,9 @@ class Line:
     share: float
 
 
+OnMenu = Callable[[int, tuple[str, ...]], Line]  # the number of the planned run, what is logged
+
+
 def on_campaign(problem: Problem, fit: Fitted) -> Line:
     rows = len(fit.residual)
     channel = np.where(np.arange(rows) < problem.inputs, 0, 1)
@@ -52,35 +57,57 @@ def on_campaign(problem: Problem, fit: Fitted) -> Line:
     )
 
 
-def on_menu(problem: Problem, ahead: Problem, fit: Fitted) -> Callable[[int, tuple[str, ...]], Line]:
+class Ahead(Problem):
+    """Planned runs. Behind the dead line's tension stands the carriage's height below that at its start, in m: the
+    simulation has it anyway. known: symbol -> what one STEP of a base parameter changes, (samples,), which is much the
+    same in every fit."""
+
+    def __init__(self, machine: Any, runs: Sequence[Run], band_hz: float) -> None:
+        super().__init__(machine, runs, band_hz)
+        self.run_of_row = np.tile(self.run_of_row[: self.inputs], 3 if self.has_tension else 1)
+        self._below: list[Array] = []
+        self.known: dict[str, Array] = {}
+
+    def _tension(self, time_s: Array, states: Array, p: SimpleNamespace) -> Array:
+        self._below.append(states[0, 1] - states[:, 1])
+        return super()._tension(time_s, states, p)
+
+    def _simulated(self, settings: Sequence[Setting], thin: bool) -> Array:
+        self._below = []
+        found, below, sets = super()._simulated(settings, thin), self._below, len(settings)
+        of_runs = [np.stack(below[j * sets : (j + 1) * sets])[:, rows] for j, rows in enumerate(self.rows) if below]
+        return np.hstack([found, *of_runs])
+
+
+def on_menu(problem: Problem, ahead: Ahead, fit: Fitted) -> OnMenu:
     """A hypothesis on the planned runs, by the number of the run and its logged signals."""
     steps = [fit.z, *(fit.z + STEP * row for row in np.eye(len(fit.z)))]
     settings: list[Setting] = [_of_one_run(setting_of(fit.free, z)) for z in steps]
     cell = TENSION_GAIN not in settings[0]
     if cell:  # a load cell that the campaign did not have: its gain is not known
         settings.append({**settings[0], TENSION_GAIN: 1.0 + STEP * LOAD_CELL_STD})
-    base, change = ahead.differences(settings[0], settings[1:])
-    heights: list[Array] = []
+    lasting = [_lasting(parameter) for parameter in fit.free for _ in range(parameter.size)] + [""] * cell
+    anew = [k for k, moved in enumerate(settings[1:]) if lasting[k] not in ahead.known and moved != settings[0]]
+    change = np.zeros((len(settings) - 1, ahead.samples))
+    base, change[anew] = ahead.differences(settings[0], [settings[1 + k] for k in anew])
+    for k, symbol in enumerate(lasting):
+        if symbol:
+            change[k] = ahead.known.setdefault(symbol, change[k])
     phases = _phases(fit.free)
 
     def of_run(k: int, signals: tuple[str, ...]) -> Line:
-        mine = np.flatnonzero(ahead.run_of_row == k)
-        input_rows, tension_rows = mine[mine < ahead.inputs], mine[mine >= ahead.inputs]
-        parts = [(base[input_rows], change[:, input_rows] / STEP, problem.noise)]
+        input_rows, *beside = np.flatnonzero(ahead.run_of_row == k).reshape(ahead.samples // ahead.inputs, -1)
+        parts = [(input_rows, problem.noise)]
         if TENSION in signals:
             noise = problem.tension_noise if problem.has_tension else _tension_noise(ahead, k)
             # The menu's tension stands on the scale of its own torque and load cell.
-            unit = noise * ahead.noise / ahead.tension_noise
-            parts.append((base[tension_rows], change[:, tension_rows] / STEP, unit))
+            parts.append((beside[0], noise * ahead.noise / ahead.tension_noise))
         if POSITION in signals:
-            if not heights:
-                heights.extend(_heights(ahead, settings))
-            x = heights[k]
             length = kind_of(problem.machine).sizes(problem.machine, problem.runs).length
-            parts.append((-x[0], -(x[1:] - x[0]) / STEP, POSITION_TRUST * length))
-        residual = np.concatenate([r / unit for r, _, unit in parts])
-        slopes = np.concatenate([j / unit for _, j, unit in parts], axis=1).T
-        channel = np.repeat(np.arange(len(parts)), [len(r) for r, _, _ in parts])
+            parts.append((beside[1], POSITION_TRUST * length))
+        residual = np.concatenate([base[rows] / unit for rows, unit in parts])
+        slopes = np.concatenate([change[:, rows] / (STEP * unit) for rows, unit in parts], axis=1).T
+        channel = np.repeat(np.arange(len(parts)), [len(rows) for rows, _ in parts])
         jacobian, own, hold = slopes[:, : len(fit.z)].copy(), [], []
         for first, many in phases:  # a new run has a phase of its own
             own.append(jacobian[:, first].copy())
@@ -95,30 +122,15 @@ def on_menu(problem: Problem, ahead: Problem, fit: Fitted) -> Callable[[int, tup
     return of_run
 
 
+def _lasting(parameter: FreeParameter) -> str:
+    """The symbol of a base parameter whose signature is much the same in every fit, "" of another parameter."""
+    if not isinstance(parameter, Scalar) or parameter.logarithmic or is_timing(parameter):
+        return ""
+    return parameter.symbol if math.isfinite(parameter.std) else ""
+
+
 def _tension_noise(ahead: Problem, k: int) -> float:
     return TENSION_TRUST * float(np.mean(ahead.tension[k]))
-
-
-def _heights(ahead: Problem, settings: Sequence[Setting]) -> list[Array]:
-    """For each run (settings, rows): the carriage's height above that at its start, m."""
-    out: list[list[Array]] = [[] for _ in ahead.runs]
-    base = _values(ahead, settings[0])
-    for k in range(1, len(settings), GROUP - 1):
-        lanes = [base, *(_values(ahead, setting) for setting in settings[k : k + GROUP - 1])]
-        predicted = ahead.bench.predict(lanes)
-        for j, rows in enumerate(ahead.rows):
-            x = [states[j][1][:, 1] for states in predicted]
-            # All lanes of a group take the same steps: their differences are free of step-size noise.
-            shift = [(lane - lane[0] - (x[0] - x[0][0]))[rows] for lane in x[1:]]
-            if k == 1:
-                out[j].append((x[0] - x[0][0])[rows])
-            out[j] += [out[j][0] + change for change in shift]
-    return [np.stack(heights) for heights in out]
-
-
-def _values(ahead: Problem, setting: Setting) -> list[SimpleNamespace]:
-    plain = {s: float(v) for s, v in setting.items() if s not in SENSOR_KEYS and not isinstance(v, tuple)}
-    return [changed(p, plain) for p in ahead.bench.base]
 
 
 def _phases(free: Sequence[FreeParameter]) -> list[tuple[int, int]]:

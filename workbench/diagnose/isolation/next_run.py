@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import groupby, product
 from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection, columns_signed, linear_gain, start_of
-from workbench.diagnose.isolation.lines import Line, on_campaign, on_menu
+from workbench.diagnose.isolation.lines import Ahead, Line, OnMenu, on_campaign, on_menu
 from workbench.diagnose.isolation.planned import Planned, drawn, menu, planned_as, seen_in, varied
 from workbench.machines import kind_of
 
@@ -65,6 +67,20 @@ class Offer:
     separation: float
 
 
+@dataclass(frozen=True)
+class Compared:
+    """What the data of a run, or of the campaign, show of a true hypothesis and a rival.
+
+    triangles: of each channel R of the QR decomposition of [the rival's Jacobian, its own values, the true prediction
+    less the rival's], all that least squares ask of their rows. least: of each one the chi^2 that is ignored.
+    own_hold: the rival's.
+    """
+
+    triangles: tuple[Array, ...]
+    least: tuple[float, ...]
+    own_hold: Array
+
+
 def next_run(
     problem: Problem, search: SearchResult, open_effects: Sequence[Fitted | str | Names], settled: float = math.inf
 ) -> NextRun | None:
@@ -77,32 +93,53 @@ def next_run(
     """
     fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None]
     campaign = [on_campaign(problem, fit) for fit in fits]
-    near = [k for k in range(1, len(fits)) if _apart([fits[0], fits[k]], [campaign[0], campaign[k]], None) <= settled]
-    kept = [0, *near[:RIVALS]]
-    planned = menu(problem) if near else []
+    rivals = range(1, len(fits))
+    near = [k for k in rivals if _apart([fits[0], fits[k]], compared([campaign[0], campaign[k]])) <= settled]
+    planned = sorted(menu(problem), key=lambda one: one.duration_s) if near else []
     if not planned:
         return None
+    kept = [0, *near[:RIVALS]]
     fits, campaign = [fits[k] for k in kept], [campaign[k] for k in kept]
-    now = _apart(fits, campaign, None)
-    ahead = Problem(problem.machine, [candidate.run for candidate in planned], problem.band_hz)
-    trial = [on_menu(problem, ahead, fit) for fit in fits]
     logged = tuple(s for s in kind_of(problem.machine).to_log if all(s in run for run in problem.runs))
-    offers: list[Offer] = []
-    for signals in _choices(problem, logged):
-        for k, candidate in enumerate(planned):
-            lines = [of_run(k, signals) for of_run in trial]
-            offers.append(Offer(candidate, signals, _apart(fits, campaign, lines)))
-        if any(_decides(offer, now) for offer in offers):
+    by_length = [list(alike) for _, alike in groupby(planned, key=lambda one: one.duration_s)]
+    trials: list[list[OnMenu]] = []  # of the runs of each length the hypotheses
+    while True:
+        known = compared(campaign[: len(fits)])
+        now = _apart(fits, known)
+        offers: list[Offer] = []
+        for signals, length in product(_choices(problem, logged), range(len(by_length))):
+            if any(_decides(offer, now) for offer in offers):
+                break
+            if length == len(trials):
+                trials.append(_ahead(problem, by_length[length], fits))
+            for k, candidate in enumerate(by_length[length]):
+                shown = compared([of_run(k, signals) for of_run in trials[length][: len(fits)]])
+                offers.append(Offer(candidate, signals, _apart(fits, known, shown)))
+        plain = choose(offers, now)
+        best = _designed(problem, fits, known, plain) if plain.separation > now else plain
+        best, plain = (_stated(problem, fits, known, offer) for offer in (best, plain))
+        if settled == math.inf or best.separation > settled:
             break
-    plain = choose(offers, now)
-    best = _designed(problem, fits, campaign, plain) if plain.separation > now else plain
-    if settled < math.inf and best.separation <= settled:  # not all of them, perhaps the best one
-        return next_run(problem, search, fits[:2], settled) if len(fits) > 2 else None
+        if len(fits) == 2:
+            return None
+        fits = fits[:2]  # not all of them, perhaps the best one
     return NextRun(
         _why(problem, fits, best, now, settled), best.planned.payload_kg, best.planned.words, best.signals,
         best.separation, now, plain.separation, chance_to_decide(best.separation), best.planned, plain.planned,
         tuple(fit.effects for fit in fits[1:]),
     )  # fmt: skip
+
+
+def _ahead(problem: Problem, planned: Sequence[Planned], fits: Sequence[Fitted]) -> list[OnMenu]:
+    """Each hypothesis on planned runs; they share what base parameters change."""
+    ahead = Ahead(problem.machine, [one.run for one in planned], problem.band_hz)
+    return [on_menu(problem, ahead, fit) for fit in fits]
+
+
+def _stated(problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared], offer: Offer) -> Offer:
+    """An offer with the separation that each hypothesis gives with base signatures of its own."""
+    own = [_ahead(problem, [offer.planned], [fit])[0] for fit in fits]
+    return replace(offer, separation=_apart(fits, known, compared([of_run(0, offer.signals) for of_run in own])))
 
 
 def chance_to_decide(separation: float) -> float:
@@ -111,7 +148,7 @@ def chance_to_decide(separation: float) -> float:
     return NormalDist().cdf((0.5 * separation**2 - DECIDED) / separation) if separation > 0.0 else 0.0
 
 
-def _designed(problem: Problem, fits: Sequence[Fitted], campaign: Sequence[Line], plain: Offer) -> Offer:
+def _designed(problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared], plain: Offer) -> Offer:
     """A motion no longer than the plain one that sets the hypotheses further apart, found by a seeded random search and
     by varying the best; the plain one where that finds none."""
     rng, seen, best, design = np.random.default_rng(0), seen_in(problem), plain, None
@@ -122,10 +159,9 @@ def _designed(problem: Problem, fits: Sequence[Fitted], campaign: Sequence[Line]
         ]
         if not able:
             break
-        ahead = Problem(problem.machine, [run.run for _, run in able], problem.band_hz)
-        trial = [on_menu(problem, ahead, fit) for fit in fits]
+        trial = _ahead(problem, [run for _, run in able], fits)
         for k, (one, run) in enumerate(able):
-            apart = _apart(fits, campaign, [of_run(k, plain.signals) for of_run in trial])
+            apart = _apart(fits, known, compared([of_run(k, plain.signals) for of_run in trial]))
             if apart > BETTER * best.separation:
                 best, design = Offer(run, plain.signals, apart), one
     return best
@@ -181,46 +217,50 @@ def _fit_of(problem: Problem, search: SearchResult, hypothesis: Fitted | str | N
     return Fitted(names, free, z, residual, jacobian, chi2, near.prior, 1, False)
 
 
-def _apart(fits: Sequence[Fitted], campaign: Sequence[Line], more: Sequence[Line] | None) -> float:
+def _pairs(hypotheses: int) -> list[tuple[int, int]]:
+    """(true, rival): the first one with each other, whichever of the two is true."""
+    return [pair for k in range(1, hypotheses) for pair in ((0, k), (k, 0))]
+
+
+def compared(lines: Sequence[Line]) -> list[Compared]:
+    """Hypotheses on the same data, of each pair of `_pairs`."""
+    found = []
+    for mine, its in ((lines[true], lines[rival]) for true, rival in _pairs(len(lines))):
+        rows = math.sqrt(its.share) * np.column_stack([its.jacobian, its.own, mine.residual - its.residual])
+        channels = [rows[its.channel == channel] for channel in np.unique(its.channel)]
+        triangles = tuple(np.asarray(np.linalg.qr(some, mode="r")) for some in channels)
+        found.append(Compared(triangles, tuple(LEAST**2 * its.share * len(r) for r in channels), its.own_hold))
+    return found
+
+
+def _apart(fits: Sequence[Fitted], *data: Sequence[Compared]) -> float:
     """Standard deviations between the first hypothesis and its nearest rival, whichever of the two is true."""
-    least = math.inf
-    for k in range(1, len(fits)):
-        for true, rival in ((0, k), (k, 0)):
-            lines = [(campaign[true], campaign[rival])]
-            if more is not None:
-                lines.append((more[true], more[rival]))
-            least = min(least, separation(fits[true], fits[rival], lines))
-    return least
+    pairs = zip(_pairs(len(fits)), zip(*data, strict=True), strict=True)
+    return min((separation(fits[true], fits[rival], shown) for (true, rival), shown in pairs), default=math.inf)
 
 
-def separation(true: Fitted, rival: Fitted, lines: Sequence[tuple[Line, Line]]) -> float:
+def separation(true: Fitted, rival: Fitted, data: Sequence[Compared]) -> float:
     """Standard deviations between the data of the true hypothesis and the rival that is refitted to them."""
     _, _, std = bounds_of(rival.free)
-    own = sum(line.own.shape[1] for _, line in lines)
-    size, at = len(rival.z) + own, len(rival.z)
-    matrix, target = [np.hstack([np.diag(1.0 / std), np.zeros((len(std), own))])], [-rival.z / std]
-    blocks = []
-    for mine, its in lines:
-        weight = math.sqrt(its.share)
-        a = np.zeros((len(its.residual), size))
-        a[:, : len(rival.z)] = weight * its.jacobian
-        k = its.own.shape[1]
-        a[:, at : at + k] = weight * its.own
-        hold = np.zeros((k, size))
-        hold[:, at : at + k] = np.diag(its.own_hold)
-        at += k
-        blocks.append((a, -weight * (its.residual - mine.residual), its))
-        matrix += [a, hold]
-        target += [blocks[-1][1], np.zeros(k)]
-    a, b = np.concatenate(matrix), np.concatenate(target)
-    size_of = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
-    step = np.linalg.lstsq(a / size_of, b, rcond=1e-10)[0] / size_of
-    total = float(np.sum(((rival.z + step[: len(rival.z)]) / std) ** 2)) - true.prior
-    for part, wanted, line in blocks:
-        left = (part @ step - wanted) ** 2
-        for channel in np.unique(line.channel):
-            rows = line.channel == channel
-            total += max(float(left[rows].sum()) - LEAST**2 * line.share * int(rows.sum()), 0.0)
+    values, at = len(std), len(std)
+    size = values + sum(len(shown.own_hold) for shown in data)
+    tolerances = np.zeros((values, size + 1))  # the last column is what is wanted
+    tolerances[:, :values], tolerances[:, -1] = np.diag(1.0 / std), -rival.z / std
+    rows, least, holds = [tolerances], list[float](), list[Array]()
+    for shown in data:
+        own = range(at, at + len(shown.own_hold))
+        at += len(own)
+        for triangle in shown.triangles:
+            rows.append(np.zeros((len(triangle), size + 1)))
+            rows[-1][:, [*range(values), *own, size]] = triangle
+        least += shown.least
+        holds.append(np.zeros((len(own), size + 1)))
+        holds[-1][range(len(own)), own] = shown.own_hold
+    every = np.concatenate([*rows, *holds])
+    size_of = np.maximum(np.linalg.norm(every[:, :-1], axis=0), 1e-300)
+    step = np.linalg.lstsq(every[:, :-1] / size_of, every[:, -1], rcond=1e-10)[0] / size_of
+    left = [float(np.sum((of_one @ np.append(step, -1.0)) ** 2)) for of_one in rows]
+    total = left[0] - true.prior + sum(max(a - b, 0.0) for a, b in zip(left[1:], least, strict=True))
     return math.sqrt(max(total, 0.0))
 
 

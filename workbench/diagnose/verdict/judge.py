@@ -148,13 +148,16 @@ def vetoes_of(problem: Problem, near: Fitted, weighed: Sequence[Weighed], best: 
 def judged_to_help(search: SearchResult) -> Judged:
     """The verdict. A cause is not named if held-out runs and tolerances speak against it, nor beside others if what it
     gains there is not significant; nor does such a one speak for an unknown cause."""
-    barred: list[Names] = []
+    barred, deserving = list[Names](), set[Names]()
     while True:
         judged = judge(search, barred)
-        asked = {judged.names, judged.best.names if judged.best is not None and judged.stands else ()} - {()}
+        asked = (
+            {judged.names, judged.best.names if judged.best is not None and judged.stands else ()} - {()} - deserving
+        )
         idle = [w.names for w in judged.weighed if w.names in asked and not deserved(search, w)]
         if not idle:
             return judged
+        deserving |= asked.difference(idle)
         barred += idle
 
 
@@ -164,16 +167,18 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     than with a free law of one variable in its place (`worth`). A cause that base parameters can stand in for leaves
     the residual as it is, and relieves the tolerances: it may predict left-out runs worse, as far as by chance."""
     problem, base = search.problem, search.base
+    less = []
+    for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
+        less.append(without(search, w.fit, name))
+        if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
+            return False
     by_tolerances = base.prior - w.fit.prior > base.chi2 - w.fit.chi2
     if significance(problem, search.within_tolerances, w.fit) <= (float(ndtri(SIGNIFICANT)) if by_tolerances else 0.0):
         return False
     chosen_from = len({name for known in search.fits for name in known})
     least = float(-ndtri(SIGNIFICANT / chosen_from))
-    less = {name: without(search, w.fit, name) for name in w.names if len(w.names) > 1}
-    if any(significance(problem, rest, w.fit) <= least for rest in less.values()):
-        return False
-    by_law = [rest for name, rest in less.items() if not (name == PLAY and problem.struck)]
-    return all(worth(problem, base, w, rest)[0] > 0.0 for rest in by_law)
+    nearest_first = sorted(less, key=lambda rest: rest.objective)
+    return all(significance(problem, rest, w.fit) > least for rest in nearest_first)
 
 
 def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
