@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from itertools import combinations, takewhile
+from itertools import combinations, product, takewhile
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ from workbench.diagnose.hypotheses.evidence import (
     likeliest,
     nested,
     price,
+    same_but_freer,
     score_of,
     weigh,
 )
@@ -273,6 +274,7 @@ class Search:
             if size == 1:
                 self._drop(result.base)
             self._offer_standstill(result.base)
+            self._simpler(result, size + 1)
             result = self._found(result.base, result.within_tolerances, result.signatures)
             leading = next((w for w in self.weighed(result) if not w.rival), None)
             if leading is None or len(leading.names) <= size:
@@ -601,6 +603,32 @@ class Search:
     def weighed(self, result: SearchResult) -> tuple[Weighed, ...]:
         """All fits so far, as the verdict weighs them."""
         return weigh(self.problem, result.base, result.within_tolerances, self.fits, self.rivals)[0]
+
+    def _simpler(self, result: SearchResult, size: int) -> None:
+        """Refit the leading hypotheses of `size` effects with the simpler law in the place of each freer one."""
+        own, leading = len(self.held), [w for w in self.weighed(result) if not w.rival]
+        for w in [w for w in leading[:LEADERS] if len(w.names) == size]:
+            for freer, simpler in product(w.names, self.effects):
+                names = tuple(sorted({*w.names, simpler} - {freer}))
+                alone = self.fits.get((simpler,))
+                if alone is None or names in self.fits or not same_but_freer(freer, simpler, self.problem.active.kind):
+                    continue
+                stays = [k for k in w.fit.free[own:] if freer not in _effects_of(k)]
+                kept = [freer not in _effects_of(k) for k in w.fit.free[own:] for _ in k.lowest]
+                free = [*w.fit.free[:own], *stays, *alone.free[own:]]
+                order = (*(name for name in w.fit.effects if name != freer), simpler)
+                for begin in (w.fit.z, alone.z):  # where the freer law is, and where the simpler one is alone
+                    if names in self.fits and self.fits[names].objective < alone.objective:
+                        break  # it leads to where one effect less is, or further
+                    z = np.concatenate(
+                        [begin[: self.count], w.fit.z[self.count :][np.array(kept)], alone.z[self.count :]]
+                    )
+                    self._try(
+                        names,
+                        lambda order=order, free=free, z=z: fit_hypothesis(  # type: ignore[misc]
+                            self.problem, order, free, z, LAST_ROUND, self.count
+                        ),
+                    )
 
     def _drop(self, base: Fitted) -> None:
         """Refit each effect of the leading pair alone, started from the pair: a pair needs both effects to earn their
