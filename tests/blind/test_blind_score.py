@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 from benchmarks import calibrate, practice
-from workbench.blind import measures
+from workbench.blind import measures, score
 from workbench.blind.measures import Share
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view import blind as tables
@@ -89,6 +90,17 @@ def test_shares_are_of_the_campaigns_they_speak_of():
     assert share("false_unknown") == (0, 2)
     assert share("unknown_caught") == (1, 2)
     assert share("pair_both", ANSWERS[:1]) == (0, 0)
+
+
+def test_causes_that_a_recorded_machine_hides_are_counted_apart():
+    """By what is sealed, as a score reads it."""
+    labels = {row["folder"]: {**row["label"], "truth": {"detectability": 1.5, "M_m": 2.0}} for row in ANSWERS}
+    labels["001"]["truth"] = labels["009"]["truth"] = {"detectability": 0.6}
+    del labels["002"]["truth"]
+    truth = cast(Any, SimpleNamespace(labels=labels))
+    rows = [{**row, "label": score._label(truth, row["folder"])} for row in ANSWERS]
+    assert (share("detectable", rows), share("unknown_detectable", rows)) == ((2, 3), (0, 1))
+    assert not any("truth" in row["label"] for row in rows)
 
 
 def test_a_correction_that_makes_it_worse_is_harmful_and_a_shrink_is_held_against_the_true_effects():

@@ -348,6 +348,9 @@ class Straight:
     measured: Array
     calls: int = 0
 
+    def spare(self, sets: int) -> int:
+        return -sets % 2
+
     @property
     def errors(self) -> ErrorModel:
         n = len(self.measured)
@@ -407,6 +410,79 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     for symbol, value in true.items():
         assert fit.setting[symbol] == pytest.approx(value, rel=0.002), symbol
     assert fit.effects == (effect.id,)
+
+
+def test_idle_lanes_are_filled_and_no_more_are_asked_for(hoist: Problem, axis: Problem):
+    for problem in (hoist, axis):
+        for sets in range(1, GROUP + 1):
+            more = problem.spare(sets)
+            assert problem.bench.lanes(sets + more) == problem.bench.lanes(sets) == sets + more
+
+
+def test_a_fit_whose_base_bends_ends_where_scipys_does():
+    """Friction that the base parameters do not have bends theirs: how it turns over near standstill is a curved way."""
+    from scipy.optimize import least_squares
+
+    machine = with_effects(default_hoist(), {"friction_viscous": {"viscous_n_s_per_m": 6000.0}})
+    search = Search(Problem(default_hoist(), hoist_runs(machine)), [])
+    fit, problem = search.base_fit(), search.problem
+    low, high, std = bounds_of(fit.free)
+    last: dict[bytes, tuple[Array, Array]] = {}
+
+    def both(z: Array) -> tuple[Array, Array]:
+        if z.tobytes() not in last:
+            residual, slopes = problem.evaluate(fit.free, z)
+            white = problem.errors.whiten(np.column_stack([residual, slopes]))
+            last[z.tobytes()] = np.append(white[:, 0], z / std), np.vstack([white[:, 1:], np.diag(1.0 / std)])
+        return last[z.tobytes()]
+
+    far = (np.where(np.isfinite(low), low, -1e3), np.where(np.isfinite(high), high, 1e3))
+    begin = np.clip(np.zeros(len(low)), far[0] + 1e-9, far[1] - 1e-9)
+    found = least_squares(lambda z: both(z)[0], begin, lambda z: both(z)[1], far, x_scale="jac", max_nfev=60)
+    assert fit.objective < 1.01 * 2.0 * found.cost + 1.0
+    assert fit.evaluations <= 41
+
+
+def test_what_cannot_lead_is_not_fitted_to_its_end(hoist: Problem, monkeypatch: pytest.MonkeyPatch):
+    """Neither the parts of a pair that one effect alone beats, nor what has shown little of what it promised."""
+    search = Search(hoist, [])
+
+    def fitted(objective: float) -> Any:
+        return SimpleNamespace(objective=objective, settled=False)
+
+    gone_on: list[float | str] = []
+    monkeypatch.setattr(search, "_again", lambda fit: gone_on.append(fit.objective))
+    monkeypatch.setattr(search, "_without", lambda pair, name: gone_on.append(name))
+    monkeypatch.setattr(search, "_try", lambda names, fit: fit())
+    search.fits = {("a",): fitted(10.0), ("b",): fitted(85.0), ("c",): fitted(75.0), ("a", "b"): fitted(12.0)}
+    search.linear = {("b",): 200.0, ("c",): 200.0}
+    search._drop(fitted(100.0))
+    assert gone_on == []
+    search._finish(fitted(100.0), [("a",), ("b",), ("c",)])
+    assert gone_on == [10.0, 75.0]
+    search.fits["a",] = fitted(14.0)
+    search._drop(fitted(100.0))
+    assert gone_on[2:4] == ["a", "b"]
+
+
+def test_friction_near_one_that_was_tried_is_not_offered_again(hoist: Problem, monkeypatch: pytest.MonkeyPatch):
+    @dataclass(frozen=True)
+    class Made:
+        z: Array
+        objective: float
+
+    search = Search(hoist, [])
+    begun: list[Array] = []
+    monkeypatch.setattr(search, "_again", lambda fit: begun.append(fit.z))
+    monkeypatch.setattr(search, "_try", lambda names, fit: fit())
+    turns = np.array([parameter.logarithmic for parameter in search.held for _ in parameter.lowest])
+    base: Any = Made(np.zeros(search.count), 100.0)
+    for far, offers in ((2.0, 1), (2.3, 1), (3.0, 2)):
+        fits: Any = {("a",): Made(np.zeros(search.count), 2.0), ("b",): Made(far * turns, 1.0)}
+        search.fits = fits
+        search._offer_standstill(base)
+        assert len(begun) == offers
+    assert begun[-1] == pytest.approx(3.0 * turns)
 
 
 def test_no_fit_is_made_twice_from_one_start(monkeypatch: pytest.MonkeyPatch):

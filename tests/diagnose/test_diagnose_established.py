@@ -24,6 +24,7 @@ from workbench.blind.recording import cut, recording
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.gap import delivered_of
+from workbench.diagnose.hypotheses import search as search_module
 from workbench.diagnose.hypotheses.evidence import lag_explains, smooths, weigh
 from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, base_parameters
@@ -118,6 +119,36 @@ def test_the_freer_of_two_laws_is_named_where_it_is_true_whatever_else_is_missin
     assert not any({*laws} <= {*names} for names in search.fits)
     found = judged_to_help(search)
     assert (found.word, set(found.names)) == ("named", {*large, name})
+
+
+def test_a_simpler_law_is_fitted_in_the_place_of_a_freer_one_beside_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Also where the linear estimates promise it too little to be tried: the freer law is then named for want of it."""
+    levels = {"friction_coulomb_asymmetric": {"level_hoisting_n": 5000.0, "level_lowering_n": 200.0}}
+    machine = default_hoist().model_copy(update={"effects": BUMP | levels})
+    campaign = read_campaign(simulated_campaign(tmp_path / "two", machine))
+    effects = [find(one, "hoist") for one in (*BUMP, *levels, "friction_coulomb")]
+    monkeypatch.setattr(search_module, "PARTNERS", 1)
+    problem, base = Problem(campaign.machine, campaign.runs), base_parameters(campaign.machine, campaign.runs)
+    search = searched(problem, effects, 2, base=base)
+    freer, simpler = (search.fits[tuple(sorted((*BUMP, name)))] for name in (*levels, "friction_coulomb"))
+    assert freer.chi2 < simpler.chi2
+    # The simpler law is at its minimum: no single one of its effects leaves less, nor does a fit begun elsewhere.
+    assert simpler.objective < min(search.fits[name,].objective for name in simpler.effects)
+    again = fit_hypothesis(problem, simpler.effects, simpler.free, 0.5 * simpler.z, 40, base=len(search.base.z))
+    assert simpler.objective < again.objective + 0.5
+
+
+@pytest.mark.proof
+def test_what_an_axis_has_of_its_own_is_no_second_cause(tmp_path: Path):
+    """Cogging of 0.5 % of the largest torque, which is nothing on a machine without a gap. Taken as the first of two
+    causes it leaves the other one a finer likelihood, and was named beside it at 0.99: as the last it adds nothing."""
+    seed = (9938, 1)
+    make_campaign(tmp_path / "own", seed, draw(seed, "axis_position", "singles", ["friction_position_dependent"]))
+    candidates = ["friction_position_dependent", "torque_ripple"]
+    found = diagnose(read_campaign(tmp_path / "own"), candidates=candidates, most_effects=2, study=False)
+    assert found.verdict.effects == ("friction_position_dependent",)
 
 
 class WithoutRows:

@@ -60,9 +60,9 @@ def single(row: Row) -> bool:
 
 
 def detectable(row: Row) -> bool:
-    """A single effect on a recorded machine whose energy, less what base values within a tolerance take up, is at least
-    that of noise and the machine's own remainder: what is below cannot be found by anybody."""
-    return single(row) and float((row["label"].get("truth") or {}).get("detectability", 0.0)) >= 1.0
+    """A cause on a recorded machine whose energy, less what base values within a tolerance take up, is at least that of
+    noise and the machine's own remainder: what is below cannot be told from what the machine leaves itself."""
+    return float(row["label"].get("detectability", 0.0)) >= 1.0
 
 
 def pair(row: Row) -> bool:
@@ -283,7 +283,7 @@ _UNKNOWN = {"recorded": 80.0, "hoist": 90.0, "axis": 90.0}
 MEASURES = (
     Measure("named", "single effect\nnamed", single, right, {"hoist": 95.0, "axis": 90.0}),
     Measure("named_or_alike", "named, or\nsaid to be alike", single, right_or_alike, {"recorded": 85.0}),
-    Measure("detectable", "named or alike,\nof the detectable", detectable, right_or_alike),
+    Measure("detectable", "named or alike,\nof the detectable", lambda r: single(r) and detectable(r), right_or_alike),
     Measure("wrong", "single effect:\nwrong one named", single, wrong, {"recorded": 3.0}, True),
     Measure("first_three", "among the\nfirst three", single, among_first_three),
     Measure("pair_both", "pair:\nboth named", pair, right, {"hoist": 80.0, "axis": 80.0}),
@@ -291,6 +291,9 @@ MEASURES = (
     Measure("false_alarm", "no gap,\nbut named", _no_gap, _is("named"), {**_BOTH, "recorded": 5.0}, True),
     Measure("false_unknown", "no gap,\nbut unknown", _no_gap, _is("unknown"), {"hoist": 5.0, "axis": 5.0}, True),
     Measure("unknown_caught", "unlisted cause:\nunknown", unlisted, _is("unknown"), _UNKNOWN),
+    Measure(
+        "unknown_detectable", "unknown,\nof the detectable", lambda r: unlisted(r) and detectable(r), _is("unknown")
+    ),
     Measure("unknown_place", "unlisted cause:\nplace right", unlisted, place_right),
     Measure("place", "place right,\nall causes", _cause, place_right, {"hoist": 95.0, "axis": 95.0}),
     Measure("event", "brief event\nfound", has_event, event_found),

@@ -134,7 +134,10 @@ def open_and_score(folder: Path, key: Path, kept_answers: str | Path | None = No
 
 
 def _label(truth: seal.Truth, name: str) -> Mapping[str, Any]:
-    return {key: value for key, value in truth.labels[name].items() if key != "truth"}
+    """The label without the values of the machine that was played, but for how large its cause is."""
+    label = dict(truth.labels[name])
+    played = label.pop("truth", None) or {}
+    return {**label, "detectability": played.get("detectability", 0.0)}
 
 
 def _check_answer(folder: Path, manifest: seal.Manifest, lines: Mapping[str, seal.Entry], name: str) -> None:

@@ -20,13 +20,15 @@ DAMPING = 1e-4  # to begin with, of the diagonal of J'J
 
 @dataclass(frozen=True)
 class Minimum:
-    """z: (m,); residual: (n,), jacobian: (n, m) at z. settled: the last step would have gained next to nothing."""
+    """z: (m,); residual: (n,), jacobian: (n, m) at z. settled: the last step would have gained next to nothing.
+    damping: of the next step."""
 
     z: Array
     residual: Array
     jacobian: Array
     evaluations: int
     settled: bool
+    damping: float
 
 
 def minimise(
@@ -38,15 +40,18 @@ def minimise(
     prior: Array,
     highest: Array | None = None,
     most: int = MOST,
+    damping: float = DAMPING,
+    enough: float = ENOUGH,
 ) -> Minimum:
     """Minimise |weight residual(z)|^2 + |prior z|^2 for lowest <= z <= highest, in steps of at most `reach`.
 
     evaluate(z): residual (n,) and its Jacobian (n, m). begin: z with its residual and
-    Jacobian. K. Madsen, H. B. Nielsen, O. Tingleff, "Methods for Non-Linear Least Squares
-    Problems", 2004, section 3.2; each step is the best one within bounds and reach.
+    Jacobian. damping: to begin with. enough: of chi^2, less is not worth a step. K. Madsen, H. B.
+    Nielsen, O. Tingleff, "Methods for Non-Linear Least Squares Problems", 2004, section 3.2;
+    each step is the best one within bounds and reach.
     """
     z, residual, jacobian = begin
-    damping, growth, evaluations = DAMPING, 2.0, 0
+    growth, evaluations = 2.0, 0
     top = np.full(len(z), np.inf) if highest is None else highest
     chi2 = _chi2(z, residual, weight, prior)
     while evaluations < most:
@@ -57,8 +62,8 @@ def minimise(
         trial = np.clip(z + step, lowest, top)
         step = trial - z
         promised = float(-(2.0 * gradient @ step + step @ hessian @ step))
-        if promised <= max(ENOUGH, ROUND_OFF * chi2):
-            return Minimum(z, residual, jacobian, evaluations, True)
+        if promised <= max(enough, ROUND_OFF * chi2):
+            return Minimum(z, residual, jacobian, evaluations, True, damping)
         r, j = evaluate(trial)
         evaluations += 1
         trial_chi2 = _chi2(trial, r, weight, prior)
@@ -71,7 +76,7 @@ def minimise(
             damping, growth = max(damping, 1e-9) * growth * 4.0, growth * 2.0
             if damping > 1e12:
                 break
-    return Minimum(z, residual, jacobian, evaluations, False)
+    return Minimum(z, residual, jacobian, evaluations, False, damping)
 
 
 def _chi2(z: Array, residual: Array, weight: float, prior: Array) -> float:

@@ -155,7 +155,7 @@ class InverseSimulation:
 
         lengths = [len(run.time_s) for run in self.runs]
         one_set = len(every) == len(self.runs) > 1 and not thin
-        if one_set and max(lengths) * self._lanes(len(every)) < ALONE * sum(lengths):
+        if one_set and max(lengths) * self.lanes(len(every)) < ALONE * sum(lengths):
             table = np.column_stack([tables[j][rows, 0] for j in range(len(self.runs))])
             return self._required_at_once(model, table, [its[0] for its, _ in motions], start, scales)
         before = one(0)  # compiles, if need be, in one thread only
@@ -163,7 +163,7 @@ class InverseSimulation:
             return [before]
         return [before, *_pool(os.getpid()).map(one, range(1, len(self.runs)))]
 
-    def _lanes(self, sets: int) -> int:
+    def lanes(self, sets: int) -> int:
         """Of the kernel for so many sets of parameters: those of parts have few widths."""
         if not self.models:
             return lanes_for(sets)
@@ -176,7 +176,7 @@ class InverseSimulation:
         until the longest one ends, too. They take the same steps."""
         lengths = [len(motion.speed) for motion in motions]
         n, longest = len(self.plant.positions), max(lengths)
-        lanes = self._lanes(len(motions))
+        lanes = self.lanes(len(motions))
 
         def column(values: Array, ahead: float, step: float = 0.0) -> Array:
             more = longest - len(values)
@@ -217,7 +217,7 @@ class InverseSimulation:
         scales: Array,
     ) -> Array:
         sets, n = len(which), len(self.plant.positions)
-        lanes = self._lanes(sets) if self.models else None  # of a whole model `kernels` makes the lanes full
+        lanes = self.lanes(sets) if self.models else None  # of a whole model `kernels` makes the lanes full
         full = np.minimum(np.arange(max(sets, lanes or 0)), sets - 1)  # spare lanes repeat the last set
 
         def in_lanes(series: list[Array]) -> Array:

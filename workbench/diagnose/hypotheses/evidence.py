@@ -253,7 +253,8 @@ def weigh(
 
     base: the fit without effects; near: the same within the tolerances. rivals: unlisted effects. The evidence of
     several effects is the most of all orders in which one after the other is added: of what each adds beyond the gain
-    that an inexact law of those before it allows (`inexact`). So it does not hang on which of them is best alone.
+    that an inexact law of those before it allows (`inexact`). So it does not hang on which of them is best alone. One
+    that adds nothing as the last has none that it may have as the first, in place of another.
     """
     none, by_names = score_of(problem, base), dict[Names, Weighed]()
     for size in range(1, max(map(len, fits), default=0) + 1):
@@ -261,14 +262,17 @@ def weigh(
         for names, fit in [(names, fit) for names, fit in fits.items() if len(names) == size]:
             score = score_of(problem, fit)
             parts = [by_names[part] for part in combinations(names, size - 1) if part in by_names]
-            added = [part.evidence + _added(problem, near, part, fit, score) for part in parts]
+            steps = [(part.evidence, _added(problem, near, part, fit, score)) for part in parts]
             if size == 1:
                 evidence = beyond_model_error(problem, base, fit, none.value - score.value, score.sizes)
                 evidence -= cost(problem, len(fit.z) - len(base.z))
-                added = [of_impacts(problem, names, beyond_nuisance(problem, fit, names[0], evidence))]
-            if added:
-                gain, rival = base.objective - fit.objective, any(name in rivals for name in names)
-                together[names] = Weighed(names, fit, gain, max(added), score, rival)
+                evidence = of_impacts(problem, names, beyond_nuisance(problem, fit, names[0], evidence))
+            elif steps:
+                evidence = min(max(map(sum, steps)), *(sum(step) for step in steps if step[1] < 0.0), math.inf)
+            else:
+                continue
+            gain, rival = base.objective - fit.objective, any(name in rivals for name in names)
+            together[names] = Weighed(names, fit, gain, evidence, score, rival)
         by_names |= {names: _not_freer(problem, near, w, together, fits) for names, w in together.items()}
     return tuple(sorted(by_names.values(), key=lambda w: -w.evidence)), none
 
@@ -291,15 +295,19 @@ def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: S
 def _not_freer(
     problem: Problem, near: Fitted, mine: Weighed, beside: Mapping[Names, Weighed], fits: Mapping[Names, Fitted]
 ) -> Weighed:
-    """The hypothesis with less evidence, if it is not better by the threshold than a simpler law of the same place and
-    regime: the shortfall is subtracted. No more is it where its prediction is off that of the simpler law by less than
-    LAW of what that law explains, rms: so far a real machine is off any law; but by what it relieves the tolerances.
-    What the law explains is what it adds to the effects that both have."""
+    """The hypothesis with less evidence, if it is not better by the threshold than the best simpler law of the place
+    and regime of each of its effects: the shortfall is subtracted. No more is it where its prediction is off that of
+    the simpler law by less than LAW of what that law explains, rms: so far a real machine is off any law; but by what
+    it relieves the tolerances. What the law explains is what it adds to the effects that both have."""
     lost, least = 0.0, settings.calibration()["threshold"]
+    best: dict[str, Weighed] = {}
     for names, other in beside.items():
         own, its = set(mine.names) - set(names), set(names) - set(mine.names)
-        if len(own) != 1 or not all(same_but_freer(a, b, problem.active.kind) for a in own for b in its):
-            continue
+        if len(own) == 1 and all(same_but_freer(a, b, problem.active.kind) for a in own for b in its):
+            (freer,) = own
+            best[freer] = max(other, best.get(freer, other), key=lambda w: w.evidence)
+    for other in best.values():
+        names = other.names
         without = fits.get(tuple(name for name in names if name in mine.names), near)
         rows = slice(0, problem.inputs)
         bent, law = (fit.residual[rows] - other.fit.residual[rows] for fit in (mine.fit, without))

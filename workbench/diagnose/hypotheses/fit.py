@@ -36,7 +36,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
-from workbench.identify.fit import minimise
+from workbench.identify.fit import DAMPING, minimise
 
 ROUND = 4  # steps with the base parameters' signatures as they were
 WORTH = 0.05  # of the objective: less is not worth another round
@@ -102,6 +102,8 @@ def fit_hypothesis(
     reach = np.where(careful, 0.5, np.inf)
     late = np.array([is_timing(k) for k in free for _ in k.lowest], dtype=bool)
     changing = careful | late | (np.arange(len(z)) >= base)
+    if base:  # lanes that a simulation has to spare cost nothing: the last of them are amounts of nuisances
+        changing[np.flatnonzero(~changing)[::-1][: problem.spare(1 + int(np.count_nonzero(changing)))]] = True
     anew, lasting = np.flatnonzero(changing), np.flatnonzero(~changing)
     prior = np.diag(1.0 / std)
     residual, jacobian = problem.evaluate(free, z, None if known is None else anew)
@@ -109,7 +111,7 @@ def fit_hypothesis(
         own, jacobian = jacobian, np.empty((len(residual), len(z)))
         jacobian[:, anew], jacobian[:, lasting] = own, known[:, lasting]
     white, slopes = whiten(residual), whiten(jacobian)
-    evaluations, settled, elsewhere = 1, False, known is not None
+    evaluations, settled, damping, elsewhere = 1, False, DAMPING, known is not None and len(lasting) > 0
 
     def renewed() -> tuple[Array, Array]:
         """The Jacobian with the lasting columns differenced at z, and whitened."""
@@ -131,13 +133,13 @@ def fit_hypothesis(
             raw[at.tobytes()] = r, full
             return both[:, 0], full_white
 
-        allowed = min(ROUND, most - evaluations) if base else most - evaluations
-        minimum = minimise(evaluate, (z, white, slopes), lowest, reach, 1.0, prior, highest, allowed)
-        evaluations += minimum.evaluations
+        allowed = min(ROUND, most - evaluations) if len(lasting) else most - evaluations
+        minimum = minimise(evaluate, (z, white, slopes), lowest, reach, 1.0, prior, highest, allowed, damping, WORTH)
+        evaluations, damping = evaluations + minimum.evaluations, minimum.damping
         z, white, slopes = minimum.z, minimum.residual, minimum.jacobian
         residual, jacobian = raw[z.tobytes()]
         after = _objective(white, z, std)
-        if not base or (minimum.settled and minimum.evaluations == 0) or before - after < enough:
+        if not len(lasting) or (minimum.settled and minimum.evaluations == 0) or before - after < enough:
             settled = minimum.settled or before - after < enough
             break
         before = after

@@ -67,6 +67,7 @@ class Scalar(FreeParameter):
     std: float = math.inf
     logarithmic: bool = False
     furthest: float = math.inf  # |z|
+    size = 1
 
     def _z(self, value: float) -> float:
         if self.logarithmic:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from itertools import combinations, takewhile
+from itertools import combinations, product, takewhile
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ from workbench.diagnose.hypotheses.evidence import (
     likeliest,
     nested,
     price,
+    same_but_freer,
     score_of,
     weigh,
 )
@@ -77,7 +78,7 @@ STRAINED = 2.0  # standard deviations of a nuisance amount
 BEGUN = 0.2  # standard deviations of a nuisance amount that keeps a state, where the base fit begins
 STUCK = 0.5  # of the logarithm of how friction turns over: further apart lie different minima
 IN_REACH = 0.3  # of the best gain: what is followed to its end
-OUT_OF_REACH = 0.25  # of the gain of the best single effect: what promises less is not refitted
+OUT_OF_REACH = 0.25  # of the gain of the best single effect: what promises less is not refitted, what gains less left
 IN_PART = 10.0  # so many times the strain of its nuisance may an effect gain that takes its place
 PARTNERS = 3  # of each leading hypothesis, that are refitted with it
 LEADERS = 3
@@ -212,7 +213,7 @@ class Search:
         self._base: Fitted | None = None
         self._begun: tuple[Fitted, Sequence[Signature]] | None = None  # within the tolerances, and the signatures there
         self._still: Fitted | None = None  # of a play, that no step serves
-        self._offered: set[tuple[Fitted, Fitted]] = set()  # fits, and whose friction each was tried with
+        self._offered: dict[Any, list[Array]] = {}  # by problem and hypothesis: friction that it was tried with
         self.begin: Array | None = None  # z of the base fit, where another search has found it
         self.found: Mapping[Names, Fitted] = {}  # fits of that search
 
@@ -273,6 +274,7 @@ class Search:
             if size == 1:
                 self._drop(result.base)
             self._offer_standstill(result.base)
+            self._simpler(result, size + 1)
             result = self._found(result.base, result.within_tolerances, result.signatures)
             leading = next((w for w in self.weighed(result) if not w.rival), None)
             if leading is None or len(leading.names) <= size:
@@ -510,10 +512,9 @@ class Search:
             z = np.concatenate([at.z, amount])
             for parameter in own:
                 z[self._place_of(parameter)] = 0.0
-            self._try(
-                tuple(sorted((*at.effects, name))),
-                lambda n=(*at.effects, name), free=[*at.free, *more], z=z: self._fit(n, free, z),  # type: ignore[misc]
-            )
+            names, free = tuple(sorted((*at.effects, name))), [*at.free, *more]
+            most = FIRST_ROUND if at.effects and names in self.fits else LAST_ROUND
+            self._try(names, lambda n=(*at.effects, name), free=free, z=z, m=most: self._fit(n, free, z, m))  # type: ignore[misc]
 
     def _ranges(self, effect: Effect) -> tuple[Ranged, ...]:
         return ranges_of(effect, self.problem.machine, self.problem.runs)
@@ -523,11 +524,11 @@ class Search:
         done = {names: self.fits[names] for names in tried if names in self.fits}
         best = max((base.objective - fit.objective for fit in done.values()), default=0.0)
         for names, fit in done.items():
-            near = base.objective - fit.objective >= reach * best
+            gain = base.objective - fit.objective
             parts = [self.fits[part] for part in combinations(names, len(names) - 1) if part in self.fits]
             if any(part.objective < fit.objective for part in parts):
                 continue  # it does not lead to where one effect less already is
-            if not fit.settled and (near or self.linear.get(names, 0.0) > best):
+            if not fit.settled and gain >= (OUT_OF_REACH if self.linear.get(names, 0.0) > best else reach) * best:
                 self._try(names, lambda f=fit: self._again(f))  # type: ignore[misc]
 
     def _offer_standstill(self, base: Fitted) -> None:
@@ -544,11 +545,13 @@ class Search:
             apart = np.abs(fit.z[: self.count] - donor.z[: self.count])[turns]
             if base.objective - fit.objective < PAIR_IN_REACH * best or not np.any(apart > STUCK):
                 continue
-            if (fit, donor) in self._offered:
+            begun = donor.z[: self.count][turns]
+            tried = self._offered.setdefault((self.problem, names), [])
+            if any(np.all(np.abs(begun - other) <= STUCK) for other in tried):
                 continue
-            self._offered.add((fit, donor))
+            tried.append(begun)
             z = fit.z.copy()
-            z[: self.count][turns] = donor.z[: self.count][turns]
+            z[: self.count][turns] = begun
             self._try(names, lambda f=fit, z=z: self._again(replace(f, z=z)))  # type: ignore[misc]
 
     def _again(self, fit: Fitted) -> Fitted:
@@ -601,10 +604,38 @@ class Search:
         """All fits so far, as the verdict weighs them."""
         return weigh(self.problem, result.base, result.within_tolerances, self.fits, self.rivals)[0]
 
+    def _simpler(self, result: SearchResult, size: int) -> None:
+        """Refit the leading hypotheses of `size` effects with the simpler law in the place of each freer one."""
+        own, leading = len(self.held), [w for w in self.weighed(result) if not w.rival]
+        for w in [w for w in leading[:LEADERS] if len(w.names) == size]:
+            for freer, simpler in product(w.names, self.effects):
+                names = tuple(sorted({*w.names, simpler} - {freer}))
+                alone = self.fits.get((simpler,))
+                if alone is None or names in self.fits or not same_but_freer(freer, simpler, self.problem.active.kind):
+                    continue
+                stays = [k for k in w.fit.free[own:] if freer not in _effects_of(k)]
+                kept = [freer not in _effects_of(k) for k in w.fit.free[own:] for _ in k.lowest]
+                free = [*w.fit.free[:own], *stays, *alone.free[own:]]
+                order = (*(name for name in w.fit.effects if name != freer), simpler)
+                for begin in (w.fit.z, alone.z):  # where the freer law is, and where the simpler one is alone
+                    if names in self.fits and self.fits[names].objective < alone.objective:
+                        break  # it leads to where one effect less is, or further
+                    z = np.concatenate(
+                        [begin[: self.count], w.fit.z[self.count :][np.array(kept)], alone.z[self.count :]]
+                    )
+                    self._try(
+                        names,
+                        lambda order=order, free=free, z=z: fit_hypothesis(  # type: ignore[misc]
+                            self.problem, order, free, z, LAST_ROUND, self.count
+                        ),
+                    )
+
     def _drop(self, base: Fitted) -> None:
         """Refit each effect of the leading pair alone, started from the pair: a pair needs both effects to earn their
         cost."""
         pair: Names = min((n for n in self.fits if len(n) == 2), key=lambda n: self.fits[n].objective, default=())
+        if any(fit.objective < self.fits[pair].objective for names, fit in self.fits.items() if len(names) < len(pair)):
+            return  # fewer effects explain more
         for left in pair:
             self._try((left,), lambda n=left: self._without(self.fits[pair], n))  # type: ignore[misc]
         self._finish(base, [(left,) for left in pair])
