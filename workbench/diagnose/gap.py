@@ -131,7 +131,7 @@ def alike_of(problem: Problem, fits: Sequence[Fitted]) -> Array:
     p, odd = outliers(unseen), int(np.argmax(unseen))
     if unseen[odd] < SUSPECT:
         return p
-    best = min(fits, key=lambda fit: fitted_without(problem, fit, [inside[odd]], GLANCE)[0].objective)
+    best = min(dict.fromkeys(fits), key=lambda fit: fitted_without(problem, fit, [inside[odd]], GLANCE)[0].objective)
     without = [mine | inside[odd] for mine in inside]
     alone = compared(best, [one.setting for one in fitted_without(problem, best, without, CLOSE)], without)
     p[odd] = outliers(alone)[odd]
