@@ -115,6 +115,14 @@ def test_a_delay_is_the_same_as_a_factor_over_frequency_and_as_states(delay_s: f
     assert len(linear.A) == 2 + math.ceil(delay_s / 0.001)
 
 
+def test_the_response_on_a_pole_of_the_circle_is_a_large_number_and_no_error():
+    """An undamped swing whose frequency is one of the grid's: a study of a pendulum without friction ended there."""
+    swing = Sampled(np.array([[1.0]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), 1e-3)
+    assert 1e9 < abs(swing.response(np.array([0.0, 10.0]))[0, 0, 0]) < 1e15
+    near = swing.response(np.array([10.0]))
+    assert swing.response(np.array([0.0, 10.0]))[1] == pytest.approx(near[0], rel=1e-9)
+
+
 def test_the_design_of_a_loop_refuses_more_samples_of_delay_than_it_can_bear():
     settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0, sample_time_s=1e-4)
     with pytest.raises(InputError, match=r"drive.speed_delay_s: 0.05 s are 500 samples of the controller; .* most 200"):

@@ -41,7 +41,11 @@ class Sampled:
             return np.broadcast_to(self.D.astype(complex), (len(z), *self.D.shape))
         inner: Complex = (z[:, None, None] * np.eye(n) - self.A).astype(np.complex128)
         right: Complex = np.broadcast_to(self.B.astype(complex), (len(z), *self.B.shape))
-        out: Complex = (self.C @ np.linalg.solve(inner, right) + self.D).astype(np.complex128)
+        try:
+            state = np.linalg.solve(inner, right)
+        except np.linalg.LinAlgError:  # on a pole, as that of an undamped swing: from just outside the circle
+            state = np.linalg.solve(inner + 1e-12 * z[:, None, None] * np.eye(n), right)
+        out: Complex = (self.C @ state + self.D).astype(np.complex128)
         return out
 
     def poles(self) -> Complex:

@@ -406,7 +406,7 @@ def _carrier(c: Course, of: str) -> Array:
 
 
 SHOWN = 0.005  # probability
-TOGETHER = 1000  # columns that are whitened at once
+TOGETHER = 100  # columns that are whitened at once: as many as a cache holds
 
 
 @dataclass(frozen=True)
