@@ -209,6 +209,18 @@ def test_where_every_sample_counts_it_does_for_each_setting(hoist: Problem):
     assert rms(hoist.residuals([{}])[0] - alone[0]) > 3.0 * max(off)  # the thinned samples do not show it
 
 
+@pytest.mark.parametrize("distance_rad", [1e-4, 1e-3])
+def test_more_steps_between_samples_change_a_hundredth_of_the_noise(
+    axis: Problem, distance_rad: float, monkeypatch: pytest.MonkeyPatch
+):
+    """A spring of friction so short that it is at the most steps wherever the motion turns."""
+    setting = {"presliding__distance_rad": distance_rad}
+    (residual,) = axis.residuals([setting])
+    monkeypatch.setattr("workbench.simulate.driven.MOST_STEPS", 1024)
+    (fine,) = axis.residuals([setting])
+    assert 0.0 < rms(residual - fine) < 0.01 * axis.noise
+
+
 def test_where_longer_steps_break_down_every_sample_is_simulated(hoist: Problem, monkeypatch: pytest.MonkeyPatch):
     exact, simulated = hoist.exact(), Problem._simulated
     broken = math.nan
@@ -488,20 +500,27 @@ def test_friction_near_one_that_was_tried_is_not_offered_again(hoist: Problem, m
 def test_no_fit_is_made_twice_from_one_start(monkeypatch: pytest.MonkeyPatch):
     """A second pass of a search asks again for an effect in the place of its nuisance, and for what led nowhere."""
     machine = with_effects(default_hoist(), {"friction_viscous": {"viscous_n_s_per_m": 9000.0}})
-    search = Search(Problem(default_hoist(), hoist_runs(machine)), [find("friction_viscous", "hoist")])
-    starts, again = [], search._in_place
+    effects = [find("friction_viscous", "hoist"), find("torque_scale", "hoist")]
+    search = Search(Problem(default_hoist(), hoist_runs(machine)), effects)
+    starts, again, linearised = [], search._in_place, []
 
     def counted(problem: Problem, names: Sequence[str], free: Sequence[FreeParameter], z: Array, *rest: Any) -> Any:
         starts.append((tuple(names), z.tobytes()))
         return fit_hypothesis(problem, names, free, z, *rest)
 
+    def signed(problem: Problem, effects: Sequence[Effect], base: Any, *rest: Any) -> Any:
+        linearised.append((repr(sorted(base.items())), *(effect.id for effect in effects)))
+        return signatures_of(problem, effects, base, *rest)
+
+    monkeypatch.setattr("workbench.diagnose.hypotheses.search.signatures_of", signed)
     monkeypatch.setattr("workbench.diagnose.hypotheses.search.fit_hypothesis", counted)
-    search.causes(1, 1, 0.0)
+    search.causes(2, 1, 0.0)
     assert search._strained(search.base_fit()) and len(starts) == len(set(starts))
     first = len(starts)
-    search.causes(1, 1, 0.0)
+    search.causes(2, 1, 0.0)
     again(search.base_fit())
     assert len(starts) == first
+    assert len(linearised) == len(set(linearised)) > 1
 
 
 def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: Problem):

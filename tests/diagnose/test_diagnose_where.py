@@ -14,6 +14,7 @@ from tests.support.emps_campaign import emps_in
 from tests.support.searched_campaign import searched_in, simulated_search
 from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.core.run import Array
+from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.gap import Gap, gap_of
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
@@ -157,6 +158,27 @@ def gap_in(campaign: Campaign, search: SearchResult) -> Gap:
     refitted = refitted_machine(problem, keys, search.within_tolerances)
     plain, after = (replay_runs(m, campaign.runs, problem.band_hz) for m in (problem.machine, refitted))
     return gap_of(problem, search, plain, after)
+
+
+@pytest.mark.parametrize(("viscous", "bump_n"), [(9000.0, 1500.0), (2500.0, 9000.0)])
+def test_the_larger_part_of_a_gap_of_two_causes_is_the_one_that_is_missed_more(
+    tmp_path: Path, viscous: float, bump_n: float
+):
+    """Against replays of the delivered machine without one of them."""
+    true = {"friction_viscous": {"viscous_n_s_per_m": viscous}, TRIED[0]: {**BUMP[TRIED[0]], "peak_n": bump_n}}
+    machine = true_machine().model_copy(update={"effects": true})
+    campaign = read_campaign(simulated_campaign(tmp_path / "two", machine))
+    found = diagnose(campaign, candidates=[*true], most_effects=2, study=False)
+    assert set(found.verdict.effects) == {*true}
+    missed = {}
+    for name in true:
+        kept = {other: values for other, values in found.corrected.effects.items() if other != name}
+        without = found.corrected.model_copy(update={"effects": kept})
+        missed[name] = replay_runs(without, campaign.runs, found.gap.band_hz).residual_rms_moving
+    larger = max(missed, key=lambda name: missed[name])
+    assert found.where is not None
+    regimes = {name: find(name, "hoist").regime for name in true}
+    assert (found.where.subsystem, found.where.regime) == ("guide", regimes[larger])
 
 
 def test_a_machine_within_its_tolerances_has_no_significant_gap(even: tuple[Campaign, SearchResult]):

@@ -21,7 +21,7 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.effects import Active, Part, logged_input, moved_by, sizes_of, true_input, true_motion
 from workbench.engine import kernels
-from workbench.engine.kernels import MOST_STEPS, lanes_for
+from workbench.engine.kernels import lanes_for
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, Motion, beside, bridged, motion_of, moving
@@ -32,6 +32,7 @@ TOLERANCE = 1e-4
 PART_LANES = (8, 16)  # of kernels of parts: few widths, for each one is compiled
 ALONE = 4  # lanes of a kernel cost about as much as one set of parameters alone
 MOTIONS_KEPT = 4  # of each run, behind a late sensor
+MOST_STEPS = 32  # between two samples: twice as many change a residual by a hundredth of its noise, where any
 FEW_STEPS = 16  # between two thinned samples: more follow the noise of a speed at rest
 SMOOTH = 0.25  # of the sampling rate of thinned times: the band that a motion keeps there
 

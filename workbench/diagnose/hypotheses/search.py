@@ -209,6 +209,7 @@ class Search:
         self.linear: dict[Names, float] = {}
         self.failures: dict[Names, str] = {}
         self._fitted: dict[Any, Fitted] = {}  # by problem, hypothesis and start
+        self._promises: dict[tuple[Problem, Fitted], Iterable[Promise]] = {}
         self.scanned: Sequence[Signature] = ()
         self._base: Fitted | None = None
         self._begun: tuple[Fitted, Sequence[Signature]] | None = None  # within the tolerances, and the signatures there
@@ -575,11 +576,10 @@ class Search:
         for k, w in enumerate(leaders[:LEADERS]):
             leader = w.fit
             self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders[:LEADERS]), w.names))
-            again = self._signatures([e for e in self.effects.values() if self._new_to(w.names, e.id)], leader)
             inexactly = inexact(self.problem, result.within_tolerances, leader, w.score)
             added = [
                 (self._worth(leader, promise, inexactly), promise)
-                for promise in self._promised(leader, again).values()
+                for promise in self._further(leader)
                 if promise.evidence > 0.0 and promise.gain > least * leader.chi2
             ]
             for worth, promise in sorted(added, key=lambda one: -one[0])[:PARTNERS]:
@@ -595,6 +595,13 @@ class Search:
                     self._try(names, lambda w=way: self._fit_with(w.leader, w.promise))  # type: ignore[misc]
         for w in leaders[:LEADERS]:
             self._in_place(w.fit)
+
+    def _further(self, leader: Fitted) -> Iterable[Promise]:
+        """What each further effect promises beside a leading hypothesis, kept for the next pass."""
+        if (self.problem, leader) not in self._promises:
+            new = [effect for effect in self.effects.values() if self._new_to(leader.effects, effect.id)]
+            self._promises[self.problem, leader] = self._promised(leader, self._signatures(new, leader)).values()
+        return self._promises[self.problem, leader]
 
     def _new_to(self, names: Names, effect: str) -> bool:
         """Whether an effect is none of a hypothesis, nor the same law as one of it, freer or simpler."""
