@@ -630,12 +630,7 @@ class Search:
                     z = np.concatenate(
                         [begin[: self.count], w.fit.z[self.count :][np.array(kept)], alone.z[self.count :]]
                     )
-                    self._try(
-                        names,
-                        lambda order=order, free=free, z=z: fit_hypothesis(  # type: ignore[misc]
-                            self.problem, order, free, z, LAST_ROUND, self.count
-                        ),
-                    )
+                    self._try(names, lambda order=order, free=free, z=z: self._fit(order, free, z))  # type: ignore[misc]
 
     def _drop(self, base: Fitted) -> None:
         """Refit each effect of the leading pair alone, started from the pair: a pair needs both effects to earn their
