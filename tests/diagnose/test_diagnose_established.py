@@ -193,6 +193,16 @@ def test_an_answer_that_the_runs_cannot_tell_from_another_is_no_surer_than_a_hal
     assert shared([Hypothesis("named", ("a",), 0.4), *rows[1:]], ("b",))[0].probability == 0.4
 
 
+def test_what_differs_from_an_answer_in_name_only_is_no_unknown_cause():
+    """Gearbox loss, and friction with the load of an axis: an unknown cause had half of what both have together."""
+    two = [Hypothesis("named", ("a", "c"), 0.99, twins=(("b", "c"),)), Hypothesis("unknown", (), 0.01)]
+    said = [(row.effects, round(row.probability, 9)) for row in shared(two, ("b",))]
+    assert said == [(("a", "c"), 0.5), (("b", "c"), 0.49), ((), 0.01)]
+    beside = [two[0], Hypothesis("named", ("c", "d"), 0.006), Hypothesis("unknown", (), 0.004)]
+    said = [(row.effects, round(row.probability, 3)) for row in shared(beside, ("b", "d"))]
+    assert said == [(("a", "c"), 0.5), (("b", "c"), 0.487), (("c", "d"), 0.009), ((), 0.004)]
+
+
 def test_what_an_answer_shares_goes_to_the_cause_that_is_alike_and_to_no_pair_that_holds_it():
     """A pair that holds the other cause stood at 0.49 beside the single answer at 0.50."""
     rows: list[tuple[Names, float]] = [(("a",), 0.95), (("b", "c"), 0.03), (("b",), 0.01), (("a", "b"), 0.01)]

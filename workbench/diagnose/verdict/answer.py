@@ -156,25 +156,30 @@ def rank(
 
 def shared(ranking: Sequence[Hypothesis], alike: Names, most: float = 0.5) -> tuple[Hypothesis, ...]:
     """The ranking where the runs cannot tell the answer from others: its probability is `most` at the most. What it
-    gives up goes to the hypotheses with one of `alike` in place of one effect of its own; where none is ranked, they
-    are unlisted, and an unknown cause has it; without any, all others in proportion."""
+    gives up goes to the hypotheses with one of `alike` in place of one effect of its own, of which those that differ in
+    name only become rows of their own; where none is ranked, they are unlisted, and an unknown cause has it; without
+    any, all others in proportion."""
     first, *rest = ranking
     surplus = first.probability - most
     if surplus <= 0.0 or not rest:
         return tuple(ranking)
-    mine, others = set(first.effects), [[set(names) for names in (row.effects, *row.twins)] for row in rest]
+    mine = set(first.effects)
+    apart = [names for names in first.twins if set(names) - mine <= set(alike)]
+    rest += [Hypothesis("named", names, 0.0) for names in apart]
+    others = [[set(names) for names in (row.effects, *row.twins)] for row in rest]
     heirs = [
         k
         for k, rows in enumerate(others)
         if any(len(names) == len(mine) and len(names - mine) == 1 and names - mine <= set(alike) for names in rows)
     ]
     heirs = heirs or [k for k, row in enumerate(rest) if row.verdict == "unknown" and alike] or list(range(len(rest)))
-    total = sum(rest[k].probability for k in heirs)
-    for k in heirs:
-        share = rest[k].probability / total if total > 0.0 else 1.0 / len(heirs)
+    as_likely = [first.probability if rest[k].effects in apart else rest[k].probability for k in heirs]
+    for k, weight in zip(heirs, as_likely, strict=True):
+        share = weight / sum(as_likely) if sum(as_likely) > 0.0 else 1.0 / len(heirs)
         rest[k] = replace(rest[k], probability=rest[k].probability + surplus * share)
     rest.sort(key=lambda row: -row.probability)
-    return (replace(first, probability=most), *rest)
+    twins = tuple(names for names in first.twins if names not in apart)
+    return (replace(first, probability=most, twins=twins), *rest)
 
 
 def logistic_argument(signs: Mapping[str, float], numbers: Mapping[str, float]) -> float:
