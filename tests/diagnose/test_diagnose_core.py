@@ -424,13 +424,6 @@ def test_a_fit_finds_what_made_the_torque(hoist: Problem):
     assert fit.effects == (effect.id,)
 
 
-def test_idle_lanes_are_filled_and_no_more_are_asked_for(hoist: Problem, axis: Problem):
-    for problem in (hoist, axis):
-        for sets in range(1, GROUP + 1):
-            more = problem.spare(sets)
-            assert problem.bench.lanes(sets + more) == problem.bench.lanes(sets) == sets + more
-
-
 def test_a_fit_whose_base_bends_ends_where_scipys_does():
     """Friction that the base parameters do not have bends theirs: how it turns over near standstill is a curved way."""
     from scipy.optimize import least_squares
@@ -451,7 +444,7 @@ def test_a_fit_whose_base_bends_ends_where_scipys_does():
     far = (np.where(np.isfinite(low), low, -1e3), np.where(np.isfinite(high), high, 1e3))
     begin = np.clip(np.zeros(len(low)), far[0] + 1e-9, far[1] - 1e-9)
     found = least_squares(lambda z: both(z)[0], begin, lambda z: both(z)[1], far, x_scale="jac", max_nfev=60)
-    assert fit.objective < 1.01 * 2.0 * found.cost + 1.0
+    assert fit.objective < 1.02 * 2.0 * found.cost
     assert fit.evaluations <= 41
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.effects import Active, Part, logged_input, moved_by, sizes_of, true_input, true_motion
 from workbench.engine import kernels
-from workbench.engine.kernels import lanes_for
+from workbench.engine.kernels import MOST_STEPS, lanes_for
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, Motion, beside, bridged, motion_of, moving
@@ -32,7 +32,6 @@ TOLERANCE = 1e-4
 PART_LANES = (8, 16)  # of kernels of parts: few widths, for each one is compiled
 ALONE = 4  # lanes of a kernel cost about as much as one set of parameters alone
 MOTIONS_KEPT = 4  # of each run, behind a late sensor
-MOST_STEPS = 32  # between two samples: twice as many change a residual by a hundredth of its noise, where any
 FEW_STEPS = 16  # between two thinned samples: more follow the noise of a speed at rest
 SMOOTH = 0.25  # of the sampling rate of thinned times: the band that a motion keeps there
 
@@ -156,7 +155,7 @@ class InverseSimulation:
 
         lengths = [len(run.time_s) for run in self.runs]
         one_set = len(every) == len(self.runs) > 1 and not thin
-        if one_set and max(lengths) * self.lanes(len(every)) < ALONE * sum(lengths):
+        if one_set and max(lengths) * self._lanes(len(every)) < ALONE * sum(lengths):
             table = np.column_stack([tables[j][rows, 0] for j in range(len(self.runs))])
             return self._required_at_once(model, table, [its[0] for its, _ in motions], start, scales)
         before = one(0)  # compiles, if need be, in one thread only
@@ -164,7 +163,7 @@ class InverseSimulation:
             return [before]
         return [before, *_pool(os.getpid()).map(one, range(1, len(self.runs)))]
 
-    def lanes(self, sets: int) -> int:
+    def _lanes(self, sets: int) -> int:
         """Of the kernel for so many sets of parameters: those of parts have few widths."""
         if not self.models:
             return lanes_for(sets)
@@ -177,7 +176,7 @@ class InverseSimulation:
         until the longest one ends, too. They take the same steps."""
         lengths = [len(motion.speed) for motion in motions]
         n, longest = len(self.plant.positions), max(lengths)
-        lanes = self.lanes(len(motions))
+        lanes = self._lanes(len(motions))
 
         def column(values: Array, ahead: float, step: float = 0.0) -> Array:
             more = longest - len(values)
@@ -218,7 +217,7 @@ class InverseSimulation:
         scales: Array,
     ) -> Array:
         sets, n = len(which), len(self.plant.positions)
-        lanes = self.lanes(sets) if self.models else None  # of a whole model `kernels` makes the lanes full
+        lanes = self._lanes(sets) if self.models else None  # of a whole model `kernels` makes the lanes full
         full = np.minimum(np.arange(max(sets, lanes or 0)), sets - 1)  # spare lanes repeat the last set
 
         def in_lanes(series: list[Array]) -> Array:

@@ -102,8 +102,6 @@ def fit_hypothesis(
     reach = np.where(careful, 0.5, np.inf)
     late = np.array([is_timing(k) for k in free for _ in k.lowest], dtype=bool)
     changing = careful | late | (np.arange(len(z)) >= base)
-    if base:  # lanes that a simulation has to spare cost nothing: the last of them are amounts of nuisances
-        changing[np.flatnonzero(~changing)[::-1][: problem.spare(1 + int(np.count_nonzero(changing)))]] = True
     anew, lasting = np.flatnonzero(changing), np.flatnonzero(~changing)
     prior = np.diag(1.0 / std)
     residual, jacobian = problem.evaluate(free, z, None if known is None else anew)

@@ -206,10 +206,6 @@ class Problem:
         assert first is not None
         return first, change
 
-    def spare(self, sets: int) -> int:
-        """How many more sets a simulation of so many takes in its idle lanes."""
-        return -sets % self.bench.lanes(min(sets, GROUP))
-
     def evaluate(
         self, free: Sequence[FreeParameter], z: Array, only: Iterable[int] | None = None
     ) -> tuple[Array, Array]:
