@@ -24,6 +24,7 @@ from workbench.blind.recording import cut, recording
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.gap import delivered_of
+from workbench.diagnose.hypotheses import held_out as held_out_module
 from workbench.diagnose.hypotheses import search as search_module
 from workbench.diagnose.hypotheses.evidence import lag_explains, smooths, weigh
 from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
@@ -149,6 +150,24 @@ def test_what_an_axis_has_of_its_own_is_no_second_cause(tmp_path: Path):
     candidates = ["friction_position_dependent", "torque_ripple"]
     found = diagnose(read_campaign(tmp_path / "own"), candidates=candidates, most_effects=2, study=False)
     assert found.verdict.effects == ("friction_position_dependent",)
+
+
+def test_a_refit_that_breaks_down_leaves_a_fold_where_it_is(
+    bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
+):
+    """It ended a diagnosis with a traceback. Another minimum is followed to its end only where it is the better one."""
+    problem, fit = bump[1].problem, bump[1].fits[TRUE,]
+    worse = replace(fit, residual=1.5 * fit.residual, chi2=2.25 * fit.chi2)
+    monkeypatch.setattr(held_out_module, "_elsewhere", lambda *_: [fit])
+    asked: list[int] = []
+
+    def broken_down(*_: object) -> Fitted:
+        asked.append(1)
+        raise np.linalg.LinAlgError("the slopes of the residual are not finite")
+
+    monkeypatch.setattr(held_out_module, "fit_hypothesis", broken_down)
+    told = held_out(problem, worse, folds_by_run(problem))
+    assert asked and np.all(np.isfinite(told.residual))
 
 
 class WithoutRows:

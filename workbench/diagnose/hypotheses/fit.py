@@ -38,6 +38,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.identify.fit import DAMPING, minimise
 
+BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one fit
 ROUND = 4  # steps with the base parameters' signatures as they were
 WORTH = 0.05  # of the objective: less is not worth another round
 WORTH_OF_ALL = 2e-5  # the same, of the whole

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
+from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import PhaseOfEachRun, Setting, bounds_of, logarithmic_of, setting_of
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
@@ -148,7 +148,10 @@ def fitted_without(
             others = copy(problem.coarse([fitted.setting]))
             others.errors = _Seen(problem.errors, ~inside[k])  # type: ignore[assignment]
             base, kept = int(np.count_nonzero(np.isfinite(std))), starts[-1].jacobian
-            last = fit_hypothesis(others, fitted.effects, fitted.free, z[k], MOST_EVALUATIONS, base, kept)
+            try:
+                last = fit_hypothesis(others, fitted.effects, fitted.free, z[k], MOST_EVALUATIONS, base, kept)
+            except BREAKDOWNS:  # the simulation breaks down on that way: the fold stays where it is
+                continue
             z[k - asked], worth[k - asked] = last.z, last.objective
     points = [at + _own(fitted, mine, at - fitted.z) for at, mine in zip(z[:asked], inside, strict=False)]
     return [

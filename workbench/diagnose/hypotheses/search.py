@@ -33,7 +33,7 @@ from workbench.diagnose.hypotheses.evidence import (
     score_of,
     weigh,
 )
-from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis, stepped
+from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, stepped
 from workbench.diagnose.hypotheses.free_parameters import (
     LOG_TIMING,
     FreeParameter,
@@ -92,8 +92,6 @@ ASIDE = (1.0, 0.3, 0.0)  # of the way that a fit's own parameters step aside
 SHAPES_KEPT = 3  # signatures of an effect that a pair is tried with
 ROUNDS_OF_PLAY = 3  # steps of its values, then a fit of all
 SHAPES_AGAIN = 6  # of an effect, simulated anew where another point is linearised
-
-BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one candidate
 
 
 @dataclass(frozen=True)
