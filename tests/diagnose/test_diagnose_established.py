@@ -28,7 +28,13 @@ from workbench.diagnose.hypotheses import held_out as held_out_module
 from workbench.diagnose.hypotheses import search as search_module
 from workbench.diagnose.hypotheses.evidence import lag_explains, smooths, weigh
 from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, base_parameters
+from workbench.diagnose.hypotheses.free_parameters import (
+    LOG_TIMING,
+    Names,
+    base_parameters,
+    bounds_of,
+    logarithmic_of,
+)
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
@@ -168,6 +174,10 @@ def test_a_refit_that_breaks_down_leaves_a_fold_where_it_is(
     monkeypatch.setattr(held_out_module, "fit_hypothesis", broken_down)
     told = held_out(problem, worse, folds_by_run(problem))
     assert asked and np.all(np.isfinite(told.residual))
+    monkeypatch.undo()  # nor is there another minimum where it breaks down
+    monkeypatch.setattr(held_out_module, "fit_hypothesis", broken_down)
+    turned = replace(fit, z=fit.z + 2.0 * logarithmic_of(fit.free))
+    assert held_out_module._elsewhere(problem, turned, bounds_of(turned.free)[2]) == [] and len(asked) > 1
 
 
 class WithoutRows:

@@ -181,7 +181,12 @@ def _elsewhere(problem: Problem, fitted: Fitted, std: Array) -> list[Fitted]:
     if asked not in problem.kept:
         nominal, base = np.where(turns, 0.0, fitted.z), int(np.count_nonzero(np.isfinite(std)))
         coarse = problem.coarse([fitted.setting])
-        other = fit_hypothesis(coarse, fitted.effects, fitted.free, nominal, MOST_EVALUATIONS, base, fitted.jacobian)
+        try:
+            other = fit_hypothesis(
+                coarse, fitted.effects, fitted.free, nominal, MOST_EVALUATIONS, base, fitted.jacobian
+            )
+        except BREAKDOWNS:  # the simulation breaks down there: that is no minimum
+            return problem.kept.setdefault(asked, [])
         residual = fitted.residual + problem.differences(fitted.setting, [other.setting], fitted.residual)[1][0]
         white = problem.errors.whiten(residual)
         other = replace(other, residual=residual, chi2=float(white @ white))
