@@ -15,7 +15,7 @@ neither as a whole nor from run to run.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import product
 from types import SimpleNamespace
@@ -40,7 +40,7 @@ from workbench.identify.fit import DAMPING, minimise
 
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one fit
 ROUND = 4  # steps with the base parameters' signatures as they were
-WORTH = 0.05  # of the objective: less is not worth another round
+WORTH = 0.05  # of the objective: less is not worth another step, nor another round
 WORTH_OF_ALL = 2e-5  # the same, of the whole
 SIZES = (0.2, 0.07, 0.025, 0.008)  # of the steps of a pattern search: of a value, or of LEAST of its scale if more
 LEAST = 0.1
@@ -187,6 +187,18 @@ def stepped(problem: Problem, fit: Fitted, base: int) -> Array:
                 break
             best, worth = tried[k], float(objectives[k])
     return best
+
+
+def parameters_of(fit: Fitted, effects: Collection[str], base: int) -> tuple[list[FreeParameter], Array]:
+    """The parameters of these effects in a fit, and their z. base: how many of its first z are the base parameters'."""
+    mine, z, at = list[FreeParameter](), list[float](), 0
+    for parameter in fit.free:
+        own = {symbol.split("__")[0] for symbol in parameter.values([0.0] * parameter.size)}
+        if at >= base and own & {*effects}:
+            mine.append(parameter)
+            z += fit.z[at : at + parameter.size].tolist()
+        at += parameter.size
+    return mine, np.array(z)
 
 
 def parts_of(problem: Problem, fit: Fitted, groups: Sequence[Names]) -> Array:

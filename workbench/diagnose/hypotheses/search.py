@@ -33,7 +33,7 @@ from workbench.diagnose.hypotheses.evidence import (
     score_of,
     weigh,
 )
-from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, stepped
+from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, parameters_of, stepped
 from workbench.diagnose.hypotheses.free_parameters import (
     LOG_TIMING,
     FreeParameter,
@@ -273,7 +273,7 @@ class Search:
             if size == 1:
                 self._drop(result.base)
             self._offer_standstill(result.base)
-            self._simpler(result, size + 1)
+            self._fit_simpler_laws(result, size + 1)
             result = self._found(result.base, result.within_tolerances, result.signatures)
             leading = next((w for w in self.weighed(result) if not w.rival), None)
             if leading is None or len(leading.names) <= size:
@@ -609,25 +609,23 @@ class Search:
         """All fits so far, as the verdict weighs them."""
         return weigh(self.problem, result.base, result.within_tolerances, self.fits, self.rivals)[0]
 
-    def _simpler(self, result: SearchResult, size: int) -> None:
+    def _fit_simpler_laws(self, result: SearchResult, size: int) -> None:
         """Refit the leading hypotheses of `size` effects with the simpler law in the place of each freer one."""
-        own, leading = len(self.held), [w for w in self.weighed(result) if not w.rival]
+        own, count = len(self.held), self.count
+        leading = [w for w in self.weighed(result) if not w.rival]
         for w in [w for w in leading[:LEADERS] if len(w.names) == size]:
             for freer, simpler in product(w.names, self.effects):
                 names = tuple(sorted({*w.names, simpler} - {freer}))
                 alone = self.fits.get((simpler,))
                 if alone is None or names in self.fits or not same_but_freer(freer, simpler, self.problem.active.kind):
                     continue
-                stays = [k for k in w.fit.free[own:] if freer not in _effects_of(k)]
-                kept = [freer not in _effects_of(k) for k in w.fit.free[own:] for _ in k.lowest]
-                free = [*w.fit.free[:own], *stays, *alone.free[own:]]
                 order = (*(name for name in w.fit.effects if name != freer), simpler)
+                stays, kept = parameters_of(w.fit, order, count)
+                free = [*w.fit.free[:own], *stays, *alone.free[own:]]
                 for begin in (w.fit.z, alone.z):  # where the freer law is, and where the simpler one is alone
                     if names in self.fits and self.fits[names].objective < alone.objective:
                         break  # it leads to where one effect less is, or further
-                    z = np.concatenate(
-                        [begin[: self.count], w.fit.z[self.count :][np.array(kept)], alone.z[self.count :]]
-                    )
+                    z = np.concatenate([begin[:count], kept, alone.z[count:]])
                     self._try(names, lambda order=order, free=free, z=z: self._fit(order, free, z))  # type: ignore[misc]
 
     def _drop(self, base: Fitted) -> None:
@@ -642,11 +640,9 @@ class Search:
 
     def _without(self, pair: Fitted, left: str) -> Fitted:
         """The pair's fit with only the effect `left` in it."""
-        own = len(self.held)
-        mine = [parameter for parameter in pair.free[own:] if left in _effects_of(parameter)]
-        kept = np.array([True] * self.count + [left in _effects_of(k) for k in pair.free[own:] for _ in k.lowest])
-        free = [*pair.free[:own], *mine]
-        return self._fit((left,), free, pair.z[kept], FIRST_ROUND)
+        mine, z = parameters_of(pair, (left,), self.count)
+        free = [*pair.free[: len(self.held)], *mine]
+        return self._fit((left,), free, np.concatenate([pair.z[: self.count], z]), FIRST_ROUND)
 
     def _joint(self, result: SearchResult, least: float) -> None:
         """Pairs of effects that promise more together than the best single effect, and `least` of what it leaves,
@@ -789,9 +785,3 @@ def _ahead(run: Run, late_s: float, plant: Plant) -> Run:
 def most_of(hypotheses: Iterable[Names]) -> int:
     """The most effects that one of the hypotheses has."""
     return max(map(len, hypotheses), default=0)
-
-
-def _effects_of(parameter: FreeParameter) -> set[str]:
-    """The effects whose values a parameter sets."""
-    values = parameter.values([0.0] * parameter.size)
-    return {symbol.split("__")[0] for symbol in values}

@@ -28,7 +28,7 @@ from workbench.diagnose.hypotheses.evidence import (
     smooths,
     weigh,
 )
-from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
+from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis, parameters_of
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, Scalar, bounds_of
 from workbench.diagnose.hypotheses.held_out import significance
 from workbench.diagnose.hypotheses.problem import Problem
@@ -187,12 +187,10 @@ def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
     known = search.fits.get(tuple(sorted(rest)))
     if known is not None:
         return known
-    count, symbols = len(search.base.z), [{s.split("__")[0] for s in k.values([0.0] * k.size)} for k in fit.free]
-    held = len(search.base.free)
-    kept = [k < held or name not in symbols[k] for k in range(len(fit.free))]
-    z = fit.z[np.repeat(kept, [k.size for k in fit.free])]
-    free = [k for k, keep in zip(fit.free, kept, strict=True) if keep]
-    return fit_hypothesis(search.problem, rest, free, z, base=count)
+    count = len(search.base.z)
+    stays, z = parameters_of(fit, rest, count)
+    free = [*fit.free[: len(search.base.free)], *stays]
+    return fit_hypothesis(search.problem, rest, free, np.concatenate([fit.z[:count], z]), base=count)
 
 
 def established(
