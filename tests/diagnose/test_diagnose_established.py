@@ -22,6 +22,7 @@ from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.blind.recorded import bent, write_case
 from workbench.blind.recording import cut, recording
 from workbench.core.run import Array
+from workbench.diagnose.candidates import candidates
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.gap import delivered_of
 from workbench.diagnose.hypotheses import held_out as held_out_module
@@ -220,6 +221,18 @@ def test_an_answer_that_the_runs_cannot_tell_from_another_is_no_surer_than_a_hal
     assert [(row.effects, round(row.probability, 9)) for row in unlisted] == [(("a",), 0.5), ((), 0.44), (("b",), 0.06)]
     assert [round(row.probability, 9) for row in shared(rows, ())] == [0.5, 0.3, 0.2]
     assert shared([Hypothesis("named", ("a",), 0.4), *rows[1:]], ("b",))[0].probability == 0.4
+
+
+@pytest.mark.parametrize("twins", [((MIMIC,),), ()])
+def test_what_shares_the_answers_probability_is_predicted_on_left_out_runs_as_the_answer_is(
+    bump: tuple[Campaign, SearchResult], twins: tuple[Names, ...]
+):
+    campaign, search = bump
+    judged, base = judged_to_help(search), base_parameters(campaign.machine, campaign.runs)
+    first = replace(judged.ranking[0], probability=0.995, twins=twins)
+    said = replace(judged, ranking=(first, Hypothesis("unknown", (), 0.005)))
+    held = {row.effects: row.held_out_rms for row in candidates(search, said, base)}
+    assert held[TRUE,] is not None and (held[MIMIC,] is not None) == bool(twins)
 
 
 def test_what_differs_from_an_answer_in_name_only_is_no_unknown_cause():

@@ -11,7 +11,7 @@ from workbench.diagnose.hypotheses.free_parameters import Scalar
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.verdict.answer import Candidate
-from workbench.diagnose.verdict.judge import Judged
+from workbench.diagnose.verdict.judge import Judged, alternatives
 
 SCORED = 3  # hypotheses whose held-out score is computed, at most
 OPEN = 0.01  # probability: beside a named answer, what has less is not worth refits to all runs but one
@@ -22,7 +22,11 @@ def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar])
     fit failed."""
     problem, near, folds = search.problem, search.within_tolerances, folds_by_run(search.problem)
     without = held_out(problem, near, folds).rms(problem.inputs)
-    rows, likely = [], {row.effects for row in judged.ranking if row.probability > OPEN}
+    rows, likely = (
+        [],
+        {names for row in judged.ranking if row.probability > OPEN for names in (row.effects, *row.twins)},
+    )
+    likely |= {*alternatives(judged, problem.active.kind)}  # which share the answer's probability
     # A freer law that is alike may have the larger evidence.
     for k, hypothesis in enumerate(sorted(judged.weighed, key=lambda weighed: weighed.names != judged.names)):
         scored = k < SCORED and (k == 0 or judged.word != "named" or hypothesis.names in likely)
