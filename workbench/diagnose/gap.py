@@ -111,10 +111,11 @@ def alike_of(problem: Problem, fits: Sequence[Fitted]) -> Array:
     others that are fitted without it too, by the hypothesis that explains these best. That is not asked of one that is
     no suspect.
     """
-    runs, run_of = len(problem.runs), problem.run_of_row
-    if runs < FEWEST_RUNS:
-        return np.ones(runs)
-    inside = [run_of == j for j in range(runs)]
+    run_of, p = problem.run_of_row, np.ones(len(problem.runs))
+    counted = np.unique(run_of)  # of a run nothing may count in the band
+    if len(counted) < FEWEST_RUNS:
+        return p
+    inside = [run_of == j for j in counted]
 
     def compared(fit: Fitted, settings: Sequence[Setting], without: Sequence[np.ndarray]) -> Array:
         prior, white = np.diag(bounds_of(fit.free)[2] ** -2.0), problem.errors.whiten(fit.jacobian)
@@ -128,13 +129,13 @@ def alike_of(problem: Problem, fits: Sequence[Fitted]) -> Array:
         return np.array(ratios)
 
     unseen = compared(fits[0], held_out(problem, fits[0], folds_by_run(problem)).settings, inside)
-    p, odd = outliers(unseen), int(np.argmax(unseen))
+    p[counted], odd = outliers(unseen), int(np.argmax(unseen))
     if unseen[odd] < SUSPECT:
         return p
     best = min(dict.fromkeys(fits), key=lambda fit: fitted_without(problem, fit, [inside[odd]], GLANCE)[0].objective)
     without = [mine | inside[odd] for mine in inside]
     alone = compared(best, [one.setting for one in fitted_without(problem, best, without, CLOSE)], without)
-    p[odd] = outliers(alone)[odd]
+    p[counted[odd]] = outliers(alone)[odd]
     return p
 
 
