@@ -67,9 +67,9 @@ class Remainder(Left):
 class Candidate:
     """One hypothesis. gain: the fall of chi^2 and tolerances together; merit: its evidence, as diagnosis.json calls it.
 
-    residual_rms, held_out_rms: N m (N); held_out_rms is None for what was not predicted. explained: share of the gap's
-    energy beyond noise, on held-out runs where these were predicted. against: the reasons against it. failure: why its
-    fit broke down, "" for one that did not.
+    residual_rms, held_out_rms: N m (N). explained: share of the gap's energy beyond noise on held-out runs; both are
+    None for what was not predicted there. against: the reasons against it. failure: why its fit broke down, "" for one
+    that did not.
     """
 
     effects: Names
