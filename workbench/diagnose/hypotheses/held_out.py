@@ -115,11 +115,8 @@ def fitted_without(
                 tried += [(fold, np.clip(at + part * step, lowest, highest)) for part in PARTS]
                 continue
             gradient, hessian = j.T @ rows[fold] + at / std**2, j.T @ j + prior
-            free = (
-                shown[fold] & ((at > lowest) | (gradient < 0.0)),
-                shown[fold] & ((at < highest) | (gradient > 0.0)),
-            )
-            steps[fold] = step = _step(hessian, gradient, *free)
+            free = shown[fold] & ((at > lowest) | (gradient < 0.0)) & ((at < highest) | (gradient > 0.0))
+            steps[fold] = step = _step(hessian, gradient, free)
             moved = np.clip(at + step, lowest, highest) - at
             if 0.0 <= -(2.0 * gradient + hessian @ moved) @ moved < SETTLED:
                 del steps[fold]
@@ -200,12 +197,12 @@ def _pull(z: Array, std: Array) -> float:
     return float(np.sum((z / std) ** 2))
 
 
-def _step(hessian: Array, gradient: Array, down: np.ndarray, up: np.ndarray) -> Array:
+def _step(hessian: Array, gradient: Array, moving: np.ndarray) -> Array:
     """The Newton step of what is not held at a bound that it wants to cross.
 
     What these rows do not show stays: rounding over a curvature of zero would throw it anywhere.
     """
-    free = np.flatnonzero(down & up & (np.diag(hessian) > 0.0))
+    free = np.flatnonzero(moving & (np.diag(hessian) > 0.0))
     h = hessian[np.ix_(free, free)]
     scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
     step = np.zeros(len(gradient))
@@ -248,12 +245,10 @@ def significance(problem: Problem, without: Fitted, fit: Fitted) -> float:
     folds = folds_by_run(problem)
     u, w = problem.errors.whiten(np.stack([held_out(problem, one, folds).residual for one in (without, fit)], axis=1)).T
     product = np.bincount(stretches(problem), (u - w) * w)
-    variance, wider = 4.0 * float(product @ product), 1.0
-    if max(problem.errors.sizes) <= 1.0:
-        wider = max(variance / max(4.0 * float(np.sum((u - w) ** 2)), 1e-300), 1.0)
+    variance, white = 4.0 * float(product @ product), max(4.0 * float(np.sum((u - w) ** 2)), 1e-300)
+    wider = max(variance / white, 1.0) if max(problem.errors.sizes) <= 1.0 else 1.0
     prior = _strain(problem, without, wider) - _strain(problem, fit, wider)
-    deviation = math.sqrt(max(variance / wider**2 + max(prior, 0.0), 1e-300))
-    return (float(u @ u - w @ w) / wider + prior) / deviation
+    return (float(u @ u - w @ w) / wider + prior) / math.sqrt(max(variance / wider**2 + max(prior, 0.0), 1e-300))
 
 
 def _strain(problem: Problem, fitted: Fitted, wider: float) -> float:
@@ -264,8 +259,8 @@ def _strain(problem: Problem, fitted: Fitted, wider: float) -> float:
     (lowest, highest, std), z = bounds_of(fitted.free), fitted.z
     white = problem.errors.whiten(np.column_stack([fitted.jacobian, fitted.residual])) / math.sqrt(wider)
     gradient, hessian = white[:, :-1].T @ white[:, -1] + z / std**2, white[:, :-1].T @ white[:, :-1]
-    within = (z > lowest) | (gradient < 0.0), (z < highest) | (gradient > 0.0)
-    return _pull(np.clip(z + _step(hessian + np.diag(1.0 / std**2), gradient, *within), lowest, highest), std)
+    free = ((z > lowest) | (gradient < 0.0)) & ((z < highest) | (gradient > 0.0))
+    return _pull(np.clip(z + _step(hessian + np.diag(1.0 / std**2), gradient, free), lowest, highest), std)
 
 
 def stretches(problem: Problem) -> np.ndarray:

@@ -154,9 +154,8 @@ def judged_to_help(search: SearchResult) -> Judged:
     barred, deserving = list[Names](), set[Names]()
     while True:
         judged = judge(search, barred)
-        asked = (
-            {judged.names, judged.best.names if judged.best is not None and judged.stands else ()} - {()} - deserving
-        )
+        standing = judged.best.names if judged.best is not None and judged.stands else ()
+        asked = {judged.names, standing} - {()} - deserving
         idle = [w.names for w in judged.weighed if w.names in asked and not deserved(search, w)]
         if not idle:
             return judged
@@ -176,10 +175,8 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
             return False
     if significance(problem, search.within_tolerances, w.fit) <= 0.0:
         return False
-    chosen_from = len({name for known in search.fits for name in known})
-    least = float(-ndtri(SIGNIFICANT / chosen_from))
-    nearest_first = sorted(less, key=lambda rest: rest.objective)
-    return all(significance(problem, rest, w.fit) > least for rest in nearest_first)
+    least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
+    return all(significance(problem, rest, w.fit) > least for rest in sorted(less, key=lambda rest: rest.objective))
 
 
 def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
