@@ -201,6 +201,27 @@ def forget(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(native, "_said", set())
 
 
+LANES = """
+from numba import njit
+
+@njit(nogil=True, error_model="numpy", _nrt=False)
+def run(a, b, n):
+    for k in range(n):
+        for l in range(16):
+            x, y = 1.0, b[l]
+            POLYNOMIAL
+            b[l] = x
+    return 0
+""".replace("POLYNOMIAL", "; ".join(f"x = x * y + a[{16 * row} + l]" for row in range(20)))
+
+
+def test_numba_leaves_loops_over_lanes_to_the_compiler_that_knows_arrays_lie_apart():
+    function = native._module(LANES)["run"]
+    native._compiled(function, "aai")
+    (compiled,) = function.overloads.values()
+    assert "x double>" not in compiled.library.get_llvm_str()  # narrow vectors, behind a check at run time
+
+
 @pytest.mark.parametrize(
     "spoil",
     [

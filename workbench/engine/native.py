@@ -48,7 +48,7 @@ OUTSIDE = {"sin", "cos", "exp", "sqrt", "floor", "memcpy", "memset", "memmove"}
 # What LLVM calls numba's arguments, and their types: an array is seven of them (memory info, owner, number of
 # elements, bytes of one, data, shape, strides).
 _ARRAY = (("0", "ptr"), ("1", "ptr"), ("2", "i64"), ("3", "i64"), ("4", "ptr"), ("5.0", "i64"), ("6.0", "i64"))
-FULL = "8 lanes, which fill the widest registers"  # said by a text whose loops take them: measured, others are slower
+FULL = "in lanes that fill the widest registers"  # said by a text whose loops take them: measured, narrower are slower
 _MEMBERS = {"a": _ARRAY, "f": (("", "double"),), "i": (("", "i64"),)}
 _CTYPES = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64, "double": ctypes.c_double}
 
@@ -131,8 +131,14 @@ def _compiled(function: Any, letters: str, full: bool = False) -> bytes:
     `_load` does, or where the code would call into Python or numba.
     """
     import llvmlite.binding as llvm
+    from numba import config
 
-    function.compile(_signature(letters))
+    # Numba does not know that arrays lie apart, and would take narrow registers.
+    usual, config.LOOP_VECTORIZE = config.LOOP_VECTORIZE, 0
+    try:
+        function.compile(_signature(letters))
+    finally:
+        config.LOOP_VECTORIZE = usual
     (compiled,) = function.overloads.values()
     native = compiled.fndesc.llvm_func_name
     module = llvm.parse_assembly(_apart(compiled.library.get_llvm_str(), native))
@@ -160,8 +166,7 @@ def _signature(letters: str) -> str:
 def _apart(text: str, name: str) -> str:
     """LLVM text with the arrays of function `name` declared not to overlap.
 
-    numba does not say so, and LLVM then vectorises a loop over lanes only behind a check at run time, which it holds
-    not worth while below 16 of them.
+    numba does not say so, and LLVM then vectorises a loop over lanes only behind a check at run time, if at all.
     """
     lines = text.split("\n")
     for i, line in enumerate(lines):

@@ -89,17 +89,15 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     weighed, score = weigh(problem, search.base, near, search.fits, search.rivals)
     weighed = tuple(w for w in weighed if w.names not in barred)
     best, mimics = established(problem, weighed, search.base, near)
-    vetoes = vetoes_of(problem, near, weighed, best)
-    # An unlisted effect that is about as good as the best listed one is left out; a mimic has no evidence, unless a law
-    # of one variable does without it: then its evidence is that law's.
-    for_unknown = {w.names for w in vetoes} | {names for names, why in mimics.items() if why.free}
+    rival, said = unlisted(problem, near, weighed, best)
+    least = max(settings.calibration()["threshold"], -math.inf if best is None else best.evidence)
+    # A mimic has no evidence, unless a law of one variable does without it: then its evidence is that law's.
+    free = {names for names, why in mimics.items() if why.free}
     counted = tuple(
-        ((), w.evidence)
-        if w.names in for_unknown
-        else (w.names, min(w.evidence, 0.0) if w.names in mimics else w.evidence)
+        ((), w.evidence) if w.names in free else (w.names, min(w.evidence, 0.0) if w.names in mimics else w.evidence)
         for w in weighed
-        if not w.rival or w in vetoes
-    )
+        if not w.rival
+    ) + (() if rival is None else (((), said),))
     groups = groups_of(problem, [w for w in weighed if not w.rival and w.names not in mimics])
     floor = floor_of(problem)
 
@@ -127,7 +125,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         signs=signs,
         floor=floor,
         unknown_probability=next(row.probability for row in rows if row.verdict == "unknown"),
-        reasons=_reasons(left, signs, best, vetoes, mimics, kept_percent(problem)),
+        reasons=_reasons(left, signs, best, rival if said > least else None, mimics, kept_percent(problem)),
         counted=counted,
         stands=stands,
         groups=groups,
@@ -135,14 +133,19 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     )
 
 
-def vetoes_of(problem: Problem, near: Fitted, weighed: Sequence[Weighed], best: Weighed | None) -> list[Weighed]:
-    """The unlisted effects that are decisively better than the best listed hypothesis, beyond what a law may be off:
-    LAW of what it explains, rms. More effects than one, which bend to what that one has, may be off nothing."""
-    rivals = [w for w in weighed if w.rival]
-    if best is None:
-        return rivals
-    law = {w.names: settings.LAW if len(w.names) >= len(best.names) else 0.0 for w in rivals}
-    return [w for w in rivals if advantage(problem, near, w, best, law[w.names]) > settings.DECISIVE]
+def unlisted(
+    problem: Problem, near: Fitted, weighed: Sequence[Weighed], best: Weighed | None
+) -> tuple[Weighed | None, float]:
+    """The unlisted effect that says most, and its evidence: that of the best listed hypothesis, and by how much it is
+    better beyond what that one's law may be off, LAW of what it explains, rms. More effects than one, which bend to
+    what that one has, may be off nothing. As a freer law it has to be better by the threshold to be as likely."""
+    rivals, least = [w for w in weighed if w.rival], settings.calibration()["threshold"]
+    if best is None or not rivals:
+        return (rivals[0], rivals[0].evidence - least) if rivals else (None, 0.0)
+    off = [settings.LAW if len(w.names) >= len(best.names) else 0.0 for w in rivals]
+    better = [advantage(problem, near, w, best, law) for w, law in zip(rivals, off, strict=True)]
+    first = int(np.argmax(better))
+    return rivals[first], best.evidence + better[first] - least
 
 
 def judged_to_help(search: SearchResult) -> Judged:
@@ -151,9 +154,8 @@ def judged_to_help(search: SearchResult) -> Judged:
     barred, deserving = list[Names](), set[Names]()
     while True:
         judged = judge(search, barred)
-        asked = (
-            {judged.names, judged.best.names if judged.best is not None and judged.stands else ()} - {()} - deserving
-        )
+        standing = judged.best.names if judged.best is not None and judged.stands else ()
+        asked = {judged.names, standing} - {()} - deserving
         idle = [w.names for w in judged.weighed if w.names in asked and not deserved(search, w)]
         if not idle:
             return judged
@@ -164,21 +166,17 @@ def judged_to_help(search: SearchResult) -> Judged:
 def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances better than its effects' absence does; and with
     each one of several significantly better than without it, at SIGNIFICANT for all that they were chosen from, and
-    than with a free law of one variable in its place (`worth`). A cause that base parameters can stand in for leaves
-    the residual as it is, and relieves the tolerances: it may predict left-out runs worse, as far as by chance."""
+    than with a free law of one variable in its place (`worth`)."""
     problem, base = search.problem, search.base
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
         less.append(without(search, w.fit, name))
         if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
             return False
-    by_tolerances = base.prior - w.fit.prior > base.chi2 - w.fit.chi2
-    if significance(problem, search.within_tolerances, w.fit) <= (float(ndtri(SIGNIFICANT)) if by_tolerances else 0.0):
+    if significance(problem, search.within_tolerances, w.fit) <= 0.0:
         return False
-    chosen_from = len({name for known in search.fits for name in known})
-    least = float(-ndtri(SIGNIFICANT / chosen_from))
-    nearest_first = sorted(less, key=lambda rest: rest.objective)
-    return all(significance(problem, rest, w.fit) > least for rest in nearest_first)
+    least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
+    return all(significance(problem, rest, w.fit) > least for rest in sorted(less, key=lambda rest: rest.objective))
 
 
 def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
@@ -295,14 +293,14 @@ def _reasons(
     left: Left,
     signs: Mapping[str, float],
     best: Weighed | None,
-    vetoes: Sequence[Weighed],
+    rival: Weighed | None,
     mimics: Mapping[Names, Constancy],
     kept: float,
 ) -> tuple[Reason, ...]:
-    """Against the best named hypothesis."""
+    """Against the best named hypothesis. rival: an unlisted effect that explains more."""
     reasons = [Reason(ReasonKind.LOG_KEEPS, percent=kept)] if kept > settings.OWN_LAW else []
-    if vetoes and (best is None or vetoes[0].evidence > best.evidence):
-        reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=vetoes[0].names))
+    if rival is not None:
+        reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=rival.names))
     if signs["left"] > 0.5:
         reasons.append(Reason(ReasonKind.LEAVES_MUCH, value=left.rms, percent=left.percent_of_input))
     if signs["prior"] > 1.5:
