@@ -22,7 +22,6 @@ from workbench.diagnose.gap import (
     delivered_of,
     folds_of,
     gap_of,
-    percent_of,
     shrink_of,
     stretch_of,
 )
@@ -47,6 +46,7 @@ from workbench.diagnose.verdict.answer import (
     ReasonKind,
     Remainder,
     Verdict,
+    percent_of,
     shared,
 )
 from workbench.diagnose.verdict.judge import (

@@ -202,13 +202,6 @@ def worst_tolerance(keys: Mapping[str, Scalar], base: Fitted) -> tuple[str, floa
     return key, count, -math.expm1(len(moved) * math.log1p(-2.0 * ndtr(-abs(count)))) if count else 1.0
 
 
-def percent_of(share: float) -> str:
-    """A share of the energy in per cent, with enough digits near 100."""
-    if share >= 0.9999:
-        return "over 99.99 %"
-    return f"{100.0 * share:.2f} %" if share > 0.99 else f"{100.0 * share:.0f} %"
-
-
 def unit_of(machine: Hoist | Axis) -> str:
     """The unit of the input that the residual is in."""
     return kind_of(machine).drive.unit

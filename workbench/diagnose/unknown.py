@@ -17,7 +17,6 @@ import numpy as np
 
 from workbench.core.names import powers
 from workbench.core.run import Array
-from workbench.diagnose.gap import percent_of
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
@@ -25,6 +24,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.law import Law, find_law
 from workbench.diagnose.machines import corrected_machine, machine_of, refitted_machine
 from workbench.diagnose.tables import Curve, Tables, variables_of, with_table
+from workbench.diagnose.verdict.answer import percent_of
 from workbench.machines import Axis, Hoist, kind_of
 
 

@@ -18,12 +18,11 @@ from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
 from workbench.core.whole_folder import whole_folder, write_json
 from workbench.diagnose.diagnose import Diagnosis
-from workbench.diagnose.gap import percent_of
 from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS, ResidualTest
-from workbench.diagnose.verdict.answer import WITHOUT_EFFECTS, Candidate, Hypothesis
+from workbench.diagnose.verdict.answer import WITHOUT_EFFECTS, Candidate, Hypothesis, percent_of
 from workbench.effects import effects_for
 from workbench.machines import kind_of, plant_of, save_machine
 from workbench.study.consequences import consequences_table

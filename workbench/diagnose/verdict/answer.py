@@ -132,6 +132,13 @@ class Verdict:
         return self.ranking[0].twins
 
 
+def percent_of(share: float) -> str:
+    """A share of the energy in per cent, with enough digits near 100."""
+    if share >= 0.9999:
+        return "over 99.99 %"
+    return f"{100.0 * share:.2f} %" if share > 0.99 else f"{100.0 * share:.0f} %"
+
+
 def rank(
     evidence: Sequence[tuple[Names, float]],
     signs: Mapping[str, float],
