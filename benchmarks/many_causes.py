@@ -27,7 +27,7 @@ from workbench.diagnose.diagnose import chosen_effects
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult, searched
-from workbench.diagnose.readiness.noise import informative_band, motion_noise
+from workbench.diagnose.readiness.noise import informative_band, with_motion_noise
 from workbench.diagnose.verdict.judge import alike, judged_to_help
 from workbench.effects import effects_for
 from workbench.logs import Campaign, read_campaign
@@ -99,7 +99,7 @@ def problem_of(campaign: Campaign, band_hz: float | None = None) -> Problem:
     problem = Problem(campaign.machine, campaign.runs, band_hz)
     if band_hz is None and kind_of_machine(campaign.machine).floor == "own":
         problem = Problem(campaign.machine, campaign.runs, min(informative_band(problem.bench, 0), problem.band_hz))
-    return problem.noisier(motion_noise(problem, 0))
+    return with_motion_noise(problem, 0)
 
 
 def search_of(campaign: Campaign) -> SearchResult:

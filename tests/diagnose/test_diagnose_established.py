@@ -42,7 +42,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search, SearchResult, searched
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.machines import corrected_machine, refitted_machine
-from workbench.diagnose.readiness.noise import motion_noise
+from workbench.diagnose.readiness.noise import with_motion_noise
 from workbench.diagnose.verdict import judge
 from workbench.diagnose.verdict.answer import Hypothesis, ReasonKind, shared
 from workbench.diagnose.verdict.constancy import constancies
@@ -97,7 +97,7 @@ def test_the_delivered_file_gives_the_fits_residual_run_by_run(bump: tuple[Campa
     replayed = replay_runs(load_machine(tmp_path / "machine.yaml"), campaign.runs, problem.band_hz)
     refitted = refitted_machine(problem, keys, search.within_tolerances)
     before = replay_runs(refitted, campaign.runs, problem.band_hz)
-    told = delivered_of(problem.noise, before, replay_runs(corrected, campaign.runs, problem.band_hz))
+    told = delivered_of(problem.run_noise, before, replay_runs(corrected, campaign.runs, problem.band_hz))
     for j, (row, run) in enumerate(zip(told.runs, replayed.runs, strict=True)):
         assert row.after == pytest.approx(run.residual_rms_moving, rel=1e-3)
         mine = problem.run_of_row[: problem.inputs] == j
@@ -286,7 +286,7 @@ def test_the_interval_of_a_mass_knows_that_a_real_axis_keeps_to_no_error_model(s
     campaign = read_campaign(tmp_path)
     parts = [part for run in campaign.runs for part in cut(campaign.machine, run, 4)]
     problem = Problem(campaign.machine, parts)
-    problem = problem.noisier(motion_noise(problem, 0)).with_model_error((2.0, 4.0))
+    problem = with_motion_noise(problem, 0).with_model_error((2.0, 4.0))
     base = base_parameters(campaign.machine, parts)
     fit = Search(problem, [find("inertia_error", "axis-linear")], base=base).singles(1).fits["inertia_error",]
     (fraction,) = estimates(problem, fit)["inertia_error"]

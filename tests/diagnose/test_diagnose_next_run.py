@@ -20,10 +20,9 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.isolability import angle_between, isolability, separations, smallest_amount
 from workbench.diagnose.isolability import best_signatures as signatures
-from workbench.diagnose.isolation.lines import Ahead, Line, OnMenu, on_campaign, on_menu
+from workbench.diagnose.isolation.lines import LEAST, Ahead, Line, OnMenu, on_campaign, on_menu
 from workbench.diagnose.isolation.next_run import (
     APART,
-    LEAST,
     Compared,
     Offer,
     chance_to_decide,
@@ -56,7 +55,8 @@ def line(level: float, slope: float, own: bool = False) -> Line:
     """Residuals of a level, and one base parameter that shifts them all."""
     extra = np.ones((ROWS, 1)) if own else np.zeros((ROWS, 0))
     return Line(
-        np.full(ROWS, level), np.full((ROWS, 1), slope), extra, np.zeros(extra.shape[1]), np.zeros(ROWS, dtype=int), 0.5
+        np.full(ROWS, level), np.full((ROWS, 1), slope), extra, np.zeros(extra.shape[1]), np.zeros(ROWS, dtype=int),
+        0.5, LEAST,
     )  # fmt: skip
 
 
@@ -93,7 +93,7 @@ def test_what_is_kept_of_each_run_gives_the_least_squares_of_all_their_rows():
     rng = np.random.default_rng(2)
     channel = np.repeat([0, 1], (150, 50))
     mine, its = (Line(rng.normal(size=200), rng.normal(size=(200, 1)), rng.normal(size=(200, 1)), np.ones(1), channel,
-                      0.7) for _ in range(2))  # fmt: skip
+                      0.7, LEAST) for _ in range(2))  # fmt: skip
     rows = np.hstack([its.jacobian, its.own, (mine.residual - its.residual)[:, None]]) * math.sqrt(0.7)
     stacked = np.vstack([[1.0, 0.0, -0.4], rows, [0.0, 1.0, 0.0]])
     step = np.linalg.lstsq(stacked[:, :2], stacked[:, 2], rcond=None)[0]
@@ -174,14 +174,14 @@ def test_rivals_share_base_signatures_in_the_choice_and_have_their_own_in_what_i
     assert advice.separation == pytest.approx(apart(own([advice.planned.run]), 0, advice.signals), rel=1e-9)
 
 
-def test_the_chance_to_decide_is_that_of_drawn_likelihoods():
+@pytest.mark.parametrize(("apart", "now"), [(2.0, 0.0), (3.5, 0.0), (6.0, 4.0), (11.395, 11.385)])
+def test_the_chance_to_decide_is_that_of_drawn_likelihoods(apart: float, now: float):
+    """Of what the run adds: what the campaign shows already has not decided. As the last: 1.00 before."""
     rng = np.random.default_rng(3)
-    for apart in (2.0, 3.5, 6.0):
-        shift = np.zeros(50)
-        shift[:] = apart / math.sqrt(50)
-        data = rng.normal(size=(20000, 50))  # the true hypothesis predicts 0, the other one `shift`
-        ratio = 0.5 * np.sum((data - shift) ** 2 - data**2, axis=1)
-        assert chance_to_decide(apart) == pytest.approx(np.mean(ratio > math.log(20.0)), abs=0.02)
+    shift = np.full(50, math.sqrt((apart**2 - now**2) / 50))
+    data = rng.normal(size=(20000, 50))  # the true hypothesis predicts 0, the other one `shift`
+    ratio = 0.5 * np.sum((data - shift) ** 2 - data**2, axis=1)
+    assert chance_to_decide(apart, now) == pytest.approx(np.mean(ratio > math.log(20.0)), abs=0.02)
 
 
 def test_the_files_of_the_next_run_are_a_study_and_a_motion_for_a_drive(heavier: SearchResult, tmp_path: Path):

@@ -13,6 +13,7 @@ import pytest
 
 from tests.support.emps_campaign import emps_in
 from workbench.diagnose.diagnose import Diagnosis, diagnose
+from workbench.diagnose.isolation.next_run import APART
 from workbench.logs import read_campaign
 
 # What is marked as proof has a quicker counterpart: effects that are found again and unknown causes of simulated runs
@@ -60,6 +61,16 @@ def test_runs_that_decide_ask_for_no_further_one():
     assert diagnosis.next_run is None
 
 
+def test_runs_that_vary_all_and_leave_nothing_open_ask_for_no_further_one(shared_data: Path):
+    """Friction with the load leaves 0.31 N m rms more, half the noise; it was "set apart by only 0.0" beside 0.99."""
+    campaign = read_campaign(shared_data / "campaigns" / "24")
+    candidates = ("drum_eccentricity", "friction_load_dependent", "gearbox_efficiency")
+    diagnosis = diagnose(campaign, candidates=candidates, study=False)
+    assert diagnosis.verdict.effects == ("drum_eccentricity", "gearbox_efficiency")
+    assert diagnosis.verdict.probability > 0.9 and not diagnosis.verdict.alike
+    assert diagnosis.next_run is None
+
+
 @pytest.mark.parametrize("names", [("empty_fast", "full_fast"), ("empty_fast",)], ids=["two", "one"])
 def test_fast_runs_ask_for_the_slow_one_that_tells_the_laws_over_speed_apart(shared_data: Path, names: tuple[str, ...]):
     campaign = read_campaign(shared_data / "campaigns" / "02")
@@ -72,6 +83,8 @@ def test_fast_runs_ask_for_the_slow_one_that_tells_the_laws_over_speed_apart(sha
     assert float(np.median(asked[asked > 0.01 * seen])) < 0.5 * seen  # slow for most of the way
     assert diagnosis.next_run.separation > 3.0 > diagnosis.next_run.now
     assert set(diagnosis.verdict.alike) == {"friction_quadratic", "motor_fan"}  # at one speed no log tells them surely
+    predicted = {row.effects for row in diagnosis.candidates if row.held_out_rms is not None}
+    assert {(name,) for name in diagnosis.verdict.alike} < predicted  # as the answer, whose share stands beside theirs
     assert diagnosis.verdict.probability == 0.5
     assert sum(row.probability for row in diagnosis.verdict.ranking[1:]) == pytest.approx(0.5)
 
@@ -135,6 +148,8 @@ def test_friction_taken_out_of_a_real_axis_comes_back(emps: Emps):
     assert values(diagnosis)["level_n"][0] == pytest.approx(20.3935, rel=0.05)
     claimed = {*diagnosis.verdict.effects, *diagnosis.verdict.alike}
     assert not claimed & {"friction_stribeck", "friction_position_dependent"}
+    # A step near an end is as likely: it is not "set apart by 11.4 standard deviations", beyond what the axis leaves.
+    assert "friction_step" in claimed and diagnosis.next_run is not None and diagnosis.next_run.now < APART
     assert diagnosis.shrink.after < 0.25 * diagnosis.shrink.before
 
 

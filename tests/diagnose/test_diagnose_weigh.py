@@ -16,18 +16,21 @@ from hypothesis import strategies as st
 
 from tests.support.fitted_runs import fitted_to, made_by
 from tests.support.noisy_runs import hoist_runs
+from workbench.core.run import Array
 from workbench.diagnose.diagnose import sentence_of
 from workbench.diagnose.gap import folds_of, shrink_of, stretch_of, worst_tolerance
+from workbench.diagnose.hypotheses import held_out as held_out_module
 from workbench.diagnose.hypotheses.evidence import Score, Weighed, nested
 from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     FreeParameter,
     Names,
+    Scalar,
     base_parameters,
     effect_parameters,
     setting_of,
 )
-from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, significance
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import calibration
@@ -72,6 +75,76 @@ def test_a_phase_that_is_a_runs_own_is_taken_from_that_run():
     rounding = 1e-12 * np.random.default_rng(1).normal(size=fit.jacobian.shape) * np.max(np.abs(fit.jacobian), axis=0)
     rounded = held_out(problem, replace(fit, jacobian=fit.jacobian + rounding), folds_by_run(problem))
     assert rounded.rms(problem.inputs) == pytest.approx(unseen.rms(problem.inputs), rel=1e-3)
+
+
+def told_by(
+    left: Array, apart: Array, known: float, monkeypatch: pytest.MonkeyPatch, strain: float = 5.5, size: float = 1.0
+) -> float:
+    """The significance of an effect that a base parameter can stand in for, `strain` tolerances off nominal.
+
+    left: (runs, rows) the remainder; apart: by how much left-out rows are predicted otherwise without the effect.
+    known: a row's change by one tolerance of the parameter. size: of the model error that the machine needs.
+    """
+    column, remainder = np.full(left.size, known), left.ravel()
+    problem = types.SimpleNamespace(
+        errors=types.SimpleNamespace(whiten=lambda rows: rows, sizes=(size, 1.0)),
+        runs=list(left),
+        run_of_row=np.repeat(np.arange(len(left)), left.shape[1]),
+        samples=left.size,
+    )
+    base, effect = Scalar("base", 0.0, 1.0, std=1.0), Scalar("effect", 0.0, 1.0)
+    bent = float(column @ (column * strain - remainder)) / float(column @ column + 1.0)
+    without, fit = (
+        types.SimpleNamespace(
+            free=free,
+            z=np.array(z),
+            prior=z[0] ** 2,
+            jacobian=np.column_stack([column] * len(free)),
+            residual=residual,
+            held=held,
+        )
+        for free, z, residual, held in (
+            ((base,), [bent], remainder + column * (bent - strain), remainder + apart.ravel()),
+            ((base, effect), [0.0, strain], remainder, remainder),
+        )
+    )
+    monkeypatch.setattr(held_out_module, "held_out", lambda _, fit, folds: types.SimpleNamespace(residual=fit.held))
+    return significance(cast(Any, problem), *cast(Any, (without, fit)))
+
+
+def test_rows_that_repeat_others_tell_no_more_beside_a_tolerance(monkeypatch: pytest.MonkeyPatch):
+    """A payload's mass that relieved a tolerance by 5.8 deviations was none, for left-out rows that hang together spoke
+    neither for it nor against it."""
+    seen = np.repeat(np.random.default_rng(7).normal(size=(2, 4, 8)), 6, axis=2)
+    seen[0] -= np.mean(seen[0])
+
+    def told(times: int, size: float = 1.0) -> float:
+        left, apart = np.repeat(seen, times, axis=2)
+        return told_by(left, 0.2 * apart, 20.0, monkeypatch, size=size)
+
+    assert [told(3), told(30)] == pytest.approx([told(1)] * 2, rel=0.02)
+    assert told(1) > 4.0
+    assert told(30, size=4.0) < 2.5  # what a machine leaves beyond its own model error may be another cause's
+
+
+def test_a_strain_that_a_remainder_with_structure_can_make_is_no_cause(monkeypatch: pytest.MonkeyPatch):
+    """A log's dead band bent an axis' inertia by six tolerances, all of them by rows that hang together."""
+    left, apart = np.repeat(np.random.default_rng(7).normal(size=(2, 4, 8)), 50, axis=2)
+    left -= np.mean(left)
+    assert told_by(left, 0.2 * apart, 20.0, monkeypatch) > 4.0
+    assert told_by(left, 0.2 * apart, 0.1, monkeypatch) < 1.7
+
+
+def test_rows_of_white_noise_count_as_they_are(monkeypatch: pytest.MonkeyPatch):
+    """An effect of energy 25 is 2.5 deviations off by the rows alone, and a tolerance that it relieves adds to it; one
+    that takes nothing and relieves nothing is as rarely significant as by chance."""
+    rng, form = np.random.default_rng(8), np.full((5, 400), 0.1118)
+    noises = [rng.normal(size=form.shape) for _ in range(300)]
+    for strain, mean in ((0.0, 2.5), (3.3, 36.0 / math.sqrt(111.0))):
+        told = [told_by(noise - np.mean(noise), form, 20.0, monkeypatch, strain) for noise in noises]
+        assert float(np.mean(told)) == pytest.approx(mean, abs=0.4)
+    idle = [told_by(noise - form, form, 20.0, monkeypatch, 0.0) for noise in noises]
+    assert np.mean(np.array(idle) > 1.645) < 0.05
 
 
 # Standard errors

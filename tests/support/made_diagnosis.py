@@ -77,7 +77,9 @@ def made_diagnosis(kind: str, with_consequences: bool = False) -> Diagnosis:
         seed=0,
         condition=_condition(campaign, before),
         gap=gap,
-        delivered=delivered_of(0.5, replay_runs(nominal, campaign.runs), replay_runs(corrected, campaign.runs)),
+        delivered=delivered_of(
+            np.full(len(campaign.runs), 0.5), replay_runs(nominal, campaign.runs), replay_runs(corrected, campaign.runs)
+        ),
         where=None if kind == "no_gap" else _where(campaign, before, kind),
         candidates=_candidates(nominal, effects, gap),
         isolability=_isolability(nominal),

@@ -3,38 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from workbench.diagnose.hypotheses.evidence import Weighed
 from workbench.diagnose.hypotheses.fit import estimates
-from workbench.diagnose.hypotheses.free_parameters import Scalar
+from workbench.diagnose.hypotheses.free_parameters import Names, Scalar
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.verdict.answer import Candidate
-from workbench.diagnose.verdict.judge import Judged, alternatives
+from workbench.diagnose.verdict.judge import Judged
 
 SCORED = 3  # hypotheses whose held-out score is computed, at most
 OPEN = 0.01  # probability: beside a named answer, what has less is not worth refits to all runs but one
 
 
-def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar]) -> tuple[Candidate, ...]:
+def candidates(
+    search: SearchResult, judged: Judged, keys: Mapping[str, Scalar], alike: Collection[Names] = ()
+) -> tuple[Candidate, ...]:
     """The answer and all other hypotheses weighed, the best first; then those with a linear fit only, then those whose
-    fit failed."""
-    problem, near, folds = search.problem, search.within_tolerances, folds_by_run(search.problem)
-    without = held_out(problem, near, folds).rms(problem.inputs)
-    rows, likely = (
-        [],
-        {names for row in judged.ranking if row.probability > OPEN for names in (row.effects, *row.twins)},
-    )
-    likely |= {*alternatives(judged, problem.active.kind)}  # which share the answer's probability
+    fit failed. alike: those that share the answer's probability; all of them are predicted on left-out runs, too."""
+    problem, rows, folds = search.problem, list[Candidate](), folds_by_run(search.problem)
+    without = held_out(problem, search.within_tolerances, folds).rms(problem.inputs)
+    likely = {names for row in judged.ranking if row.probability > OPEN for names in (row.effects, *row.twins)}
     # A freer law that is alike may have the larger evidence.
     for k, hypothesis in enumerate(sorted(judged.weighed, key=lambda weighed: weighed.names != judged.names)):
         scored = k < SCORED and (k == 0 or judged.word != "named" or hypothesis.names in likely)
+        scored = scored or hypothesis.names in alike
         unseen = held_out(problem, hypothesis.fit, folds).rms(problem.inputs) if scored else None
-        before, after = (
-            (near.rms(problem.inputs), hypothesis.fit.rms(problem.inputs)) if unseen is None else (without, unseen)
-        )
-        gap, left = (max(rms**2 - problem.noise**2, 0.0) for rms in (before, after))
+        gap, left = (max((rms or 0.0) ** 2 - problem.noise**2, 0.0) for rms in (without, unseen))
         against = _against(search, judged, hypothesis, keys)
         if unseen is not None and unseen > without:
             against.append("predicts a run it has not seen worse than without it")
@@ -45,7 +41,7 @@ def candidates(search: SearchResult, judged: Judged, keys: Mapping[str, Scalar])
                 merit=hypothesis.evidence,
                 residual_rms=hypothesis.fit.rms(problem.inputs),
                 held_out_rms=unseen,
-                explained=max(1.0 - left / max(gap, 1e-300), 0.0),
+                explained=None if unseen is None else max(1.0 - left / max(gap, 1e-300), 0.0),
                 parameters=estimates(problem, hypothesis.fit),
                 fitted=True,
                 against=tuple(against),

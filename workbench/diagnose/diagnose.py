@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,7 +26,7 @@ from workbench.diagnose.gap import (
     stretch_of,
 )
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
-from workbench.diagnose.hypotheses.problem import Problem, rms
+from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult, searched
 from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.diagnose.isolability import Isolability, isolability
@@ -35,7 +36,7 @@ from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.progress import Progress, Stage, Tell
 from workbench.diagnose.readiness.checks import check_runs, variety
 from workbench.diagnose.readiness.condition import Condition, condition
-from workbench.diagnose.readiness.noise import informative_band, motion_noise
+from workbench.diagnose.readiness.noise import informative_band, with_motion_noise
 from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.residual_tests import ResidualTest, residual_tests
 from workbench.diagnose.verdict.answer import (
@@ -45,6 +46,7 @@ from workbench.diagnose.verdict.answer import (
     ReasonKind,
     Remainder,
     Verdict,
+    percent_of,
     shared,
 )
 from workbench.diagnose.verdict.judge import (
@@ -151,8 +153,8 @@ def sentence_of(
     if gap is not None and shrink.after > STAYS * shrink.before and (stretch := stretch_of(gap)):
         text += f"without it these runs put {stretch}; the residual on runs held out, {shrink.after:.2g} {unit}, stays"
     else:
-        text += f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}"
-        text += f", noise {shrink.noise:.2g}. It explains {_percent(1.0 - rest.share)} of the gap's energy beyond noise"
+        text += f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}, noise "
+        text += f"{shrink.noise:.2g}. It explains {percent_of(1.0 - rest.share)} of the gap's energy beyond noise"
     if rest.rms > 0.0:
         text += f"; {rest.rms:.2g} {unit} remain, {_of_input(rest)}"
     if others := [name for name in also if not any(name in names for names in same)]:
@@ -165,13 +167,6 @@ def _of_input(rest: Remainder) -> str:
     mostly = f"mostly {MOSTLY[rest.regime]}, " if rest.relevant and rest.regime in MOSTLY else ""
     enough = "enough" if rest.relevant else "too little"
     return f"{rest.percent_of_input:.2g} % of the input, {mostly}{enough} to change a conclusion"
-
-
-def _percent(share: float) -> str:
-    """A share of the energy in per cent, with enough digits near 100."""
-    if share >= 0.9999:
-        return "over 99.99 %"
-    return f"{100.0 * share:.2f} %" if share > 0.99 else f"{100.0 * share:.0f} %"
 
 
 def chance(probability: float) -> str:
@@ -282,9 +277,8 @@ def diagnose(
         band = informative_band(problem.bench, seed)
         if band < problem.band_hz:
             problem = Problem(campaign.machine, campaign.runs, band)
-    shaking = motion_noise(problem, seed)
-    problem = problem.noisier(shaking)
-    state = condition(campaign, problem, rms(shaking))
+    of_input, problem = problem.noise, with_motion_noise(problem, seed)
+    state = condition(campaign, problem, math.sqrt(problem.noise**2 - of_input**2))
 
     others = [effect for effect in effects_for(problem.active.kind).values() if not effect.listed]
     rivals = others if candidates is None else []
@@ -298,7 +292,6 @@ def diagnose(
     problem = search.problem
     say(Progress(Stage.JUDGE))
     judged = judged_to_help(search)
-    rows = candidate_rows(search, judged, keys)
     say(Progress(Stage.LOCATE))
     refitted = refitted_machine(problem, keys, search.within_tolerances)
     fit = search.fits[judged.names] if judged.names else None
@@ -312,15 +305,17 @@ def diagnose(
     where = where_of(problem, search.within_tolerances, fit, named, seed) if judged.word != "no_gap" else None
     say(Progress(Stage.SEPARATE))
     apart = isolability(problem, search)
-    also = alike(judged, problem.active.kind)
-    asked = _open(judged, alternatives(judged, problem.active.kind))
+    also, as_good = alike(judged, problem.active.kind), alternatives(judged, problem.active.kind)
+    asked = _open(judged, as_good)
     more = next_run(problem, search, asked)
     if judged.word == "unknown" and more is None:
         more = next_run(problem, search, unlisted_likely(judged))
-    if judged.word == "named" and len(asked) == 1:
+    if judged.word == "named" and len(asked) == 1 and variety(problem.bench):  # what the runs do not vary
         more = next_run(problem, search, [*asked, *runners_up(judged, problem.active.kind)], settled=APART)
-        if more is not None and variety(problem.bench):  # what the runs do not vary would tell them apart
-            also = tuple(dict.fromkeys(name for rival in more.rivals for name in rival if name not in judged.names))
+        if more is not None:  # would tell them apart
+            as_good = more.rivals
+            also = tuple(dict.fromkeys(name for rival in as_good for name in rival if name not in judged.names))
+    rows = candidate_rows(search, judged, keys, as_good)
     say(Progress(Stage.SHRINK))
     unlisted = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.UNLISTED_EXPLAINS_MORE]
     fits = [search.fits[names] for names in unlisted if names in search.fits]
@@ -337,11 +332,12 @@ def diagnose(
     shrink = shrink_of(search, keys, judged.names, folds, seed, unknown)
     answers = [fit] if fit is not None else []
     alike_runs = alike_of(problem, [*answers, *(w.fit for w in judged.weighed), search.within_tolerances])
-    delivered = delivered_of(problem.noise, refitted_replay, replayed, alike_runs)
+    delivered = delivered_of(problem.run_noise, refitted_replay, replayed, alike_runs)
     if aside:
         struck = own_impacts(corrected, aside)
         first, last = (replay_runs(m, aside, problem.band_hz, struck) for m in (refitted, corrected))
-        delivered = replace(delivered, validated=delivered_of(problem.noise, first, last).runs)
+        noise = with_motion_noise(Problem(campaign.machine, aside, problem.band_hz), seed).run_noise
+        delivered = replace(delivered, validated=delivered_of(noise, first, last).runs)
     warnings = (*warnings, *differing(delivered))
     if judged.word == "named" and (also or shrink.ci95[0] <= 1.0):  # the runs leave it open
         judged = replace(judged, ranking=shared(judged.ranking, also))

@@ -140,22 +140,22 @@ def alike_of(problem: Problem, fits: Sequence[Fitted]) -> Array:
 
 
 def delivered_of(
-    noise: float,
+    noise: Array,
     refitted: ReplayResult,
     corrected: ReplayResult,
     alike: Array | None = None,
 ) -> Delivered:
     """Both machines as replayed: the numbers that the report prints are those that anybody gets with the file. noise:
-    rms in the band, in the input's unit. alike: of each run, see `alike_of`."""
+    of each run, rms in the band, in the input's unit. alike: of each run, see `alike_of`."""
     before = np.nan_to_num([run.residual_rms_moving for run in refitted.runs])
     after = np.nan_to_num([run.residual_rms_moving for run in corrected.runs])
     length = np.array([np.count_nonzero(run.balance.moving) * run.simulated.sample_time_s for run in corrected.runs])
     beyond = length * np.maximum(before**2 - noise**2, 0.0)
     alike = np.ones(len(after)) if alike is None else alike
     rows = tuple(
-        RunResidual(run.name, float(share), float(b), float(a), noise, bool(p < UNLIKELY), float(p))
-        for run, share, b, a, p in zip(
-            corrected.runs, beyond / max(float(np.sum(beyond)), 1e-300), before, after, alike, strict=True
+        RunResidual(run.name, float(share), float(b), float(a), float(n), bool(p < UNLIKELY), float(p))
+        for run, share, b, a, n, p in zip(
+            corrected.runs, beyond / max(float(np.sum(beyond)), 1e-300), before, after, noise, alike, strict=True
         )
     )
     return Delivered(corrected.residual_rms_moving, corrected.speed_rmse_percent, rows)

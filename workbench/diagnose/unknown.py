@@ -24,6 +24,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.law import Law, find_law
 from workbench.diagnose.machines import corrected_machine, machine_of, refitted_machine
 from workbench.diagnose.tables import Curve, Tables, variables_of, with_table
+from workbench.diagnose.verdict.answer import percent_of
 from workbench.machines import Axis, Hoist, kind_of
 
 
@@ -136,7 +137,7 @@ def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = (), pla
     values = ", ".join(powers(f"{key} {value:.3g}") for of in effects.values() for key, value in of.items())
     share = _share(problem, alone, unseen.rms(problem.inputs))
     sentence = (
-        f"{' and '.join(effects)}, in the library and not listed, explains {100.0 * share:.0f} % of its energy on "
+        f"{' and '.join(effects)}, in the library and not listed, explains {percent_of(share)} of its energy on "
         f"{_left_out(problem)} ({values}). machine.yaml holds it."
     )
     return replace(
@@ -157,7 +158,7 @@ def _law_sentence(problem: Problem, law: Law, alone: float) -> str:
         stretched = f"; base parameters alone, as far off as it takes, leave {law.before:.3g} {unit}"
     return (
         f"As a law in a formula: {law.equation}, {law.unit} at the {law.acts_on}, with {values}. On "
-        f"{_left_out(problem)} it takes {100.0 * _share(problem, alone, law.after):.0f} % of the energy, from "
+        f"{_left_out(problem)} it takes {percent_of(_share(problem, alone, law.after))} of the energy, from "
         f"{alone:.3g} to {law.after:.3g} {unit}{stretched}. It says what the force looks like within these runs, not "
         "where it comes from."
     )
@@ -234,7 +235,7 @@ def _sentences(
     low, high = (float(f(np.concatenate([best.forward, best.backward]))) for f in (np.min, np.max))
     sentences = [
         f"A {kind} at the {best.acts_on} that depends on {over_what(best.over)} explains it best: "
-        f"{100.0 * best.explains:.0f} % of its energy on {_left_out(problem)}. It lies between "
+        f"{percent_of(best.explains)} of its energy on {_left_out(problem)}. It lies between "
         f"{span(low, high, force).replace(' to ', ' and ')} against the motion; a constant in it cannot be told from "
         "the friction levels.",
         f"With that {kind} as a table beside the base parameters, {after:.2g} {unit} rms are left of {before:.2g} "
@@ -243,6 +244,6 @@ def _sentences(
     if len(curves) > 1 and curves[1].explains > 0.9 * best.explains:
         sentences.append(
             f"One at the {curves[1].acts_on} that depends on {over_what(curves[1].over)} explains nearly as much, "
-            f"{100.0 * curves[1].explains:.0f} %."
+            f"{percent_of(curves[1].explains)}."
         )
     return tuple(sentences)

@@ -22,7 +22,7 @@ from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS, ResidualTest
-from workbench.diagnose.verdict.answer import WITHOUT_EFFECTS, Candidate, Hypothesis
+from workbench.diagnose.verdict.answer import WITHOUT_EFFECTS, Candidate, Hypothesis, percent_of
 from workbench.effects import effects_for
 from workbench.machines import kind_of, plant_of, save_machine
 from workbench.study.consequences import consequences_table
@@ -292,7 +292,7 @@ def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = Fal
     cells: Cells = {
         words("hypothesis"): lambda c: (" +\n" if brief else " + ").join(c.effects),
         Column("proba-\nbility"): lambda c: likely.get(frozenset(c.effects), NOTHING),
-        Column("explains", "%"): (lambda c: NOTHING) if no_gap else _percent("explained"),
+        Column("explains"): lambda c: NOTHING if no_gap or c.explained is None else percent_of(c.explained),
         Column("residual", unit_of(d)): _of("residual_rms"),
         Column("held out", unit_of(d)): _of("held_out_rms"),
         Column("merit"): lambda c: f"{c.merit:.0f}" if c.fitted and math.isfinite(c.merit) else NOTHING,
@@ -344,13 +344,14 @@ def visible_table(d: Diagnosis) -> Table:
 def shrink_table(d: Diagnosis) -> Table:
     """The residual of the held-out runs before and after; without a gap only after."""
     s, unit, note = d.shrink, unit_of(d), f"Residual rms below {d.shrink.band_hz:.3g} Hz."
+    noise = {run.name: run.noise for run in d.delivered.runs} | {"all runs": s.noise}
     pairs = dict(s.by_run) if len(s.by_run) < 2 else {**s.by_run, "all runs": (s.before, s.after)}
     if d.verdict.word == "no_gap":
         heads = [words("held out"), Column("residual", unit), Column("times\nthe noise")]
-        return Table(heads, [[run, figures(b), _ratio(b, s.noise, 2)] for run, (_, b) in pairs.items()], note)
+        return Table(heads, [[run, figures(b), _ratio(b, noise[run], 2)] for run, (_, b) in pairs.items()], note)
     heads = [words("held out"), Column("before", unit), Column("after", unit), Column("factor"),
              Column("after, times\nthe noise")]  # fmt: skip
-    rows = [[run, figures(a), figures(b), _ratio(a, b), _ratio(b, s.noise, 2)] for run, (a, b) in pairs.items()]
+    rows = [[run, figures(a), figures(b), _ratio(a, b), _ratio(b, noise[run], 2)] for run, (a, b) in pairs.items()]
     return Table(heads, rows, note)
 
 
@@ -566,7 +567,7 @@ def _shrink_columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:
     """One row a run, rms of the residual by a fit to the other runs, N m (N)."""
     runs = d.shrink.by_run
     before, after = ([pair[k] for pair in runs.values()] for k in (0, 1))
-    return {"run": list(runs), "before": before, "after": after, "noise": [d.shrink.noise] * len(runs)}
+    return {"run": list(runs), "before": before, "after": after, "noise": [run.noise for run in d.delivered.runs]}
 
 
 def _run_columns(d: Diagnosis) -> Mapping[str, Sequence[Any]]:

@@ -115,11 +115,8 @@ def fitted_without(
                 tried += [(fold, np.clip(at + part * step, lowest, highest)) for part in PARTS]
                 continue
             gradient, hessian = j.T @ rows[fold] + at / std**2, j.T @ j + prior
-            free = (
-                shown[fold] & ((at > lowest) | (gradient < 0.0)),
-                shown[fold] & ((at < highest) | (gradient > 0.0)),
-            )
-            steps[fold] = step = _step(hessian, gradient, *free)
+            free = shown[fold] & ((at > lowest) | (gradient < 0.0)) & ((at < highest) | (gradient > 0.0))
+            steps[fold] = step = _step(hessian, gradient, free)
             moved = np.clip(at + step, lowest, highest) - at
             if 0.0 <= -(2.0 * gradient + hessian @ moved) @ moved < SETTLED:
                 del steps[fold]
@@ -200,12 +197,12 @@ def _pull(z: Array, std: Array) -> float:
     return float(np.sum((z / std) ** 2))
 
 
-def _step(hessian: Array, gradient: Array, down: np.ndarray, up: np.ndarray) -> Array:
+def _step(hessian: Array, gradient: Array, moving: np.ndarray) -> Array:
     """The Newton step of what is not held at a bound that it wants to cross.
 
     What these rows do not show stays: rounding over a curvature of zero would throw it anywhere.
     """
-    free = np.flatnonzero(down & up & (np.diag(hessian) > 0.0))
+    free = np.flatnonzero(moving & (np.diag(hessian) > 0.0))
     h = hessian[np.ix_(free, free)]
     scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
     step = np.zeros(len(gradient))
@@ -231,21 +228,39 @@ def _own(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
 def significance(problem: Problem, without: Fitted, fit: Fitted) -> float:
     """By how much a fit predicts left-out folds better than another one, in standard deviations of that.
 
-        gain = sum_i (u_i^2 - w_i^2) + P_0 - P,    variance = 4 sum_b (sum_(i in b) (u_i - w_i) w_i)^2 + P_0 - P
+        gain = sum_i (u_i^2 - w_i^2) / c + P_0 - P,    variance = V / c^2 + P_0 - P
+        V = 4 sum_b (sum_(i in b) (u_i - w_i) w_i)^2,    c = max(V / (4 sum_i (u_i - w_i)^2), 1)
 
     u and w are the whitened held-out residuals of both, P_0 and P the squared distances of their base parameters from
     nominal in tolerances, which are data like the others. Were w independent of what the further effects predict,
     u - w, the gain would be the energy of u - w; it is off that by their product alone. The products are summed over
     stretches b as long as the residual hangs together, so a remainder with structure is no proof (a sandwich variance;
-    W. K. Newey, K. D. West, Econometrica 55, 1987). No fold leaves a tolerance out: by chance alone P_0 - P is the
-    square of a standard normal value, so it counts as many deviations as its root.
+    W. K. Newey, K. D. West, Econometrica 55, 1987). White, w would give V = 4 sum (u_i - w_i)^2: c is how much wider it
+    spreads, and its rows tell as much less beside a tolerance, which is known (quasi-likelihood; P. McCullagh, Annals
+    of Statistics 11, 1983). So much less do they pull the base parameters off nominal: P_0 and P are those at the least
+    chi^2 / c + P. Where the machine leaves more than its own model error, what hangs together may be another cause's,
+    which bends base parameters, too: c is 1. No fold leaves a tolerance out: by chance alone P_0 - P is the square of a
+    standard normal value, so it counts as many deviations as its root.
     """
     folds = folds_by_run(problem)
     u, w = problem.errors.whiten(np.stack([held_out(problem, one, folds).residual for one in (without, fit)], axis=1)).T
     product = np.bincount(stretches(problem), (u - w) * w)
-    prior = without.prior - fit.prior
-    variance = 4.0 * float(product @ product) + max(prior, 0.0)
-    return (float(u @ u - w @ w) + prior) / math.sqrt(max(variance, 1e-300))
+    variance, white = 4.0 * float(product @ product), max(4.0 * float(np.sum((u - w) ** 2)), 1e-300)
+    wider = max(variance / white, 1.0) if max(problem.errors.sizes) <= 1.0 else 1.0
+    prior = _strain(problem, without, wider) - _strain(problem, fit, wider)
+    return (float(u @ u - w @ w) / wider + prior) / math.sqrt(max(variance / wider**2 + max(prior, 0.0), 1e-300))
+
+
+def _strain(problem: Problem, fitted: Fitted, wider: float) -> float:
+    """The squared distance of a fit's base parameters from nominal, in tolerances, where its rows tell `wider` times
+    less, by one step from the fit."""
+    if wider <= 1.0:
+        return fitted.prior
+    (lowest, highest, std), z = bounds_of(fitted.free), fitted.z
+    white = problem.errors.whiten(np.column_stack([fitted.jacobian, fitted.residual])) / math.sqrt(wider)
+    gradient, hessian = white[:, :-1].T @ white[:, -1] + z / std**2, white[:, :-1].T @ white[:, :-1]
+    free = ((z > lowest) | (gradient < 0.0)) & ((z < highest) | (gradient > 0.0))
+    return _pull(np.clip(z + _step(hessian + np.diag(1.0 / std**2), gradient, free), lowest, highest), std)
 
 
 def stretches(problem: Problem) -> np.ndarray:

@@ -56,7 +56,7 @@ class Problem:
     A search simulates `thin`, at some of the samples; what it finds is refitted `exact`, at all of them.
     rows: of each run, the samples looked at; run_lengths: how many. share: how many
     independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit;
-    row_noise: (inputs,) that of each sample.
+    row_noise: (inputs,) that of each sample, as it is weighed; run_noise: (runs,) that of each run, as it is stated.
     errors: noise and model error, as the data are weighed (`ErrorModel`).
     Where every run of a hoist logs the dead line's tension, its residual follows behind
     that of the torque, on the torque's scale: `inputs` is how many rows are the torque's.
@@ -94,7 +94,7 @@ class Problem:
         self.share = min(1.0, 2.0 * self.band_hz * float(np.mean(spacing)))
         self.late = ranges_of(self.effect("speed_delay"), machine, self.runs)[0].symbol
         self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
-        self.row_noise = np.full(self.inputs, self.noise)
+        self.row_noise, self.run_noise = np.full(self.inputs, self.noise), np.array(self.bench.noise)
         self.thin = max(self.bench.every) > 1 or any(map(len, impacts))
         self.evaluations = 0
         self.kept: dict[Any, Any] = {}  # held-out fits, by fit and folds: several steps ask for the same

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.run import Array, Run
+from workbench.diagnose.hypotheses.evidence import model_error_rms
 from workbench.diagnose.hypotheses.fit import Fitted, is_timing
 from workbench.diagnose.hypotheses.free_parameters import (
     LOAD_CELL_STD,
@@ -25,6 +26,7 @@ from workbench.diagnose.hypotheses.problem import STEP, TENSION, TENSION_TRUST, 
 from workbench.machines import kind_of
 
 POSITION = "position_carriage_m"
+LEAST = 0.35  # of the noise, rms: no model is more exact than that
 POSITION_TRUST = 1e-4  # of the wire's length: a usual draw-wire encoder or laser
 
 
@@ -34,7 +36,7 @@ class Line:
 
     residual: (rows,) in standard deviations; jacobian: (rows, len(z)); own: (rows, k) the values that
     each run has of its own (a phase, a load cell's gain). own_hold: (k,) one over their standard deviations.
-    channel: (rows,) the signal of each row.
+    channel: (rows,) the signal of each row. least: what is ignored of a difference, rms, in standard deviations.
     """
 
     residual: Array
@@ -43,9 +45,16 @@ class Line:
     own_hold: Array
     channel: np.ndarray
     share: float
+    least: float
 
 
 OnMenu = Callable[[int, tuple[str, ...]], Line]  # the number of the planned run, what is logged
+
+
+def least_of(problem: Problem) -> float:
+    """Of the noise, rms: no model is more exact. An axis leaves laws of its own, as much as the verdict allows for."""
+    own = kind_of(problem.machine).floor == "own"
+    return max(LEAST, model_error_rms(problem.with_model_error((1.0, 1.0))) / problem.noise) if own else LEAST
 
 
 def on_campaign(problem: Problem, fit: Fitted) -> Line:
@@ -53,8 +62,9 @@ def on_campaign(problem: Problem, fit: Fitted) -> Line:
     channel = np.where(np.arange(rows) < problem.inputs, 0, 1)
     nothing = np.zeros((rows, 0))
     return Line(
-        fit.residual / problem.noise, fit.jacobian / problem.noise, nothing, np.zeros(0), channel, problem.share
-    )
+        fit.residual / problem.noise, fit.jacobian / problem.noise, nothing, np.zeros(0), channel, problem.share,
+        least_of(problem),
+    )  # fmt: skip
 
 
 class Ahead(Problem):
@@ -93,7 +103,7 @@ def on_menu(problem: Problem, ahead: Ahead, fit: Fitted) -> OnMenu:
     for k, symbol in enumerate(lasting):
         if symbol:
             change[k] = ahead.known.setdefault(symbol, change[k])
-    phases = _phases(fit.free)
+    phases, least = _phases(fit.free), least_of(problem)
 
     def of_run(k: int, signals: tuple[str, ...]) -> Line:
         input_rows, *beside = np.flatnonzero(ahead.run_of_row == k).reshape(ahead.samples // ahead.inputs, -1)
@@ -117,7 +127,7 @@ def on_menu(problem: Problem, ahead: Ahead, fit: Fitted) -> OnMenu:
             own.append(slopes[:, -1])
             hold.append(1.0)
         extra = np.stack(own, axis=1) if own else np.zeros((len(residual), 0))
-        return Line(residual, jacobian, extra, np.array(hold), channel, ahead.share)
+        return Line(residual, jacobian, extra, np.array(hold), channel, ahead.share, least)
 
     return of_run
 

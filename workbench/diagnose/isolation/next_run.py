@@ -17,11 +17,10 @@ from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection, columns_signed, linear_gain, start_of
-from workbench.diagnose.isolation.lines import Ahead, Line, OnMenu, on_campaign, on_menu
+from workbench.diagnose.isolation.lines import Ahead, Line, OnMenu, least_of, on_campaign, on_menu
 from workbench.diagnose.isolation.planned import Planned, drawn, menu, planned_as, seen_in, varied
 from workbench.machines import kind_of
 
-LEAST = 0.35  # of the noise, rms: no model is more exact than that
 APART = 3.0  # standard deviations: then a run decides
 WORTH = 1.0  # more than now: less is not worth a run
 DECIDED = math.log(20.0)  # of likelihoods: twenty to one
@@ -35,8 +34,8 @@ class NextRun:
     """The run that would decide between the open hypotheses.
 
     separation: distance of their predictions with this run, in standard deviations; now: without it; menu: with the
-    best plain run that takes no longer, `plain`. decides: the probability that the likelihoods then differ by more than
-    DECIDED. rivals: of the first hypothesis.
+    best plain run that takes no longer, `plain`. decides: the probability that it makes the likelihoods differ by more
+    than DECIDED. rivals: of the first hypothesis.
     """
 
     why: str
@@ -87,7 +86,7 @@ def next_run(
     """The cheapest run that separates the first open hypothesis from the others, or else the best one.
 
     For each planned run the predictions of the hypotheses are compared after base parameters and effects were
-    refitted to all data within the tolerances. Differences below LEAST of the noise are ignored. Rivals that the
+    refitted to all data within the tolerances. Differences below `least_of` the noise are ignored. Rivals that the
     campaign sets `settled` standard deviations apart already are left out. None if no rival is left, or if no run would
     set those that are so far apart.
     """
@@ -125,7 +124,7 @@ def next_run(
         fits = fits[:2]  # not all of them, perhaps the best one
     return NextRun(
         _why(problem, fits, best, now, settled), best.planned.payload_kg, best.planned.words, best.signals,
-        best.separation, now, plain.separation, chance_to_decide(best.separation), best.planned, plain.planned,
+        best.separation, now, plain.separation, chance_to_decide(best.separation, now), best.planned, plain.planned,
         tuple(fit.effects for fit in fits[1:]),
     )  # fmt: skip
 
@@ -142,10 +141,12 @@ def _stated(problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared],
     return replace(offer, separation=_apart(fits, known, compared([of_run(0, offer.signals) for of_run in own])))
 
 
-def chance_to_decide(separation: float) -> float:
-    """The probability that the log-likelihoods of two hypotheses `separation` standard deviations apart differ by more
-    than DECIDED for the true one: their difference is normal with mean d²/2 and variance d²."""
-    return NormalDist().cdf((0.5 * separation**2 - DECIDED) / separation) if separation > 0.0 else 0.0
+def chance_to_decide(separation: float, now: float = 0.0) -> float:
+    """The probability that a run makes the log-likelihoods of two hypotheses differ by more than DECIDED for the true
+    one, which sets them `separation` standard deviations apart where the campaign has them `now` apart: what it adds is
+    normal with mean d²/2 and variance d²."""
+    d = math.sqrt(max(separation**2 - now**2, 0.0))
+    return NormalDist().cdf((0.5 * d**2 - DECIDED) / d) if d > 0.0 else 0.0
 
 
 def _designed(problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared], plain: Offer) -> Offer:
@@ -229,7 +230,7 @@ def compared(lines: Sequence[Line]) -> list[Compared]:
         rows = math.sqrt(its.share) * np.column_stack([its.jacobian, its.own, mine.residual - its.residual])
         channels = [rows[its.channel == channel] for channel in np.unique(its.channel)]
         triangles = tuple(np.asarray(np.linalg.qr(some, mode="r")) for some in channels)
-        found.append(Compared(triangles, tuple(LEAST**2 * its.share * len(r) for r in channels), its.own_hold))
+        found.append(Compared(triangles, tuple(its.least**2 * its.share * len(r) for r in channels), its.own_hold))
     return found
 
 
@@ -275,11 +276,11 @@ def _why(problem: Problem, fits: Sequence[Fitted], best: Offer, now: float, sett
     if settled < math.inf:  # the likelihoods are apart: they are as good as the model is exact
         begin = (
             f"The runs favour {names[0]} over {rivals}, but set them apart by only {now:.1f} standard deviations once "
-            f"a model error of {LEAST:g} of the noise is allowed for"
+            f"a model error of {least_of(problem):.2g} of the noise is allowed for"
         )
     if best.separation > APART:
         apart = f"{best.separation:.1f} standard deviations"
-        sure = f"{100.0 * chance_to_decide(best.separation):.0f} %"
+        sure = f"{100.0 * chance_to_decide(best.separation, now):.0f} %"
         return (
             f"{begin}; {load}, {best.planned.words}{signals}, would do so by {apart}, and decide twenty to one with a "
             f"probability of {sure}."

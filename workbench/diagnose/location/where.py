@@ -299,7 +299,8 @@ def regime_of(problem: Problem, gap: Array, explained: Explained) -> str:
 
 def _by_run(problem: Problem, gap: Array) -> dict[str, float]:
     """Each run's share of the gap's energy beyond noise."""
-    beyond = np.bincount(run_of(problem), spacing(problem) * (gap**2 - problem.noise**2), len(problem.runs))
+    of_row = run_of(problem)
+    beyond = np.bincount(of_row, spacing(problem) * (gap**2 - problem.run_noise[of_row] ** 2), len(problem.runs))
     energy = np.maximum(beyond, 0.0)
     return {run.name: float(e / max(energy.sum(), 1e-300)) for run, e in zip(problem.runs, energy, strict=True)}
 

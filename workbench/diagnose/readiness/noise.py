@@ -107,13 +107,14 @@ DRAWS = 2
 SPEED_BINS = 8
 
 
-def motion_noise(problem: Problem, seed: int) -> Array:
-    """(inputs,) noise of the prediction that comes from the measured motion: encoder noise, differentiated, times
-    inertia. Rms of each moving row in the band, in the input's unit, at the base values, by Monte Carlo.
+def with_motion_noise(problem: Problem, seed: int) -> Problem:
+    """The campaign with the noise of the prediction that comes from the measured motion: encoder noise, differentiated,
+    times inertia. Of each moving row in the band, at the base values, by Monte Carlo.
 
     Noise as large as the logged motion's is added to it once more; what that changes in the
     prediction is what the noise already there has changed. The same for all rows, unless time stamps jitter: then it
-    grows with the speed. Deterministic for one seed.
+    grows with the speed. A run that reverses more often has more than its like: `run_noise`. Deterministic for one
+    seed.
     """
     random = np.random.default_rng(seed)
     before = np.concatenate(_predicted(problem, problem.runs))
@@ -124,7 +125,10 @@ def motion_noise(problem: Problem, seed: int) -> Array:
         square += (before - np.concatenate(_predicted(problem, noisy))) ** 2 / DRAWS
     jittery = any(np.ptp(sizes) > 0.0 for noise in noises for sizes in noise.values())
     speed = [np.abs(motion.speed[rows]) for motion, rows in zip(problem.bench.motions, problem.rows, strict=True)]
-    return _by_speed(np.sqrt(square), np.concatenate(speed), SPEED_BINS if jittery else 1)
+    with_noise = problem.noisier(_by_speed(np.sqrt(square), np.concatenate(speed), SPEED_BINS if jittery else 1))
+    of_run = np.split(square, np.cumsum(problem.run_lengths)[:-1])
+    with_noise.run_noise = np.sqrt(problem.run_noise**2 + [float(np.mean(its)) if len(its) else 0.0 for its in of_run])
+    return with_noise
 
 
 def _by_speed(sizes: Array, speed: Array, bins: int) -> Array:

@@ -67,9 +67,9 @@ class Remainder(Left):
 class Candidate:
     """One hypothesis. gain: the fall of chi^2 and tolerances together; merit: its evidence, as diagnosis.json calls it.
 
-    residual_rms, held_out_rms: N m (N); held_out_rms is None for what was not predicted. explained: share of the gap's
-    energy beyond noise, on held-out runs where these were predicted. against: the reasons against it. failure: why its
-    fit broke down, "" for one that did not.
+    residual_rms, held_out_rms: N m (N). explained: share of the gap's energy beyond noise on held-out runs; both are
+    None for what was not predicted there. against: the reasons against it. failure: why its fit broke down, "" for one
+    that did not.
     """
 
     effects: Names
@@ -130,6 +130,13 @@ class Verdict:
     def twins(self) -> tuple[Names, ...]:
         """What differs from the answer in name only."""
         return self.ranking[0].twins
+
+
+def percent_of(share: float) -> str:
+    """A share of the energy in per cent, with enough digits near 100."""
+    if share >= 0.9999:
+        return "over 99.99 %"
+    return f"{100.0 * share:.2f} %" if share > 0.99 else f"{100.0 * share:.0f} %"
 
 
 def rank(

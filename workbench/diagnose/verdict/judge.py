@@ -154,9 +154,8 @@ def judged_to_help(search: SearchResult) -> Judged:
     barred, deserving = list[Names](), set[Names]()
     while True:
         judged = judge(search, barred)
-        asked = (
-            {judged.names, judged.best.names if judged.best is not None and judged.stands else ()} - {()} - deserving
-        )
+        standing = judged.best.names if judged.best is not None and judged.stands else ()
+        asked = {judged.names, standing} - {()} - deserving
         idle = [w.names for w in judged.weighed if w.names in asked and not deserved(search, w)]
         if not idle:
             return judged
@@ -167,21 +166,17 @@ def judged_to_help(search: SearchResult) -> Judged:
 def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances better than its effects' absence does; and with
     each one of several significantly better than without it, at SIGNIFICANT for all that they were chosen from, and
-    than with a free law of one variable in its place (`worth`). A cause that base parameters can stand in for leaves
-    the residual as it is, and relieves the tolerances: it may predict left-out runs worse, as far as by chance."""
+    than with a free law of one variable in its place (`worth`)."""
     problem, base = search.problem, search.base
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
         less.append(without(search, w.fit, name))
         if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
             return False
-    by_tolerances = base.prior - w.fit.prior > base.chi2 - w.fit.chi2
-    if significance(problem, search.within_tolerances, w.fit) <= (float(ndtri(SIGNIFICANT)) if by_tolerances else 0.0):
+    if significance(problem, search.within_tolerances, w.fit) <= 0.0:
         return False
-    chosen_from = len({name for known in search.fits for name in known})
-    least = float(-ndtri(SIGNIFICANT / chosen_from))
-    nearest_first = sorted(less, key=lambda rest: rest.objective)
-    return all(significance(problem, rest, w.fit) > least for rest in nearest_first)
+    least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
+    return all(significance(problem, rest, w.fit) > least for rest in sorted(less, key=lambda rest: rest.objective))
 
 
 def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
