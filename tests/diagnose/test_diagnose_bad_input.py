@@ -184,7 +184,7 @@ WARNED: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
         "load is about 0.68 times what machine.yaml says",
     ),
     "one of standstill": (
-        lambda c: changed(c, ("half",), _still), "Run half stands still throughout and adds nothing to the diagnosis.",
+        lambda c: changed(c, ("half",), _still), "Run half stays below 1 % of nominal motor speed throughout",
     ),
     "one run": (lambda c: replace(c, runs=c.runs[:1]), "One run only"),
     "one payload": (

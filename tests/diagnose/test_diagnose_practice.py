@@ -161,7 +161,7 @@ def test_a_fully_known_real_axis_has_no_gap(emps: Emps):
 @pytest.mark.proof
 @pytest.mark.xfail(
     strict=True,
-    reason="a known miss: unequal viscous friction, which EMPS leaves itself, takes 45 % of the gap and the offset with it",
+    reason="a known miss: unequal viscous friction, which EMPS leaves itself, takes the offset with it",
 )
 @pytest.mark.parametrize("more", ["", "tolerances: {force_offset_n: 0.3, coulomb: 0.02}\n"], ids=["default", "tight"])
 def test_an_offset_withheld_from_a_real_axis_comes_back(emps: Emps, more: str):

@@ -33,6 +33,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.search import Search
 from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
@@ -570,3 +571,14 @@ def test_a_run_that_bends_the_fits_of_the_others_is_named_all_the_same():
 def test_of_runs_that_are_alike_one_is_named_in_a_hundred_campaigns_or_fewer(last: float):
     made = (linear_runs(0.0, seed, last) for seed in range(60))
     assert sum(np.any(alike_of(problem, [fit]) < UNLIKELY) for problem, _, fit in made) <= 2
+
+
+def test_a_run_of_which_nothing_counts_is_no_stranger(shared_data: Path):
+    """A slow turn beside spin-ups rests, by their speed; it ended a diagnosis of a motor bench."""
+    campaign = read_campaign(shared_data / "axes" / "17")
+    slow = {name: 1e-3 * campaign.runs[1][name] for name in ("angle_rad", "speed_rad_s") if name in campaign.runs[1]}
+    runs = [replace(run, signals={**run.signals, **slow}) if j == 1 else run for j, run in enumerate(campaign.runs)]
+    problem = Problem(campaign.machine, runs)
+    assert [len(rows) > 0 for rows in problem.rows] == [True, False, True, True, True]
+    p = alike_of(problem, [Search(problem, []).base_fit()])
+    assert p[1] == 1.0 and np.all(p > 0.0)

@@ -128,7 +128,8 @@ def alike_of(problem: Problem, fits: Sequence[Fitted]) -> Array:
             ratios.append(rms(row[own]) / math.hypot(rms(row[seen]), unknown))
         return np.array(ratios)
 
-    unseen = compared(fits[0], held_out(problem, fits[0], folds_by_run(problem)).settings, inside)
+    settings = held_out(problem, fits[0], folds_by_run(problem)).settings
+    unseen = compared(fits[0], [settings[j] for j in counted], inside)
     p[counted], odd = outliers(unseen), int(np.argmax(unseen))
     if unseen[odd] < SUSPECT:
         return p

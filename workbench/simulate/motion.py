@@ -27,6 +27,7 @@ NEAR_S = 0.5  # of log, in which the noise of jumps is judged: that of jittery t
 BRIDGED_S = 0.012
 GUARD_S = 0.04  # around an impact, not looked at: how well its time can be foretold
 PLAY = "backlash"  # the effect that makes them
+RESTS_BELOW = 0.01  # of the speed scale
 
 
 @dataclass(frozen=True)
@@ -65,10 +66,10 @@ def moving(time_s: Array, speed: Array, scale: float, band_hz: float) -> np.ndar
 
     A machine at rest may stick anywhere within its friction: a held load says nothing
     about friction, and the low-pass smears that. It rests when it is slower than
-    0.01 of the speed scale for a period of the band or longer; a quick reversal is no
+    RESTS_BELOW of the speed scale for a period of the band or longer; a quick reversal is no
     rest, the overshoot of a stop belongs to it.
     """
-    still = np.abs(lowpass(time_s, speed, band_hz)) < 0.01 * scale
+    still = np.abs(lowpass(time_s, speed, band_hz)) < RESTS_BELOW * scale
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     keep = np.ones(len(time_s), dtype=bool)
     guard = 0.5 / band_hz

@@ -15,7 +15,7 @@ from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import LEAST_PERIODS, lowpass, noise_rms
-from workbench.simulate.motion import impacts_of
+from workbench.simulate.motion import RESTS_BELOW, impacts_of
 
 FEWEST = 20.0  # independent values while moving: about as many as a diagnosis turns numbers
 ABOVE_NOISE = 5.0  # in the band: less is no motion
@@ -118,9 +118,10 @@ def _faults(bench: InverseSimulation, going: Sequence[int], warnings: list[str])
                 runs[j].name,
             )
     if still := [run.name for j, run in enumerate(runs) if j not in going]:
-        verbs = ("stands", "adds") if len(still) == 1 else ("stand", "add")
+        stays, adds = ("stays", "adds") if len(still) == 1 else ("stay", "add")
+        rest = f"below {100.0 * RESTS_BELOW:g} % of {kind_of(bench.machine).speed_scale[0]} throughout"
         who = listed(still).replace("run", "Run", 1)
-        warnings.append(f"{who} {verbs[0]} still throughout and {verbs[1]} nothing to the diagnosis.")
+        warnings.append(f"{who} {stays} {rest}, which counts as rest, and {adds} nothing to the diagnosis.")
     warnings += odd
 
 
