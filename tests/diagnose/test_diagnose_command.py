@@ -74,6 +74,17 @@ def test_another_machine_is_what_is_diagnosed(workbench: Commands, folder: Path,
     assert called.how["campaign"].machine.name.startswith("other ")
 
 
+@pytest.mark.parametrize(
+    ("more", "unused"), [(["--study", "lift.yaml"], "--study"), (["--max-effects", 3], "--max-effects")]
+)
+def test_quick_refuses_what_it_would_not_do(
+    workbench: Commands, folder: Path, called: Called, more: list[Any], unused: str
+):
+    done = workbench("diagnose", folder, "--quick", *more)
+    assert done.status == 2 and f"leave out {unused}, or --quick" in " ".join(done.err.split())
+    assert called.how == {}
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_status_is_zero_and_the_answer_first_whatever_the_verdict(workbench, folder, called, tmp_path, kind):
     called.answer = made_diagnosis(kind)

@@ -69,6 +69,9 @@ def diagnose(
     """
     if out is not None and (len(campaigns) == 1 or out.is_file()):
         check_free(out)
+    if quick and (scenario is not None or max_effects not in (1, MOST_EFFECTS)):
+        unused = "--study" if scenario is not None else "--max-effects"
+        raise InputError(f"--quick weighs single effects and makes no control study; leave out {unused}, or --quick")
     options: dict[str, Any] = {
         "baseline": baseline, "most_effects": max_effects, "seed": seed, "quick": quick,
         "validate": names_in(validate), "band_hz": band,
