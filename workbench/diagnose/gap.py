@@ -368,15 +368,16 @@ def _machines(
 
 
 def _speed(problem: Problem, machines: Sequence[Hoist | Axis | None]) -> float:
-    """The rms speed error of the held-out runs in open-loop replay, per cent; NaN if no run can be replayed."""
+    """The rms speed error of the held-out runs in open-loop replay, per cent of the campaign's speed scale; NaN if no
+    run can be replayed. Runs of which nothing counts have none."""
     squares: list[tuple[float, int]] = []
     for j, run in enumerate(problem.runs):
         machine = machines[j] if len(machines) == len(problem.runs) else machines[0]
-        if machine is None:
+        if machine is None or not len(problem.rows[j]):
             continue
         bench = InverseSimulation(machine, [run], problem.band_hz)
         (states,) = simulate_replays(bench)
-        error = 100.0 * rms(states[:, len(bench.plant.positions)] - bench.motions[0].speed) / bench.scale
+        error = 100.0 * rms(states[:, len(bench.plant.positions)] - bench.motions[0].speed) / problem.bench.scale
         if math.isfinite(error):
             squares.append((error**2 * len(run.time_s), len(run.time_s)))
     total = sum(n for _, n in squares)

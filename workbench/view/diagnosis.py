@@ -233,12 +233,16 @@ def gap_table(d: Diagnosis) -> Table:
 
 
 def runs_table(d: Diagnosis) -> Table:
-    """Each run: its share of the gap's energy, its residual before and after, the noise."""
+    """Each run: its share of the gap's energy, its residual before and after, the noise; one that rests has none."""
     kept, unit = d.delivered.validated, unit_of(d)
+
+    def moving(cell: Callable[[Any], str]) -> Callable[[Any], str]:
+        return lambda run: cell(run) if run.before > 0.0 else NOTHING
+
     cells: Cells = {
         words("run"): lambda run: f"{run.name}, not in the fit" if run in kept else run.name,
-        Column("of the gap's\nenergy", "%"): lambda run: NOTHING if run in kept else f"{100.0 * run.share:.0f}",
-        **{Column(name, unit): _of(name) for name in ("before", "after", "noise")},
+        Column("of the gap's\nenergy", "%"): moving(lambda r: NOTHING if r in kept else f"{100.0 * r.share:.0f}"),
+        **{Column(name, unit): moving(_of(name)) for name in ("before", "after", "noise")},
     }
     return table_of([*d.delivered.runs, *kept], cells, said.runs(d))
 

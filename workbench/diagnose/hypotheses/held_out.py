@@ -69,7 +69,7 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
 
 
 def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
-    folds = int(np.max(fold_of_row)) + 1 if len(fold_of_row) else 0
+    folds = max(int(np.max(fold_of_row, initial=-1)) + 1, len(problem.runs))  # of a run nothing may count
     inside = [fold_of_row == fold for fold in range(folds)]
     settings = tuple(refit.setting for refit in fitted_without(problem, fitted, inside, elsewhere=True))
     residual = np.empty(problem.samples)
