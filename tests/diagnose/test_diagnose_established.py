@@ -520,6 +520,12 @@ def test_an_offset_that_masses_can_stand_in_for_is_told_of_by_the_tolerances(sha
     assert found.verdict.effects == ("torque_offset",)
 
 
+def test_a_spring_over_the_height_is_no_heave(shared_data: Path, tmp_path: Path):
+    """A sine of each run's own phase takes 98 % of what a law of the height does, and the height leaves it 4 %."""
+    found = of_recorded(shared_data / "campaigns" / "20", "spring", (9950, 3), tmp_path, ["heave"])
+    assert found.verdict.word == "unknown", found.verdict.sentence
+
+
 def of_recorded(campaign: Path, bend: str, seed: tuple[int, int], folder: Path, candidates: list[str]) -> Diagnosis:
     known = recording(campaign)
     made = bent(bend, seed, known)

@@ -21,6 +21,10 @@ laws of its own, f is without it.
 Beside other causes f is one more that was chosen of many, and pays for that as a listed one does. So whatever the form
 of what an inexact law of theirs leaves, the next cause is credited with what it gains beside that alone.
 
+A cause that comes again or goes with the time has a phase or a wave that bends to a law of another variable: then f
+alone is better than the cause alone, and does without nearly all that the cause takes, though the rest may be worth a
+parameter. Such a cause is worth less than nothing, by as much as f alone is better.
+
 A true cause leaves less for f to take, or something that f cannot take, and is worth much. Several effects that only
 imitate one law together (a bent sensor by gain, offset and friction with the load) are worth less than nothing.
 """
@@ -42,6 +46,7 @@ from workbench.diagnose.location.profiles import basis, forward, hats, variables
 from workbench.machines import kind_of
 
 LENGTHS = (0.5, 0.17, 0.06)  # of the variable's range: a slope or a bow; a hump; a step between knots
+BENDING = {"time", "periodic"}  # regimes
 SIZES = tuple(np.geomspace(0.02, 10.0, 9))  # of the residual's rms
 
 
@@ -59,13 +64,19 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     own, _ = np.linalg.qr(alone.clean(parts_of(problem, cause.fit, added).T))
     level = kind_of(problem.machine).floor == "own" and _is_level(problem, alone, own)
     least = (np.inf, "")
-    for label, shape, roots in _laws(problem, base):
+    nothing, only = (float(one.residual @ one.residual) for one in (alone, beside))
+    regimes = {problem.effect(name).regime for (name,) in added}
+    bends = regimes <= BENDING
+    for label, regime, shape, roots in _laws(problem, base):
         rows = np.column_stack([alone.clean(shape), alone.residual])
         if level:
             rows[:, :-1] -= own @ (own.T @ rows[:, :-1])
         there, here = np.column_stack([beside.clean(shape), beside.residual]), rows - own @ (own.T @ rows)
         one, *both = (score(each[:, :-1], each[:, -1], roots, rms, its) for each in (rows, there, here))
         least = min(least, (one - min(both) - paid, label))
+        adds_next_to_nothing = one - min(both) < settings.FORETOLD * (nothing - only)
+        if bends and regime not in regimes and one < only and adds_next_to_nothing:
+            least = min(least, (one - only, label))
     return least
 
 
@@ -77,9 +88,9 @@ def _is_level(problem: Problem, alone: Projection, own: Array) -> bool:
     return float(np.sum((levels.T @ own) ** 2)) > settings.HALF * own.shape[1]
 
 
-def _laws(problem: Problem, base: Fitted) -> Iterator[tuple[str, Array, list[Array]]]:
-    """Of each variable: its label, hats (rows, k), and the square roots (k, k) of their correlation at each length;
-    for a law that is the same both ways, then for one each way."""
+def _laws(problem: Problem, base: Fitted) -> Iterator[tuple[str, str, Array, list[Array]]]:
+    """Of each variable: its label, its regime, hats (rows, k), and the square roots (k, k) of their correlation at
+    each length; for a law that is the same both ways, then for one each way."""
     others = len(base.residual) - problem.inputs
     for v in variables(problem, base.residual[: problem.inputs]):
         if v.name == "direction":
@@ -91,7 +102,7 @@ def _laws(problem: Problem, base: Fitted) -> Iterator[tuple[str, Array, list[Arr
         roots = [_root(np.exp(-0.5 * (apart / length) ** 2)) for length in LENGTHS]
         each_way = [np.asarray(np.kron(np.eye(2), root), dtype=float) for root in roots]
         for columns, its in ((shape, roots), (basis(problem, v)[0], each_way)):
-            yield v.label, np.pad(columns, ((0, others), (0, 0))), its
+            yield v.label, v.regime, np.pad(columns, ((0, others), (0, 0))), its
 
 
 def _root(correlation: Array) -> Array:
