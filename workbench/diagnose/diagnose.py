@@ -310,9 +310,10 @@ def diagnose(
     more = next_run(problem, search, asked)
     if judged.word == "unknown" and more is None:
         more = next_run(problem, search, unlisted_likely(judged))
-    if judged.word == "named" and len(asked) == 1 and variety(problem.bench):  # what the runs do not vary
+    # Where nothing is open, only what the runs do not vary would tell the answer from its runners-up.
+    if judged.word == "named" and len(asked) == 1 and variety(problem.bench):
         more = next_run(problem, search, [*asked, *runners_up(judged, problem.active.kind)], settled=APART)
-        if more is not None:  # would tell them apart
+        if more is not None:
             as_good = more.rivals
             also = tuple(dict.fromkeys(name for rival in as_good for name in rival if name not in judged.names))
     rows = candidate_rows(search, judged, keys, as_good)
