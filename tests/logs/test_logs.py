@@ -172,6 +172,9 @@ def test_mistake_in_the_list_of_runs_is_named_by_place(tmp_path, old, new):
 def test_missing_campaign_gets_the_nearest_name(tmp_path):
     write_campaign(tmp_path / "spring", hoist_columns())
     assert "no such campaign; did you mean 'spring'?" in refusal(tmp_path / "sprin")
+    for k in range(60):
+        (tmp_path / f"{k:02d}").mkdir()
+    assert len(refusal(tmp_path / "none").removeprefix(str(tmp_path))) < 100
     assert "is a machine; expected a campaign's folder" in refusal(tmp_path / "spring" / "machine.yaml")
     (tmp_path / "spring" / "runs.yaml").unlink()
     assert "runs.yaml: no such file" in refusal(tmp_path / "spring")

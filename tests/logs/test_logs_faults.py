@@ -232,6 +232,22 @@ def test_all_faults_of_all_runs_are_told_at_once_with_what_goes_on(tmp_path):
     assert [run.name for run in read_campaign(tmp_path, select="b").runs] == ["b"]
 
 
+def test_a_fault_that_several_runs_have_is_told_once_with_their_names(tmp_path):
+    runs = "".join(
+        f"- {{name: {name}, file: runs/{name}.csv, payload_kg: 0.0, start_position_m: 9.0}}\n" for name in "abcdefgh"
+    )
+    write_campaign(tmp_path, hoist_columns(), runs=f"runs:\n{runs}")
+    good = (tmp_path / "runs" / "lift.csv").read_text()
+    for name in "abcdefgh":
+        (tmp_path / "runs" / f"{name}.csv").write_text(good if name == "h" else good.replace(SPEED, "speed"))
+    (tmp_path / "runs" / "c.csv").write_text("")
+    with pytest.raises(RunsError) as caught:
+        read_campaign(tmp_path)
+    said = str(caught.value)
+    assert "a.csv: a: no " in said and " (so in b, d, e, f, g); " in said and said.endswith("c.csv: c: is empty")
+    assert said.count(SPEED) == 1
+
+
 def test_hoist_that_holds_still_reads_with_a_note_and_keeps_its_reference(tmp_path):
     run = read(tmp_path, hoist_columns() | {SPEED: np.zeros(500), REFERENCE: np.zeros(500)})
     assert REFERENCE in run

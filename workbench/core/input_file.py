@@ -44,7 +44,7 @@ def open_input(path: str | os.PathLike[str], kind: str) -> BufferedReader:
     except FileNotFoundError as error:
         if file.is_symlink():
             raise InputError("is a link that leads nowhere, or to itself; expected a file", file=file) from error
-        raise InputError(f"no such file{_similar(file)}", file=file) from error
+        raise InputError(f"no such file{similar(file)}", file=file) from error
     except ValueError as error:
         raise InputError(f"is not a path: {error}", file=repr(str(path))) from error
     except OSError as error:
@@ -78,7 +78,7 @@ def _check(file: Path, state: os.stat_result, kind: str) -> None:
         raise InputError(f"is larger than {most / MB:g} MB{hint}", file=file)
 
 
-def _similar(file: Path) -> str:
+def similar(file: Path) -> str:
     """Help with a misspelt path: a close name in the same folder, else the few names that are there."""
     folder = file.parent
     if not folder.is_dir():

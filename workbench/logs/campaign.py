@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from workbench.core.errors import InputError, check_known, nearest
-from workbench.core.input_file import readable_file
+from workbench.core.input_file import readable_file, similar
 from workbench.core.record import Finite, Record, long_form
 from workbench.core.run import Run
 from workbench.core.shown import Shown
@@ -226,7 +226,7 @@ def read_campaign(
             ignored.setdefault(column, []).append(entry.name)
         runs += read
     if faults:
-        raise RunsError([*faults.values()], [entry.name for entry in entries if entry.name not in faults])
+        raise RunsError(faults, [entry.name for entry in entries if entry.name not in faults])
     if len({run.name for run in runs}) < len(runs):
         raise InputError("a run has the name of a stretch of another one, such as 'lift_2'; rename it", file=runs_yaml)
     notes = (*_notes(entries, folder, runs), *_ignored_notes(ignored, len(runs)))
@@ -234,12 +234,19 @@ def read_campaign(
 
 
 class RunsError(InputError):
-    """The faults of all runs that cannot be read, in one line. sound: the runs that can be read without them."""
+    """The faults of all runs that cannot be read, in one line, one that several have once. sound: the runs that can be
+    read without them."""
 
-    def __init__(self, faults: Sequence[InputError], sound: Sequence[str]) -> None:
-        first, *others = faults
-        problem = "; ".join([first.problem, *map(str, others)])
-        super().__init__(problem, file=first.file, line=first.line, place=first.place)
+    def __init__(self, faults: Mapping[str, InputError], sound: Sequence[str]) -> None:
+        runs_with: dict[str, list[str]] = {}
+        for run, fault in faults.items():
+            runs_with.setdefault(fault.problem, []).append(run)
+        problems: list[str] = []
+        for problem, (run, *others) in runs_with.items():
+            text = str(faults[run]) if problems else problem
+            problems.append(f"{text} (so in {', '.join(others)})" if others else text)
+        first = next(iter(faults.values()))
+        super().__init__("; ".join(problems), file=first.file, line=first.line, place=first.place)
         self.sound = tuple(sound)
 
 
@@ -255,11 +262,9 @@ def _places(path: str | os.PathLike[str]) -> tuple[Path, Path]:
             raise InputError("is a file; expected a campaign's folder or its runs.yaml", file=given)
         if given.is_file():
             return given.parent, given
-        others = sorted(entry.name for entry in given.parent.iterdir()) if given.parent.is_dir() else []
+        raise InputError(f"no such campaign{similar(given)}", file=given)
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {error}", file=repr(str(given))) from error
-    hint = f"; {nearest(given.name, others[:50])}" if others else ""
-    raise InputError(f"no such campaign{hint}", file=given)
 
 
 def _selected(entries: Sequence[Entry], select: Sequence[str] | str | None, file: Path) -> list[Entry]:
