@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from workbench.core.json_records import plain, rounded
 from workbench.core.names import powers
+from workbench.core.numbers import figures, signed, with_error
 from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
 
@@ -152,3 +153,18 @@ def test_rounding_keeps_the_digits_asked_for_and_is_its_own_fixed_point(value: f
     if once is not None:
         assert rounded(once, digits) == once  # also where it would be beyond the largest float
         assert once == pytest.approx(value, rel=0.51 * 10.0 ** (1 - digits))
+
+
+@given(st.floats(-9e5, 9e5), st.integers(0, 3))
+def test_a_change_shows_its_sign_but_for_a_zero(value: float, decimals: int):
+    text = signed(value, decimals)
+    assert float(text) == pytest.approx(value, abs=0.5001 * 10.0**-decimals)
+    assert (text[0] in "+-") == (float(text) != 0.0)
+
+
+@given(st.floats(1e-3, 9.9e5), st.integers(1, 4))
+def test_figures_are_as_many_as_asked_for_and_without_an_exponent(value: float, digits: int):
+    text = figures(value, digits)
+    assert "e" not in text and float(text) == pytest.approx(value, rel=0.5001 * 10.0 ** (1 - digits))
+    assert len(text.replace(".", "").lstrip("0")) >= digits
+    assert "e" not in with_error(value, 0.1 * value)[0]

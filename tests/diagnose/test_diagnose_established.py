@@ -45,7 +45,7 @@ from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.readiness.noise import with_motion_noise
 from workbench.diagnose.verdict import judge
 from workbench.diagnose.verdict.answer import Hypothesis, ReasonKind, shared
-from workbench.diagnose.verdict.constancy import constancies
+from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.free_law import LENGTHS, SIZES, score
 from workbench.diagnose.verdict.judge import deserved, judged_to_help
 from workbench.effects import find
@@ -104,6 +104,23 @@ def test_the_delivered_file_gives_the_fits_residual_run_by_run(bump: tuple[Campa
         fitted = float(np.sqrt(np.mean(fit.residual[: problem.inputs][mine] ** 2)))
         assert row.after == pytest.approx(fitted, rel=0.03)  # the fit looks at fewer samples
     assert sum(row.share for row in told.runs) == pytest.approx(1.0)
+
+
+def test_the_reason_is_that_against_the_hypothesis_with_most_evidence_and_names_it():
+    """Whichever of the mimics was looked at first."""
+    left, signs = judge.Left(0.0, 0.0, False), {"left": 0.0, "prior": 2.0}
+    first: Names = ("friction_coulomb",)
+    mimics: dict[Names, Constancy] = {
+        ("heave",): Constancy("heave", judge.BOUND, 1.0),
+        first: Constancy("friction_coulomb", "carriage height", 0.0, free=True),
+    }
+    tolerances, said = judge._reasons(left, signs, None, None, first, mimics, 0.0)
+    assert (said.kind, said.effects, said.over) == (ReasonKind.FREE_LAW, first, "carriage height")
+    assert tolerances.effects == ()  # of the refit without an effect, which the sign is of
+    varies: dict[Names, Constancy] = {first: Constancy("friction_coulomb", "carriage_speed", 1.0)}
+    (_, said) = judge._reasons(left, signs, None, None, first, varies, 0.0)
+    assert (said.kind, said.over) == (ReasonKind.VARIES, "carriage speed")
+    assert len(judge._reasons(left, signs, None, None, ("backlash",), mimics, 0.0)) == 1
 
 
 @pytest.mark.parametrize(
@@ -273,8 +290,6 @@ def test_a_mass_withheld_from_a_real_axis_is_named_beside_what_the_axis_leaves_i
     assert d.where is not None and d.where.profiles[0].variable in ("acceleration", "input")
     (acceleration,) = (profile for profile in d.where.profiles if profile.variable == "acceleration")
     assert acceleration.explains == pytest.approx(d.verdict.explained, abs=0.1)
-    shares = {run.name: pytest.approx(run.share, abs=0.015) for run in d.delivered.runs}
-    assert d.where.energy_by_run == shares
     # The factors of two runs are no interval.
     factors = [before / after for before, after in d.shrink.by_run.values()]
     assert d.shrink.ci95[0] < min(factors) and max(factors) < d.shrink.ci95[1]

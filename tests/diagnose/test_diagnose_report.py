@@ -17,11 +17,16 @@ from hypothesis import strategies as st
 
 from tests.support.made_diagnosis import KINDS, made_diagnosis
 from workbench.core.record import LogTraits
-from workbench.diagnose.diagnose import Diagnosis
+from workbench.diagnose import gap
+from workbench.diagnose.diagnose import Diagnosis, differing
+from workbench.diagnose.gap import delivered_of
 from workbench.diagnose.hypotheses.free_parameters import Estimate
-from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Verdict
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.residual_tests import Correlation, ResidualTest
+from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, Verdict
 from workbench.effects.declare import SUBSYSTEMS
 from workbench.simulate.driven import InverseSimulation, pooled_rms
+from workbench.simulate.replay import replay_runs
 from workbench.view import diagnosis
 from workbench.view.diagnosis import save_diagnosis_page
 from workbench.view.diagnosis_figures import series_of
@@ -114,6 +119,72 @@ def test_the_parts_of_the_residual_add_up(kind: str):
     rms, share = (sum(float(row[k]) ** n for row in parts) for k, n in ((1, 2), (2, 1)))
     assert math.sqrt(rms) == pytest.approx(float(together[1]), rel=0.01)
     assert share == pytest.approx(float(together[2]), abs=0.03)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_runs_share_of_the_gaps_energy_is_one_number_wherever_it_is_said(kind: str):
+    """By hand from what a replay gives: before² − noise², times the time in motion."""
+    d = made_diagnosis(kind)
+    energy = {
+        run.name: max(told.before**2 - told.noise**2, 0.0) * np.count_nonzero(run.balance.moving)
+        for run, told in zip(d.replayed()[0].runs, d.delivered.runs, strict=True)
+    }
+    shares = {name: f"{100.0 * one / sum(energy.values()):.0f}" for name, one in energy.items()}
+    assert {row[0]: row[1] for row in d.table("runs").rows} == shares
+    if d.where is not None:
+        assert {row[0]: row[1] for row in diagnosis.where_table(d).rows} == shares
+        assert {run.name: run.said.partition(" ")[0] for run in series_of(d)} == shares
+        said = to_json(d)["where_details"]["energy_by_run"]
+        assert {name: f"{100.0 * share:.0f}" for name, share in said.items()} == shares
+
+
+def test_what_a_strange_run_holds_of_the_rest_is_a_share_of_it():
+    """A run that leaves less than its noise takes nothing off the others'; and a longer run holds more."""
+    refitted, corrected = made_diagnosis("named").replayed()
+    after = np.array([run.residual_rms_moving for run in corrected.runs])
+    told = delivered_of(after * [1.5, 0.5, 0.5], refitted, corrected, np.array([1.0, 1.0, 1e-6]))
+    assert sum(run.stays for run in told.runs) == pytest.approx(1.0) and told.runs[0].stays == 0.0
+    (said,) = differing(told)
+    assert f"full holds {100.0 * told.runs[2].stays:.0f} % of what stays" in said and "below 0.0001" in said
+
+
+def test_a_correlation_of_nothing_has_no_sign():
+    d = made_diagnosis("named")
+    found = {"speed": Correlation(-0.001, 0.1, 0.2), "input": Correlation(0.3, 0.1, 0.2)}
+    lag, bound = np.array([0.1]), np.array([0.3])
+    test = ResidualTest("half", lag, lag, bound, bound, 0.5, found)
+    assert diagnosis.left_table(dataclasses.replace(d, residual_tests=(test,))).rows[0][3:] == ["0.00", "+0.30 *"]
+
+
+@pytest.mark.parametrize("kind", ReasonKind)
+def test_each_reason_names_the_hypothesis_that_it_is_about(kind: ReasonKind):
+    reason = Reason(kind, ("heave", "brake_drag"), value=134.2, percent=0.8, over="speed of the carriage")
+    text = diagnosis.said.reason(reason, "N m")
+    of_machine = kind in (ReasonKind.LEAVES_MUCH, ReasonKind.LOG_KEEPS)
+    assert ("heave and brake_drag" in text) == (not of_machine)
+    assert ("134 N m" in text) == (kind is ReasonKind.LEAVES_MUCH)
+    assert ("speed of the carriage" in text) == (kind in (ReasonKind.FREE_LAW, ReasonKind.VARIES))
+
+
+def test_a_run_that_rests_has_dashes_in_the_table_and_no_share():
+    d = made_diagnosis("named")
+    moving, rests = d.campaign.runs[1], d.campaign.runs[0]
+    still = dataclasses.replace(rests, signals={name: np.zeros(len(rests.time_s)) for name in rests.signals})
+    refitted, corrected = (replay_runs(machine, [still, moving]) for machine in (d.refitted, d.corrected))
+    told = dataclasses.replace(d, delivered=delivered_of(np.full(2, 0.5), refitted, corrected))
+    rest, moves = diagnosis.runs_table(told).rows
+    assert rest == [rests.name, *4 * ["–"]] and moves[:2] == [moving.name, "100"]
+
+
+def test_the_held_out_speed_error_is_in_per_cent_of_one_scale_for_slow_and_fast_runs():
+    """As `replay` has it: of the largest speed of all runs. Of its own speed a slow run would be off by more."""
+    d = made_diagnosis("axis")
+    problem, machine = Problem(d.campaign.machine, d.campaign.runs), d.campaign.machine
+    top = [float(np.max(np.abs(run["velocity_m_s"]))) for run in d.campaign.runs]
+    assert max(top) > 2.0 * min(top)
+    expected = replay_runs(machine, d.campaign.runs, problem.band_hz).speed_rmse_percent
+    assert gap._speed(problem, [machine]) == pytest.approx(expected, rel=1e-3)
+    assert gap._speed(problem, [machine, machine]) == pytest.approx(expected, rel=1e-3)
 
 
 def test_series_hold_the_balance_before_and_after():

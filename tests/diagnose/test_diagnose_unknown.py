@@ -12,6 +12,7 @@ import pytest
 from tests.support.driven_campaign import driven, planned
 from tests.support.emps_campaign import HELD, emps_in
 from workbench.blind.recording import cut
+from workbench.core.numbers import figures
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
@@ -114,7 +115,7 @@ def test_what_a_law_takes_is_held_against_the_same_gap_as_all_else(bounded_fan: 
     alone = held_out(problem, base, folds_by_run(problem)).rms(problem.inputs)
     assert explanation.law is not None
     said = next(sentence for sentence in explanation.sentences if sentence.startswith("As a law"))
-    assert f"from {alone:.3g} to {explanation.law.after:.3g} N m" in said
+    assert f"from {figures(alone)} to {figures(explanation.law.after)} N m" in said
     assert explanation.law.acts_on == explanation.curves[0].acts_on == "motor"
     (square,) = (
         value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -224,3 +225,17 @@ def test_a_users_scenario_lends_its_moves_controller_payloads_and_references():
         mine = rows[row.payload_kg, row.reference]
         assert row.given["peak_torque_motor_nm"] == mine["peak_torque_motor_nm"]
     assert "in the scenario payloads" in changes.sentences[0]
+
+
+def test_no_number_of_the_sentences_has_an_exponent_or_a_zero_with_a_sign(heavier: Consequences):
+    """A stiff drive's gains, a change of 0.02 per cent below and 4 above."""
+    first, *others = heavier.rows
+    low = replace(first, before=first.after, after=replace(first.after, metrics={
+        name: value if value is None else 0.9998 * value for name, value in first.after.metrics.items()
+    }))  # fmt: skip
+    stiff = replace(heavier.gains_after, kp=7013.0, ki=123456.0)
+    text = " ".join([*_sentences(replace(heavier, rows=(low, *others), gains_after=stiff), HEAVIER)])
+    assert "kp 7013 N m s/rad, ki 123456 N m/rad" in text
+    table = consequences_table(replace(heavier, rows=(low, *others))).rows
+    for said in (text, *(cell for row in table for cell in row)):
+        assert not re.search(r"[-+]0(\.0*)?(?![.\d])|\de[+-]\d", said), said

@@ -53,7 +53,7 @@ REASONS = (
     Reason(ReasonKind.LEAVES_MUCH, value=3.6, percent=0.8),
     Reason(ReasonKind.FREE_LAW, ("friction_coulomb",), over="height of the carriage"),
 )
-CLOSE = (Reason(ReasonKind.ON_A_BOUND),)
+CLOSE = (Reason(ReasonKind.ON_A_BOUND, ("heave",)),)
 
 
 @cache
@@ -151,7 +151,6 @@ def _gap(campaign: Campaign, before: list[Balance], after: list[Balance], kind: 
 
 
 def _where(campaign: Campaign, balances: list[Balance], kind: str) -> Where:
-    energy = np.array([np.sum(b.residual[b.moving] ** 2) for b in balances])
     windows = tuple(Window(b.run.name, float(b.run.time_s[-1]) * 0.3, float(b.run.time_s[-1]) * 0.45) for b in balances)
     place = {"unknown": ("guide", "position"), "axis": ("axis", "all")}.get(kind, ("guide", "speed"))
     profiles = [_profile(balances, "speed", "speed", "m/s", "speed", -1)]
@@ -160,7 +159,6 @@ def _where(campaign: Campaign, balances: list[Balance], kind: str) -> Where:
     profiles.append(_profile(balances, "time", "time since the start", "s", "start", None))
     return Where(
         *place, windows, 0.81, (0.76, 0.85), tuple(profiles),
-        {b.run.name: float(e) for b, e in zip(balances, energy / energy.sum(), strict=True)},
         "carriage" if kind in ("named", "pair") else "unsaid", ("It grows with the speed, alike both ways.",),
     )  # fmt: skip
 

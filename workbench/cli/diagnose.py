@@ -23,6 +23,7 @@ from workbench.cli.show import filled, print_notes, print_sections, print_table
 from workbench.cli.show import stages as shown
 from workbench.core.errors import InputError, one_line
 from workbench.core.input_file import read_input
+from workbench.core.numbers import NOTHING, figures
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import check_free, whole_folder
 from workbench.diagnose.diagnose import Diagnosis
@@ -31,7 +32,6 @@ from workbench.effects.loading import know
 from workbench.effects.registry import UserFile, user_files
 from workbench.logs import Campaign
 from workbench.view.diagnosis import brief_sections, write_diagnosis
-from workbench.view.words import NOTHING, figures
 
 
 @command("diagnose", effects=True)

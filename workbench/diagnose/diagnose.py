@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workbench.core.errors import InputError, nearest
+from workbench.core.numbers import figures
 from workbench.core.run import Run
 from workbench.core.shown import Shown
 from workbench.core.verb import attribute
@@ -116,9 +117,10 @@ def sentence_of(
     library that the corrected machine contains in its place, and that no answer may name unasked. gap: without a cause,
     and with one that base parameters can stand in for, the one that the refit moves improbably far is stated.
     """
-    unit = shrink.unit
+    unit, before, after = shrink.unit, figures(shrink.before, 2), figures(shrink.after, 2)
+    noise = figures(shrink.noise, 2)
     sure = judged.ranking[0].probability
-    size = f"{shrink.before:.2g} {unit} rms on runs held out, noise {shrink.noise:.2g} {unit}"
+    size = f"{before} {unit} rms on runs held out, noise {noise} {unit}"
     if judged.word == "no_gap":
         if gap is not None and (stretch := stretch_of(gap)):
             return f"No gap stands out ({size}; {chance(sure)}), but these runs put {stretch}: check that value."
@@ -126,8 +128,8 @@ def sentence_of(
             return f"No gap: within its tolerances the model explains these runs ({size}; {chance(sure)})."
         return (
             f"No gap stands out ({chance(sure)}), and no effect of the library is named for what stays: refitted "
-            f"within its tolerances the model leaves {shrink.after:.2g} {unit} rms on runs held out, "
-            f"{shrink.after / shrink.noise:.2g} times the noise and {_of_input(rest)}."
+            f"within its tolerances the model leaves {after} {unit} rms on runs held out, "
+            f"{figures(shrink.after / shrink.noise, 2)} times the noise and {_of_input(rest)}."
         )
     if judged.word == "unknown":
         # Rivals are weighed beside what may be named: one of them may well explain it.
@@ -140,9 +142,9 @@ def sentence_of(
         return (
             f"{head}; "
             + (
-                f"with {' and '.join(unlisted)}, an effect that is not listed, {shrink.after:.2g} {unit} are left"
+                f"with {' and '.join(unlisted)}, an effect that is not listed, {after} {unit} are left"
                 if unlisted
-                else f"with its measured force, which is in the corrected machine, {shrink.after:.2g} {unit} are left"
+                else f"with its measured force, which is in the corrected machine, {after} {unit} are left"
                 if tabled
                 else "no table of it keeps what it promises, so the machine holds none"
             )
@@ -151,12 +153,12 @@ def sentence_of(
     same = judged.of_answer
     text = f"The gap comes from {either(judged.names, same)} ({chance(sure)}): "
     if gap is not None and shrink.after > STAYS * shrink.before and (stretch := stretch_of(gap)):
-        text += f"without it these runs put {stretch}; the residual on runs held out, {shrink.after:.2g} {unit}, stays"
+        text += f"without it these runs put {stretch}; the residual on runs held out, {after} {unit}, stays"
     else:
-        text += f"on runs held out it shrinks from {shrink.before:.2g} to {shrink.after:.2g} {unit}, noise "
-        text += f"{shrink.noise:.2g}. It explains {percent_of(1.0 - rest.share)} of the gap's energy beyond noise"
+        text += f"on runs held out it shrinks from {before} to {after} {unit}, noise "
+        text += f"{noise}. It explains {percent_of(1.0 - rest.share)} of the gap's energy beyond noise"
     if rest.rms > 0.0:
-        text += f"; {rest.rms:.2g} {unit} remain, {_of_input(rest)}"
+        text += f"; {figures(rest.rms, 2)} {unit} remain, {_of_input(rest)}"
     if others := [name for name in also if not any(name in names for names in same)]:
         it = "it" if len(judged.names) == 1 else "one of them"
         text += f"; these runs cannot tell {it} from {', '.join(others)}"
@@ -166,7 +168,7 @@ def sentence_of(
 def _of_input(rest: Remainder) -> str:
     mostly = f"mostly {MOSTLY[rest.regime]}, " if rest.relevant and rest.regime in MOSTLY else ""
     enough = "enough" if rest.relevant else "too little"
-    return f"{rest.percent_of_input:.2g} % of the input, {mostly}{enough} to change a conclusion"
+    return f"{figures(rest.percent_of_input, 2)} % of the input, {mostly}{enough} to change a conclusion"
 
 
 def chance(probability: float) -> str:
@@ -227,11 +229,12 @@ class Diagnosis(Shown):
         """The answer in a few lines; `table()` and `plot()` show the rest."""
         rows = sorted(self.verdict.ranking, key=lambda row: -row.probability)[:3]
         shrink = self.shrink
+        before, after, noise = map(figures, (shrink.before, shrink.after, shrink.noise))
         lines = [
             f"Diagnosis of {self.campaign.name}",
             f"  {self.verdict.sentence}",
             *(f"  {row.probability:.2f} {' + '.join(row.effects) or WITHOUT_EFFECTS[row.verdict]}" for row in rows),
-            f"  held-out residual: {shrink.before:.3g} to {shrink.after:.3g} {shrink.unit}, noise {shrink.noise:.3g}",
+            f"  held-out residual: {before} to {after} {shrink.unit}, noise {noise}",
         ]
         if self.where is not None:
             lines.append(f"  where: {self.where.subsystem}, {self.where.regime}")
@@ -350,8 +353,8 @@ def diagnose(
         why_not = "No gap: the study's conclusions stand as they are."
         if remainder.relevant:
             why_not = (
-                f"No effect is named that would change them; {remainder.percent_of_input:.2g} % of the input stay, of "
-                "which the delivered machine holds nothing, so no study of it does."
+                f"No effect is named that would change them; {figures(remainder.percent_of_input, 2)} % of the input "
+                "stay, of which the delivered machine holds nothing, so no study of it does."
             )
     elif study and corrected == refitted:
         why_not = "The delivered machine holds nothing of the cause, so no study of it shows what that changes."
@@ -412,11 +415,10 @@ def set_aside(campaign: Campaign, names: Sequence[str]) -> tuple[Campaign, tuple
 
 def differing(delivered: Delivered) -> list[str]:
     """A sentence on a run that is not like the others."""
-    total = sum(run.after**2 - run.noise**2 for run in delivered.runs)
     return [
-        f"{len(delivered.runs) - 1} runs agree; {run.name} holds "
-        f"{100.0 * (run.after**2 - run.noise**2) / total:.0f} % of what stays (probability of as much by chance "
-        f"{max(run.p_alike, 1e-4):.1g}): another machine, payload or setting? Look at it, or leave it out."
+        f"{len(delivered.runs) - 1} runs agree; {run.name} holds {100.0 * run.stays:.0f} % of what stays (probability "
+        f"of as much by chance {'below 0.0001' if run.p_alike < 1e-4 else format(run.p_alike, '.1g')}): another "
+        "machine, payload or setting? Look at it, or leave it out."
         for run in delivered.runs
         if run.differs
     ]

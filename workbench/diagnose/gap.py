@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import ndtr, stdtr
 
 from workbench.core.errors import InputError
+from workbench.core.numbers import figures
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.evidence import model_error_rms
 from workbench.diagnose.hypotheses.fit import Fitted
@@ -54,7 +55,7 @@ class Gap:
 class RunResidual:
     """One run under the delivered machine, as `replay` prints it: rms while moving, N m (N). before: refitted within
     the tolerances; after: as delivered. share: of the gap's energy that this run holds. p_alike: that a run like the
-    others leaves as much, see `outliers`; differs: whether that is improbable."""
+    others leaves as much, see `outliers`; differs: whether that is improbable. stays: its share of what stays."""
 
     name: str
     share: float
@@ -63,6 +64,7 @@ class RunResidual:
     noise: float
     differs: bool = False
     p_alike: float = 1.0
+    stays: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -151,13 +153,12 @@ def delivered_of(
     before = np.nan_to_num([run.residual_rms_moving for run in refitted.runs])
     after = np.nan_to_num([run.residual_rms_moving for run in corrected.runs])
     length = np.array([np.count_nonzero(run.balance.moving) * run.simulated.sample_time_s for run in corrected.runs])
-    beyond = length * np.maximum(before**2 - noise**2, 0.0)
+    beyond = [length * np.maximum(rms**2 - noise**2, 0.0) for rms in (before, after)]
+    share, stays = (energy / max(float(np.sum(energy)), 1e-300) for energy in beyond)
     alike = np.ones(len(after)) if alike is None else alike
     rows = tuple(
-        RunResidual(run.name, float(share), float(b), float(a), float(n), bool(p < UNLIKELY), float(p))
-        for run, share, b, a, n, p in zip(
-            corrected.runs, beyond / max(float(np.sum(beyond)), 1e-300), before, after, noise, alike, strict=True
-        )
+        RunResidual(run.name, float(s), float(b), float(a), float(n), bool(p < UNLIKELY), float(p), float(left))
+        for run, s, b, a, n, p, left in zip(corrected.runs, share, before, after, noise, alike, stays, strict=True)
     )
     return Delivered(corrected.residual_rms_moving, corrected.speed_rmse_percent, rows)
 
@@ -213,12 +214,12 @@ def _sentences(gap: Gap, unit: str) -> list[str]:
     times = gap.residual_rms / gap.noise_rms
     force = "" if gap.force_rms_n is None else f", {gap.force_rms_n:.0f} N on the carriage"
     sentences = [
-        f"As the machine is written down, measured and predicted input differ by {gap.nominal_residual_rms:.3g} {unit} "
-        f"rms below {gap.band_hz:.3g} Hz.",
-        f"With the base parameters refitted within {TOLERANCES:g} tolerances {gap.residual_rms:.3g} {unit} rms remain"
-        f"{force}: {times:.1f} times the noise floor of {gap.noise_rms:.2g} {unit}.",
-        f"Replayed in open loop, the speed is off by {gap.speed_rmse_percent:.3g} % "
-        f"({gap.nominal_speed_rmse_percent:.3g} % before the refit).",
+        f"As the machine is written down, measured and predicted input differ by {figures(gap.nominal_residual_rms)} "
+        f"{unit} rms below {figures(gap.band_hz)} Hz.",
+        f"With the base parameters refitted within {TOLERANCES:g} tolerances {figures(gap.residual_rms)} {unit} rms "
+        f"remain{force}: {times:.1f} times the noise floor of {figures(gap.noise_rms, 2)} {unit}.",
+        f"Replayed in open loop, the speed is off by {figures(gap.speed_rmse_percent)} % "
+        f"({figures(gap.nominal_speed_rmse_percent)} % before the refit).",
     ]
     if stretch := stretch_of(gap):
         sentences.append(f"Left to itself the refit puts {stretch}.")
@@ -233,7 +234,7 @@ def stretch_of(gap: Gap) -> str:
     if gap.by_chance >= UNLIKELY:
         return ""
     key, count = gap.worst_tolerance
-    seldom = f"in {1.0 / gap.by_chance:,.0f}" if gap.by_chance > RARE else "in over a million"
+    seldom = f"in {float(f'{1.0 / gap.by_chance:.2g}'):,.0f}" if gap.by_chance > RARE else "in over a million"
     return (
         f"{key} {abs(count):.1f} tolerances {'above' if count > 0.0 else 'below'} its value, as one machine {seldom} "
         "would by chance"

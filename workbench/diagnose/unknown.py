@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from workbench.core.names import powers
+from workbench.core.numbers import figures, with_error
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
@@ -137,7 +138,7 @@ def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = (), pla
     values = ", ".join(powers(f"{key} {value:.3g}") for of in effects.values() for key, value in of.items())
     share = _share(problem, alone, unseen.rms(problem.inputs))
     sentence = (
-        f"{' and '.join(effects)}, in the library and not listed, explains {percent_of(share)} of its energy on "
+        f"{' and '.join(effects)}, in the library and not listed, explains {percent_of(share)} of the gap's energy on "
         f"{_left_out(problem)} ({values}). machine.yaml holds it."
     )
     return replace(
@@ -149,18 +150,18 @@ def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = (), pla
 def _law_sentence(problem: Problem, law: Law, alone: float) -> str:
     """alone: rms on what was left out, base parameters within their tolerances, as everything else is held against."""
     values = ", ".join(
-        f"{name} = {powers(f'{value:.4g}')} ± {powers(f'{error:.2g}')} {unit}".rstrip()
+        f"{name} = {' ± '.join(map(powers, with_error(value, error)))} {unit}".rstrip()
         for name, value, error, unit in law.values
     )
     unit = kind_of(problem.machine).drive.unit
     stretched = ""
     if law.before < STRETCHED * alone:
-        stretched = f"; base parameters alone, as far off as it takes, leave {law.before:.3g} {unit}"
+        stretched = f"; base parameters alone, as far off as it takes, leave {figures(law.before)} {unit}"
     return (
         f"As a law in a formula: {law.equation}, {law.unit} at the {law.acts_on}, with {values}. On "
-        f"{_left_out(problem)} it takes {percent_of(_share(problem, alone, law.after))} of the energy, from "
-        f"{alone:.3g} to {law.after:.3g} {unit}{stretched}. It says what the force looks like within these runs, not "
-        "where it comes from."
+        f"{_left_out(problem)} it takes {percent_of(_share(problem, alone, law.after))} of the gap's energy, from "
+        f"{figures(alone)} to {figures(law.after)} {unit}{stretched}. It says what the force looks like within these "
+        "runs, not where it comes from."
     )
 
 
@@ -202,7 +203,7 @@ def _in_vain(problem: Problem, fitted: Fitted, alone: HeldOut, best: Curve) -> E
     machines = tuple(refitted_machine(problem, keys, setting) for setting in alone.settings)
     sentence = (
         f"No table over speed, place, load or time explains what is left: the best, over {over_what(best.over)}, "
-        f"takes {100.0 * max(best.explains, 0.0):.0f} % of its energy away on {_left_out(problem)}. "
+        f"takes {100.0 * max(best.explains, 0.0):.0f} % of the gap's energy away on {_left_out(problem)}. "
         "The corrected machine holds no table."
     )
     return Explained((best,), (sentence,), fitted, before, before, alone, machines)
@@ -235,11 +236,12 @@ def _sentences(
     low, high = (float(f(np.concatenate([best.forward, best.backward]))) for f in (np.min, np.max))
     sentences = [
         f"A {kind} at the {best.acts_on} that depends on {over_what(best.over)} explains it best: "
-        f"{percent_of(best.explains)} of its energy on {_left_out(problem)}. It lies between "
+        f"{percent_of(best.explains)} of the gap's energy on {_left_out(problem)}. It lies between "
         f"{span(low, high, force).replace(' to ', ' and ')} against the motion; a constant in it cannot be told from "
         "the friction levels.",
-        f"With that {kind} as a table beside the base parameters, {after:.2g} {unit} rms are left of {before:.2g} "
-        f"{unit}; on {_left_out(problem)} {unseen:.2g} {unit}. The noise is {problem.noise:.2g} {unit}.",
+        f"With that {kind} as a table beside the base parameters, {figures(after, 2)} {unit} rms are left of "
+        f"{figures(before, 2)} {unit}; on {_left_out(problem)} {figures(unseen, 2)} {unit}. The noise is "
+        f"{figures(problem.noise, 2)} {unit}.",
     ]
     if len(curves) > 1 and curves[1].explains > 0.9 * best.explains:
         sentences.append(

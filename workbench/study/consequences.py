@@ -21,6 +21,7 @@ from workbench.analysis.usual import usual_settings
 from workbench.control import Settings
 from workbench.core.errors import InputError
 from workbench.core.json_records import plain
+from workbench.core.numbers import figures, signed
 from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
@@ -47,7 +48,7 @@ LEAST_SPEED = 0.01  # of nominal: slower runs say nothing of how the machine is 
 END_OF_RAIL = 0.02  # of the rail, left free at both ends: the carriage swings a little past its reference
 LONGEST_S = 60.0  # one way
 CORRECTION = "measured_correction"
-said = Sentences("study/consequences_words.j2", listed=listed, phases=PHASES)
+said = Sentences("study/consequences_words.j2", listed=listed, figures=figures, phases=PHASES)
 NOT_STUDIED = (
     f"What changes in the control study is not said for an {{}}: studies, loop and tune are for machines of {LOOPED}."
 )
@@ -515,7 +516,7 @@ def _figure(good: Sequence[Change], metric: Metric, kind: Kind) -> tuple[Any, ..
     if math.isnan(most.percent(name)):  # nothing before: no percentage of it
         return metric, slack, None, most.words(kind), *values
     changes = [row.percent(name) for row in good]
-    span = dict.fromkeys(f"{change:+.1f}" for change in (min(changes), max(changes)))
+    span = dict.fromkeys(signed(change, 1) for change in (min(changes), max(changes)))
     return metric, slack, [] if max(map(abs, changes)) < SMALL else [*span], most.words(kind), *values
 
 
@@ -551,7 +552,7 @@ def consequences_table(c: Consequences) -> Table:
         for metric in told:
             change = row.percent(metric.name)
             line += [metric.text(getattr(row, machine)[metric.name]) for machine in machines]
-            line.append(f"{change:+.1f}" if math.isfinite(change) else "–")
+            line.append(signed(change, 1))
         lines.append([*line, f"{row.after['move_time_s']:.2f}"])
     return Table([*columns, Column("moves", "s")], lines, said.table())
 

@@ -19,13 +19,13 @@ from workbench.blind.score import Score, Sheet, WithNextRun
 from workbench.core.errors import InputError
 from workbench.core.json_records import plain
 from workbench.core.names import unit_of, words_of
+from workbench.core.numbers import NOTHING
 from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
 from workbench.core.whole_folder import whole_folder, write_json
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view.page import Section, save_page
 from workbench.view.style import BLUE, FAINT, GREY, ORANGE, VERMILLION, Figure, figure, legend
-from workbench.view.words import NOTHING
 
 WILSON = "In brackets: 95 % Wilson interval, in per cent."
 DIAGNOSIS = "workbench diagnose"

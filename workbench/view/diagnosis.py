@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 
 from workbench.core.errors import InputError
+from workbench.core.numbers import NOTHING, figures, signed, with_error
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
@@ -31,7 +32,7 @@ from workbench.study.scenario import key_in
 from workbench.view import diagnosis_figures as draw
 from workbench.view.diagnosis_json import probabilities, to_json
 from workbench.view.page import Section, save_page
-from workbench.view.words import NOTHING, direction_names, figures, with_error, words_of
+from workbench.view.words import direction_names, words_of
 
 SHRINKS = 1.02  # factor: less is none
 RUN_AWAY = 100.0  # per cent of the speed's scale: a replay in open loop that is further off has left the motion
@@ -111,7 +112,7 @@ def effect_sentences(d: Diagnosis) -> list[str]:
 
 
 def where_sentence(d: Diagnosis) -> str:
-    return said.where(d.where, len(d.verdict.effects) > 1)
+    return said.where(d.where, len(d.verdict.effects) > 1, d.delivered.runs)
 
 
 def shrink_sentence(d: Diagnosis) -> str:
@@ -252,7 +253,7 @@ def left_table(d: Diagnosis) -> Table:
 
     def correlation(test: ResidualTest, name: str) -> str:
         found = test.correlations.get(name)
-        return f"{found.value:+.2f}{' *' if name in test.related else ''}" if found else NOTHING
+        return f"{signed(found.value, 2)}{' *' if name in test.related else ''}" if found else NOTHING
 
     names = dict.fromkeys(name for test in d.residual_tests for name in test.correlations)
     heads = ["probability\nof white", "lags beyond\nthe 99 % bound", *(f"correlation\nwith {name}" for name in names)]
@@ -266,12 +267,12 @@ def left_table(d: Diagnosis) -> Table:
 def where_table(d: Diagnosis) -> Table:
     """Each run's share of the energy of the gap, and the window with most of it; no rows without a gap."""
     rows = []
-    for run, share in d.where.energy_by_run.items() if d.where else ():
-        mine = [w for w in d.where.windows if w.run == run] if d.where else []
+    for run in d.delivered.runs if d.where else ():
+        mine = [w for w in d.where.windows if w.run == run.name] if d.where else []
         longest = sorted(mine, key=lambda w: w.from_s - w.to_s)[:MOST_WINDOWS]
         spans = ", ".join(f"{w.from_s:.1f} to {w.to_s:.1f}" for w in mine if w in longest) or NOTHING
         more = len(mine) - MOST_WINDOWS
-        rows.append([run, f"{100.0 * share:.0f}", f"{spans}; {more} shorter" if more > 0 else spans])
+        rows.append([run.name, f"{100.0 * run.share:.0f}", f"{spans}; {more} shorter" if more > 0 else spans])
     return Table([words("run"), Column("of the gap's\nenergy", "%"), Column("windows", "s", "left")], rows,
                  said.windows(d))  # fmt: skip
 
@@ -347,7 +348,7 @@ def visible_table(d: Diagnosis) -> Table:
 
 def shrink_table(d: Diagnosis) -> Table:
     """The residual of the held-out runs before and after; without a gap only after."""
-    s, unit, note = d.shrink, unit_of(d), f"Residual rms below {d.shrink.band_hz:.3g} Hz."
+    s, unit, note = d.shrink, unit_of(d), f"Residual rms below {figures(d.shrink.band_hz)} Hz."
     noise = {run.name: run.noise for run in d.delivered.runs} | {"all runs": s.noise}
     pairs = dict(s.by_run) if len(s.by_run) < 2 else {**s.by_run, "all runs": (s.before, s.after)}
     if d.verdict.word == "no_gap":
@@ -375,7 +376,7 @@ def parts_table(d: Diagnosis) -> Table:
     whole = math.hypot(*parts.values())
     rows = [[name, figures(x), f"{100.0 * (x / whole) ** 2:.2f}"] for name, x in parts.items() if x > 0.0]
     heads = [words("part"), Column("rms", unit_of(d)), Column("of the\nenergy", "%")]
-    return Table(heads, [*rows, ["together", figures(whole), "100"]], said.parts())
+    return Table(heads, [*rows, ["together", figures(whole), "100"]], said.parts(d.shrink))
 
 
 def next_run_table(d: Diagnosis) -> Table:

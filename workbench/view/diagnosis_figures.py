@@ -67,7 +67,8 @@ def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
     """
     refitted, corrected = d.replayed()
     changed, speed = d.corrected != d.refitted, plant_of(d.refitted).speeds[0]
-    windows, energy = ((), {}) if d.where is None else (d.where.windows, d.where.energy_by_run)
+    windows = d.where.windows if d.where else ()
+    energy = {run.name: run.share for run in d.delivered.runs if d.where}
     kept = sorted(range(len(refitted.runs)), key=lambda j: -energy.get(refitted.runs[j].name, 0.0))[:most]
     series = []
     for run, better in ((refitted.runs[j], corrected.runs[j]) for j in sorted(kept)):

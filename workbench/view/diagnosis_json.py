@@ -96,7 +96,8 @@ def _steps(d: Diagnosis) -> dict[str, Any]:
         },
         "where_details": where and {
             "share_interval": where.interval,
-            **_of(where, "side energy_by_run"),
+            "side": where.side,
+            "energy_by_run": {run.name: run.share for run in d.delivered.runs},
             "profiles": [_without(profile, "label") for profile in where.profiles],
             "sentences": where.sentences,
         },

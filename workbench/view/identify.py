@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.json_records import plain, rounded
+from workbench.core.numbers import change_percent, figures, with_error
 from workbench.core.run import Array
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
@@ -28,7 +29,7 @@ from workbench.view import replay as replay_view
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
 from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, VERMILLION, Figure, figure, line, look
-from workbench.view.words import change_percent, direction_names, figures, with_error, words_of
+from workbench.view.words import direction_names, words_of
 
 FAR = 3.0  # tolerances: a value beyond them stands in for something else
 ROW, AROUND = 34, 130  # px: of one value, and of title and axis

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.names import unit_of, words_of
+from workbench.core.numbers import figures
 from workbench.core.run import Array, Run
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
@@ -24,7 +25,6 @@ from workbench.view.panels import Panels
 from workbench.view.replay import input_profiles
 from workbench.view.study_figures import over_time
 from workbench.view.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, Figure, label, line
-from workbench.view.words import figures
 
 COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
 DASHES = ("solid", "6px,3px", "2px,2px")

@@ -16,6 +16,7 @@ from workbench.analysis.tune import GIVEN_AWAY, WIDER
 from workbench.control import Cascade
 from workbench.core.json_records import rounded
 from workbench.core.names import powers
+from workbench.core.numbers import NOTHING, figures
 from workbench.core.run import Array
 from workbench.core.shown import View
 from workbench.core.table import Column, Table
@@ -29,7 +30,6 @@ from workbench.view import style
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
 from workbench.view.style import Figure
-from workbench.view.words import NOTHING, figures
 
 MARGINS = (
     Column("gain", "dB"), Column("phase", "°"), Column("delay", "ms"),

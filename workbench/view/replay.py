@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from workbench.core.json_records import rounded
+from workbench.core.numbers import MOST, figures
 from workbench.core.run import Array, Run
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
@@ -21,7 +22,7 @@ from workbench.view import style
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels, ranges_below_names
 from workbench.view.style import Figure
-from workbench.view.words import MOST, figures, words_of
+from workbench.view.words import words_of
 
 SIDE_BY_SIDE = 2  # runs in a row
 PAPER_PERCENT = 7.49  # RMSE of the paper's own machine, its Figure 8

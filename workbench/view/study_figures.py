@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.numbers import signed
 from workbench.core.run import Array, Run
 from workbench.machines import AnyKind, kind_of
 from workbench.metrics import Metric, View, shown_in
@@ -406,7 +407,7 @@ def tornado(groups: Sequence[tuple[str, Sequence[Correlation]]], metric: str) ->
     for column, ((name, _), value) in enumerate(zip(groups, values, strict=True), 1):
         bars = [value.get(field, 0.0) for field in order]
         figure.add_bar(
-            x=bars, y=order, name=name, orientation="h", text=[f"{bar:+.2f}" for bar in bars], textposition="outside",
+            x=bars, y=order, name=name, orientation="h", text=[signed(bar, 2) for bar in bars], textposition="outside",
             cliponaxis=False, hovertemplate="%{y}: %{x:+.2f}<extra></extra>",
             marker_color=[style.BLUE if bar >= 0.0 else style.VERMILLION for bar in bars], row=1, col=column,
         )  # fmt: skip

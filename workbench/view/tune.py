@@ -13,6 +13,7 @@ from workbench.analysis.margins import weakest
 from workbench.analysis.tune import GIVEN_AWAY, WIDER, Candidate, Tuned, Weights
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
+from workbench.core.numbers import figures
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import whole_file
@@ -21,7 +22,6 @@ from workbench.machines import Axis, Hoist, kind_of
 from workbench.study.loop_design import DesignCase, Tuning
 from workbench.view import loop
 from workbench.view.loop import drive_sentences, event_words, least_sentence, load_sentence, said
-from workbench.view.words import figures
 
 COLUMNS = (
     words("what"), Column("kp"), Column("ki"), Column("weight"), Column("tracking", "%"), Column("peak", "%"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,6 @@ from workbench.diagnose.location.profiles import (
     best_of,
     explain,
     profile_of,
-    run_of,
     share_in_time,
     share_of,
     spacing,
@@ -57,7 +56,6 @@ class Where:
     share: float
     interval: tuple[float, float]
     profiles: tuple[Profile, ...]
-    energy_by_run: Mapping[str, float]
     side: str
     sentences: tuple[str, ...]
     places: tuple[PlaceProbability, ...] = ()
@@ -221,12 +219,10 @@ def where_of(
     torque, side = gap[: problem.inputs], side_of(problem, gap)
     left = np.where(windows.inside, beside, torque)
     share, interval = share_in_time(problem, torque, left, seed)
-    by_run = _by_run(problem, near.residual[: problem.inputs])  # the gap that profiles and figures show
     whose = "the gap's energy" if named is None or not effects else f"what {effects[largest].id} does"
-    sentences = _sentences(problem, windows, best, other, by_run, said, side, whose)
+    sentences = _sentences(windows, best, other, said, side, whose)
     return Where(
-        subsystem, regime, windows.windows, share, interval, tuple(profiles), by_run, side, tuple(sentences), places,
-        events,
+        subsystem, regime, windows.windows, share, interval, tuple(profiles), side, tuple(sentences), places, events,
     )  # fmt: skip
 
 
@@ -297,18 +293,9 @@ def regime_of(problem: Problem, gap: Array, explained: Explained) -> str:
     return "low_speed" if float(gone[slow].sum()) > 0.5 * float(gone.sum()) > 0.0 else "speed"
 
 
-def _by_run(problem: Problem, gap: Array) -> dict[str, float]:
-    """Each run's share of the gap's energy beyond noise."""
-    of_row = run_of(problem)
-    beyond = np.bincount(of_row, spacing(problem) * (gap**2 - problem.run_noise[of_row] ** 2), len(problem.runs))
-    energy = np.maximum(beyond, 0.0)
-    return {run.name: float(e / max(energy.sum(), 1e-300)) for run, e in zip(problem.runs, energy, strict=True)}
-
-
 def _sentences(
-    problem: Problem, windows: Windows, best: Explained, other: Explained | None, by_run: Mapping[str, float],
-    said: Sequence[str], side: str, whose: str,
-) -> list[str]:  # fmt: skip
+    windows: Windows, best: Explained, other: Explained | None, said: Sequence[str], side: str, whose: str
+) -> list[str]:
     many = len(windows.windows)
     sentences = [
         f"{100.0 * windows.held:.0f} % of {whose} lies in {many} window{'s' if many != 1 else ''} that "
@@ -316,10 +303,6 @@ def _sentences(
         f"The {best.variable.label} explains {_percent(best)} of the gap on runs it was not fitted to"
         + (f"; the {other.variable.label} {_percent(other)}." if other is not None else "."),
     ]
-    name = max(by_run, key=lambda run: by_run[run])
-    even = 1.0 / len(by_run)
-    if len(by_run) > 1 and by_run[name] > 2.0 * even:
-        sentences.append(f"Run {name} holds {100.0 * by_run[name]:.0f} % of it.")
     sentences += said
     if side == "carriage":
         sentences.append("The dead line's tension shows the gap too: it is on the carriage's side of the wire.")

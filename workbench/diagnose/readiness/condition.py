@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.numbers import figures
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.readiness.checks import FAR, listed, reference_of, reference_slope
@@ -183,8 +184,8 @@ def _sentences(problem: Problem, runs: Sequence[RunCondition], own: float, motio
         )
     if motion_noise_rms > 0.5 * own:
         sentences.append(
-            f"The measured motion's own noise adds {motion_noise_rms:.2g} {unit} to the prediction, the input's is "
-            f"{own:.2g} {unit}."
+            f"The measured motion's own noise adds {figures(motion_noise_rms, 2)} {unit} to the prediction, the "
+            f"input's is {figures(own, 2)} {unit}."
         )
     return sentences
 

@@ -19,22 +19,25 @@ WITHOUT_EFFECTS = {"no_gap": "no gap", "unknown": "unknown cause", "named": "a l
 
 
 class ReasonKind(Enum):
-    """Reasons against the best named hypothesis."""
+    """Reasons against a named cause; from ON_A_BOUND on against the listed hypothesis with most evidence."""
 
     UNLISTED_EXPLAINS_MORE = "unlisted_explains_more"
     LEAVES_MUCH = "leaves_much"
     STRETCHES_TOLERANCES = "stretches_tolerances"
+    LOG_KEEPS = "log_keeps"
     ON_A_BOUND = "on_a_bound"
     UNDO_EACH_OTHER = "undo_each_other"
+    ONLY_SMOOTHER = "only_smoother"
+    TAKES_NOTHING = "takes_nothing"
+    VARIES = "varies"
     FREE_LAW = "free_law"
     NO_IMPACTS = "no_impacts"
-    LOG_KEEPS = "log_keeps"
 
 
 @dataclass(frozen=True)
 class Reason:
     """value: N m (N) left, or standard deviations; percent: of the input's rms; effects: those it is about;
-    over: the variable of a free law, in words."""
+    over: the variable of a free law, or of what an amount varies with, in words."""
 
     kind: ReasonKind
     effects: Names = ()

@@ -41,7 +41,15 @@ from workbench.diagnose.verdict.unknown_cause import cancellation, input_rms, ke
 SAME = 0.5  # evidence between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
 SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
-OTHER, BOUND, IMPACTS = "the other effect", "a bound", "impacts"  # what speaks against a fit that is none of its law
+# What speaks against a fit that is none of its law.
+OTHER, LATE, NOTHING, BOUND, IMPACTS = "the other effect", "a late motion", "residual", "a bound", "impacts"
+AGAINST = {
+    OTHER: ReasonKind.UNDO_EACH_OTHER,
+    LATE: ReasonKind.ONLY_SMOOTHER,
+    NOTHING: ReasonKind.TAKES_NOTHING,
+    BOUND: ReasonKind.ON_A_BOUND,
+    IMPACTS: ReasonKind.NO_IMPACTS,
+}
 
 
 @dataclass(frozen=True)
@@ -125,7 +133,15 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         signs=signs,
         floor=floor,
         unknown_probability=next(row.probability for row in rows if row.verdict == "unknown"),
-        reasons=_reasons(left, signs, best, rival if said > least else None, mimics, kept_percent(problem)),
+        reasons=_reasons(
+            left,
+            signs,
+            best if stands else None,
+            rival if said > least else None,
+            next((w.names for w in weighed if not w.rival), ()),
+            mimics,
+            kept_percent(problem),
+        ),
         counted=counted,
         stands=stands,
         groups=groups,
@@ -232,11 +248,13 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     """What speaks against a fit, whatever its law."""
     last, more = w.names[-1], w.fit.chi2 / max(near.chi2, 1e-300) - 1.0  # as weighed: near standstill no law is exact
     if (more > 0.0 or takes_nothing(problem, near, w.fit)) and not (problem.struck and PLAY in w.names):
-        return Constancy(last, "residual", more)  # what a play leaves are the rebounds
+        return Constancy(last, NOTHING, more)  # what a play leaves are the rebounds
     undone = cancellation(problem, w.fit, len(near.z))
     # True causes may happen to cancel, as a drift where later runs carry more; what imitates leaves a remainder.
-    if (undone > -math.log(settings.HALF) and w.score.excess > 1.0) or smooths(problem, w.fit):
-        return Constancy(last, OTHER, max(undone, -math.log(settings.HALF)))
+    if undone > -math.log(settings.HALF) and w.score.excess > 1.0:
+        return Constancy(last, OTHER, undone)
+    if smooths(problem, w.fit):
+        return Constancy(last, LATE, 1.0)
     if PLAY in w.names and only_mends(problem, PLAY) and more > -settings.HALF:
         return Constancy(PLAY, IMPACTS, more)
     return Constancy(last, BOUND, 1.0) if _on_bound(w.fit, len(near.z)) else None
@@ -292,28 +310,25 @@ def left_of(problem: Problem, near: Fitted, held: Fitted, floor: float) -> tuple
 def _reasons(
     left: Left,
     signs: Mapping[str, float],
-    best: Weighed | None,
+    judged: Weighed | None,
     rival: Weighed | None,
+    first: Names,
     mimics: Mapping[Names, Constancy],
     kept: float,
 ) -> tuple[Reason, ...]:
-    """Against the best named hypothesis. rival: an unlisted effect that explains more."""
+    """What speaks against a named cause. judged: the hypothesis that `left` and `signs` are of, None for the base
+    parameters alone. rival: an unlisted effect that explains more. first: the listed hypothesis with most evidence."""
     reasons = [Reason(ReasonKind.LOG_KEEPS, percent=kept)] if kept > settings.OWN_LAW else []
     if rival is not None:
         reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=rival.names))
     if signs["left"] > 0.5:
         reasons.append(Reason(ReasonKind.LEAVES_MUCH, value=left.rms, percent=left.percent_of_input))
     if signs["prior"] > 1.5:
-        reasons.append(Reason(ReasonKind.STRETCHES_TOLERANCES, value=signs["prior"]))
-    for names, why in list(mimics.items())[:1]:
-        if why.over == BOUND:
-            reasons.append(Reason(ReasonKind.ON_A_BOUND))
-        if why.over == IMPACTS:
-            reasons.append(Reason(ReasonKind.NO_IMPACTS))
-        if why.over == OTHER:
-            reasons.append(Reason(ReasonKind.UNDO_EACH_OTHER, effects=names))
-        if why.free:
-            reasons.append(Reason(ReasonKind.FREE_LAW, effects=names, over=why.over))
+        names = judged.names if judged else ()
+        reasons.append(Reason(ReasonKind.STRETCHES_TOLERANCES, effects=names, value=signs["prior"]))
+    if why := mimics.get(first):
+        kind = ReasonKind.FREE_LAW if why.free else AGAINST.get(why.over, ReasonKind.VARIES)
+        reasons.append(Reason(kind, effects=first, over=why.over.replace("_", " ")))
     return tuple(reasons)
 
 
