@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from tests.support.searched_campaign import simulated_search
+from workbench.core.numbers import figures
 from workbench.core.run import Run
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Scalar
@@ -25,6 +26,7 @@ from workbench.diagnose.isolation.next_run import (
     APART,
     Compared,
     Offer,
+    _closer,
     chance_to_decide,
     choose,
     compared,
@@ -270,4 +272,24 @@ def test_a_verdict_that_rests_on_less_than_a_model_error_says_so(heavier: Search
     assert opened.separation == named.separation
     assert opened.why.startswith("The campaign ")
     assert named.why.startswith("The runs favour torque_offset over carriage_mass_error, but set them apart by only")
-    assert f"a model error of {LEAST:g} of the noise" in named.why
+    least = LEAST * heavier.problem.noise
+    assert f"differences below {figures(least, 2)} N m rms, {LEAST:g} of the noise, count for nothing" in named.why
+
+
+def test_what_no_run_decides_is_decided_by_the_value_that_stands_in_for_it():
+    """The rival has to move the base parameter by one tolerance; known to a tenth of it, that is ten. What lies in the
+    data of neither is decided by no value."""
+    hidden = [both(line(0.0, 1e3), line(1e3, 1e3))]
+    assert separation(fitted(), fitted(), hidden) == pytest.approx(1.0, rel=1e-3)
+    assert separation(fitted(), fitted(), hidden, "x") == pytest.approx(10.0, rel=1e-3)
+    assert separation(fitted(), fitted(), hidden, "y") == pytest.approx(1.0, rel=1e-3)
+    # Of a true value 0.8 tolerances off, and with the rival where it is: nothing is to be moved.
+    same = [both(line(0.0, 1e3), line(0.0, 1e3))]
+    assert separation(fitted(0.8), fitted(0.8), same, "x") == pytest.approx(0.0, abs=1e-6)
+
+
+def test_no_load_need_be_weighed_where_no_single_value_stands_in_for_the_difference(heavier: SearchResult):
+    """A heavier carriage and an offset of the torque: friction of one direction and three other values hide it."""
+    fits = [heavier.fits[name,] for name in ("torque_offset", "carriage_mass_error")]
+    known = compared([on_campaign(heavier.problem, fit) for fit in fits])
+    assert _closer(heavier.problem, fits, known) == "No single value of the machine, known more closely, would either."

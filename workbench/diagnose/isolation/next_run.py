@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.numbers import figures
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import Names, bounds_of
+from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection, columns_signed, linear_gain, start_of
@@ -22,6 +23,7 @@ from workbench.diagnose.isolation.planned import Planned, drawn, menu, planned_a
 from workbench.machines import kind_of
 
 APART = 3.0  # standard deviations: then a run decides
+CLOSER = 0.1  # of a tolerance: a value that was measured for the question
 WORTH = 1.0  # more than now: less is not worth a run
 DECIDED = math.log(20.0)  # of likelihoods: twenty to one
 DRAWN, GENERATIONS = 8, 3  # motions that are simulated at once, and how often
@@ -59,11 +61,12 @@ class NextRun:
 
 @dataclass(frozen=True)
 class Offer:
-    """One entry of the menu: a run and what is logged beside the motors."""
+    """One entry of the menu: a run and what is logged beside the motors. shown: what it shows of each pair."""
 
     planned: Planned
     signals: tuple[str, ...]
     separation: float
+    shown: Sequence[Compared] = ()
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,7 @@ def next_run(
             return None
         fits = fits[:2]  # not all of them, perhaps the best one
     return NextRun(
-        _why(problem, fits, best, now, settled), best.planned.payload_kg, best.planned.words, best.signals,
+        _why(problem, fits, known, best, now, settled), best.planned.payload_kg, best.planned.words, best.signals,
         best.separation, now, plain.separation, chance_to_decide(best.separation, now), best.planned, plain.planned,
         tuple(fit.effects for fit in fits[1:]),
     )  # fmt: skip
@@ -138,7 +141,8 @@ def _ahead(problem: Problem, planned: Sequence[Planned], fits: Sequence[Fitted])
 def _stated(problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared], offer: Offer) -> Offer:
     """An offer with the separation that each hypothesis gives with base signatures of its own."""
     own = [_ahead(problem, [offer.planned], [fit])[0] for fit in fits]
-    return replace(offer, separation=_apart(fits, known, compared([of_run(0, offer.signals) for of_run in own])))
+    shown = compared([of_run(0, offer.signals) for of_run in own])
+    return replace(offer, separation=_apart(fits, known, shown), shown=shown)
 
 
 def chance_to_decide(separation: float, now: float = 0.0) -> float:
@@ -234,19 +238,32 @@ def compared(lines: Sequence[Line]) -> list[Compared]:
     return found
 
 
-def _apart(fits: Sequence[Fitted], *data: Sequence[Compared]) -> float:
-    """Standard deviations between the first hypothesis and its nearest rival, whichever of the two is true."""
+def _apart(fits: Sequence[Fitted], *data: Sequence[Compared], closer: str = "") -> float:
+    """Standard deviations between the first hypothesis and its nearest rival, whichever of the two is true; but a rival
+    with an effect more predicts whatever the other does: there the question is whether its amount is none."""
     pairs = zip(_pairs(len(fits)), zip(*data, strict=True), strict=True)
-    return min((separation(fits[true], fits[rival], shown) for (true, rival), shown in pairs), default=math.inf)
+    asked = ((fits[true], fits[rival], shown) for (true, rival), shown in pairs)
+    return min(
+        (separation(*of, closer) for of in asked if not set(of[0].effects) < set(of[1].effects)), default=math.inf
+    )
 
 
-def separation(true: Fitted, rival: Fitted, data: Sequence[Compared]) -> float:
-    """Standard deviations between the data of the true hypothesis and the rival that is refitted to them."""
+def separation(true: Fitted, rival: Fitted, data: Sequence[Compared], closer: str = "") -> float:
+    """Standard deviations between the data of the true hypothesis and the rival that is refitted to them. closer: the
+    symbol of a base parameter that is known to CLOSER of its tolerance, at its true value."""
     _, _, std = bounds_of(rival.free)
     values, at = len(std), len(std)
-    size = values + sum(len(shown.own_hold) for shown in data)
+    size, off, prior = values + sum(len(shown.own_hold) for shown in data), rival.z.copy(), true.prior
+    if (k := _place_of(rival, closer)) is not None:
+        j = _place_of(true, closer)
+        its = 0.0 if j is None else float(true.z[j])
+        std, off[k], prior = (
+            np.where(np.arange(values) == k, CLOSER * std, std),
+            off[k] - its,
+            prior - (its / std[k]) ** 2,
+        )
     tolerances = np.zeros((values, size + 1))  # the last column is what is wanted
-    tolerances[:, :values], tolerances[:, -1] = np.diag(1.0 / std), -rival.z / std
+    tolerances[:, :values], tolerances[:, -1] = np.diag(1.0 / std), -off / std
     rows, least, holds = [tolerances], list[float](), list[Array]()
     for shown in data:
         own = range(at, at + len(shown.own_hold))
@@ -261,34 +278,59 @@ def separation(true: Fitted, rival: Fitted, data: Sequence[Compared]) -> float:
     size_of = np.maximum(np.linalg.norm(every[:, :-1], axis=0), 1e-300)
     step = np.linalg.lstsq(every[:, :-1] / size_of, every[:, -1], rcond=1e-10)[0] / size_of
     left = [float(np.sum((of_one @ np.append(step, -1.0)) ** 2)) for of_one in rows]
-    total = left[0] - true.prior + sum(max(a - b, 0.0) for a, b in zip(left[1:], least, strict=True))
+    total = left[0] - prior + sum(max(a - b, 0.0) for a, b in zip(left[1:], least, strict=True))
     return math.sqrt(max(total, 0.0))
 
 
-def _why(problem: Problem, fits: Sequence[Fitted], best: Offer, now: float, settled: float) -> str:
-    names = [" with ".join(fit.effects) or "a machine without an effect" for fit in fits]
-    rivals = names[1] if len(names) == 2 else f"{', '.join(names[1:-1])} and {names[-1]}"
+def _place_of(fit: Fitted, symbol: str) -> int | None:
+    """The index in z of a base parameter, None where the fit has none."""
+    first = np.cumsum([0, *(parameter.size for parameter in fit.free)])
+    return next(
+        (int(k) for k, one in zip(first, fit.free, strict=False) if getattr(one, "symbol", None) == symbol), None
+    )
+
+
+def _closer(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared]) -> str:
+    """What would set hypotheses apart that no run does: one base parameter whose value were known more closely."""
+    keys = {key: one.symbol for key, one in base_parameters(problem.machine, problem.runs).items() if one.std == 1.0}
+    apart = {key: _apart(fits, *data, closer=symbol) for key, symbol in keys.items()}
+    key = max(apart, key=lambda key: apart[key], default="")
+    if not key or apart[key] < APART:
+        return "No single value of the machine, known more closely, would either."
+    return (
+        f"A closer tolerance is needed: with {key} known to a tenth of its own that run would set them apart by "
+        f"{apart[key]:.1f}."
+    )
+
+
+def _why(
+    problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared], best: Offer, now: float, settled: float
+) -> str:
+    names = [" and ".join(fit.effects) or "a machine without an effect" for fit in fits]
+    rivals = names[1] if len(names) == 2 else f"{', '.join(names[1:-1])} and from {names[-1]}"
     load = f"a run with {best.planned.payload_kg:g} kg" if kind_of(problem.machine).payload else "a run"
     signals = f" and with {' and '.join(best.signals)} logged" if best.signals else ""
+    least = least_of(problem)
     begin = f"The campaign sets {names[0]} apart from {rivals} by {now:.1f} standard deviations"
     if now < 0.05:
         begin = f"The campaign does not set {names[0]} apart from {rivals}"
     if settled < math.inf:  # the likelihoods are apart: they are as good as the model is exact
         begin = (
-            f"The runs favour {names[0]} over {rivals}, but set them apart by only {now:.1f} standard deviations once "
-            f"a model error of {least_of(problem):.2g} of the noise is allowed for"
+            f"The runs favour {names[0]} over {rivals}, but set them apart by only {now:.1f} standard deviations where "
+            f"differences below {figures(least * problem.noise, 2)} {kind_of(problem.machine).drive.unit} rms, "
+            f"{figures(least, 2)} of the noise, count for nothing"
         )
-    if best.separation > APART:
+    if _decides(best, now):
         apart = f"{best.separation:.1f} standard deviations"
         sure = f"{100.0 * chance_to_decide(best.separation, now):.0f} %"
         return (
             f"{begin}; {load}, {best.planned.words}{signals}, would do so by {apart}, and decide twenty to one with a "
             f"probability of {sure}."
         )
-    closer = "a closer tolerance is needed, such as a weighed load or a checked sensor."
+    closer = _closer(problem, fits, known, best.shown)
     if best.separation < 0.05:
-        return f"{begin}, and no run on the menu would: {closer}"
+        return f"{begin}, and no run on the menu would. {closer}"
     return (
         f"{begin}; no run on the menu decides. The best, {load}, {best.planned.words}{signals}, would set them apart "
-        f"by {best.separation:.1f} standard deviations: {closer}"
+        f"by {best.separation:.1f} standard deviations. {closer}"
     )
