@@ -529,6 +529,13 @@ def test_a_ripple_of_a_pendulum_has_one_phase_in_all_runs(shared_data: Path, tmp
     assert found.verdict.effects == ("torque_ripple",)
 
 
+def test_a_ripple_is_not_given_up_to_a_law_of_the_place_that_can_be_it(shared_data: Path, tmp_path: Path):
+    """Five waves along the way of EMPS, and what that axis leaves over its place: a free law is both, and better."""
+    emps_in(tmp_path, shared_data, HELD)
+    found = of_recorded(tmp_path, "ripple", (9942, 7), tmp_path / "bent", ["torque_ripple"])
+    assert found.verdict.effects == ("torque_ripple",)
+
+
 def test_an_offset_that_masses_can_stand_in_for_is_told_of_by_the_tolerances(shared_data: Path, tmp_path: Path):
     """It leaves the residual as it is; a slow run that is left out is predicted worse by what no other run knows."""
     found = of_recorded(shared_data / "campaigns" / "20", "offset", (9903, 2), tmp_path, ["torque_offset"])

@@ -14,9 +14,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.axes import emps
+from tests.support.driven_campaign import driven
 from tests.support.fitted_runs import fitted_to, made_by
 from tests.support.noisy_runs import hoist_runs
-from workbench.core.run import Array
+from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import sentence_of
 from workbench.diagnose.gap import folds_of, shrink_of, stretch_of, worst_tolerance
 from workbench.diagnose.hypotheses import held_out as held_out_module
@@ -37,7 +39,8 @@ from workbench.diagnose.hypotheses.settings import calibration
 from workbench.diagnose.verdict.answer import Hypothesis, rank
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runners_up
 from workbench.effects import effects_for, find, ranges_of
-from workbench.machines import default_hoist
+from workbench.machines import default_hoist, get_value, with_values
+from workbench.references import Limits, Step, plan_motion
 
 TORQUE = "torque_motor_nm"
 AS_DECIDED = {"surer": 1.0, "missed_no_gap": 0.0, "missed_unknown": 0.0}  # and so stated
@@ -75,6 +78,29 @@ def test_a_phase_that_is_a_runs_own_is_taken_from_that_run():
     rounding = 1e-12 * np.random.default_rng(1).normal(size=fit.jacobian.shape) * np.max(np.abs(fit.jacobian), axis=0)
     rounded = held_out(problem, replace(fit, jacobian=fit.jacobian + rounding), folds_by_run(problem))
     assert rounded.rms(problem.inputs) == pytest.approx(unseen.rms(problem.inputs), rel=1e-3)
+
+
+def test_an_amount_that_the_other_runs_do_not_show_is_none_there():
+    """Half of the friction one way is missing, and one run goes the other way. Without that run its level was told by
+    noise at rest, and the right cause was barred for what a level thousands of deviations off leaves there."""
+    runs, limits = [], Limits(0.4, 1.0, 20.0)
+    for name, way in (("a", 2.0), ("b", 1.2), ("c", -2.0)):
+        plan = plan_motion("ruckig", [Step(by_m=way)], 0.0, limits, (-np.inf, np.inf), 0.5, 0.5).sample(0.002)
+        moved = {"position_m": plan.position_m, "speed_m_s": plan.speed_m_s}
+        runs.append(Run(name, plan.time_s, {"force_n": 0.0 * plan.time_s, **moved}))
+    runs = driven(emps(), runs, {"force_n": 2.0, "speed_m_s": 0.002})
+    forward = "friction.coulomb_forward_n"
+    problem = Problem(with_values(emps(), {forward: 0.5 * get_value(emps(), forward)}), runs)
+    effect = find("friction_coulomb_asymmetric", problem.active.kind)
+    ranges = ranges_of(effect, problem.machine, runs)
+    more, start = effect_parameters(effect, ranges, {r.symbol: 5.0 for r in ranges})
+    base = [*base_parameters(problem.machine, runs).values()]
+    near = fit_hypothesis(problem, (), base, np.zeros(len(base)), 60)
+    fit = fit_hypothesis(problem, (effect.id,), [*base, *more], np.concatenate([np.zeros(len(base)), start]), 60)
+    unseen = held_out(problem, fit, folds_by_run(problem))
+    (level,) = [v for k, v in unseen.settings[2].items() if k.endswith("level_backward_n")]
+    assert level == pytest.approx(0.0, abs=2.0)
+    assert significance(problem, near, fit) > 5.0
 
 
 def told_by(

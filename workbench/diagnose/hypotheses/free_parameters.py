@@ -31,9 +31,11 @@ Setting = Mapping[str, "float | tuple[float, ...]"]  # symbol -> value, or one v
 
 class FreeParameter:
     """lowest, highest: bounds of each z. prior_std: one standard deviation of each z, inf where nothing holds it.
-    logarithmic: a factor of what nobody knows, such as how friction turns over at standstill; no tolerance."""
+    logarithmic: a factor of what nobody knows, such as how friction turns over at standstill; no tolerance. amount: of
+    an effect, which is absent at z = 0."""
 
     logarithmic: bool = False
+    amount: bool = False
 
     @property
     def lowest(self) -> tuple[float, ...]:
@@ -67,6 +69,7 @@ class Scalar(FreeParameter):
     std: float = math.inf
     logarithmic: bool = False
     furthest: float = math.inf  # |z|
+    amount: bool = False
     size = 1
 
     def _z(self, value: float) -> float:
@@ -105,6 +108,7 @@ class Wave(FreeParameter):
     most: float
     std: float = math.inf
     furthest: float = math.inf  # |z|
+    amount = True
 
     @property
     def lowest(self) -> tuple[float, ...]:
@@ -209,7 +213,8 @@ def effect_parameters(
                 start.append(0.0)
         elif len(r.tries) != 1 or r.vanishes_at is not None:
             origin = r.vanishes_at if r.vanishes_at is not None else value
-            free.append(Scalar(r.symbol, origin, r.scale, r.lowest, r.highest))
+            amount = r.vanishes_at is not None
+            free.append(Scalar(r.symbol, origin, r.scale, r.lowest, r.highest, amount=amount))
             start.append((value - origin) / r.scale)
     return free, start
 

@@ -92,8 +92,10 @@ def fitted_without(
     """The refit to the other rows for each of several choices of rows, (samples,) bool; see `held_out`. most: steps.
     elsewhere: also from another minimum than the joint fit's."""
     lowest, highest, std = bounds_of(fitted.free)
-    prior, whiten = np.diag(1.0 / std**2), problem.errors.whiten
+    base, whiten = int(np.count_nonzero(np.isfinite(std))), problem.errors.whiten
     starts = [fitted, *(_elsewhere(problem, fitted, std) if elsewhere else [])]
+    std = np.where(np.isfinite(std), std, _sizes(fitted))
+    prior = np.diag(1.0 / std**2)
     asked, inside = len(inside), [*inside] * len(starts)
     z, slopes, rows = [], [], []
     for start in starts:
@@ -144,9 +146,10 @@ def fitted_without(
         if worth[k] < worth[k - asked]:  # what turns over elsewhere bends on the way: with slopes of its own to the end
             others = copy(problem.coarse([fitted.setting]))
             others.errors = _Seen(problem.errors, ~inside[k])  # type: ignore[assignment]
-            base, kept = int(np.count_nonzero(np.isfinite(std))), starts[-1].jacobian
             try:
-                last = fit_hypothesis(others, fitted.effects, fitted.free, z[k], MOST_EVALUATIONS, base, kept)
+                last = fit_hypothesis(
+                    others, fitted.effects, fitted.free, z[k], MOST_EVALUATIONS, base, starts[-1].jacobian
+                )
             except BREAKDOWNS:  # the simulation breaks down on that way: the fold stays where it is
                 continue
             z[k - asked], worth[k - asked] = last.z, last.objective
@@ -155,6 +158,18 @@ def fitted_without(
         Refit(setting_of(fitted.free, np.clip(at, lowest, highest)), size)
         for at, size in zip(points, worth, strict=False)
     ]
+
+
+def _sizes(fitted: Fitted) -> Array:
+    """By how much each z may be off none: an amount by about its own size in the joint fit (unit information; R. E.
+    Kass, L. Wasserman, J. Am. Stat. Assoc. 90, 1995), so that one which the other rows do not show is none."""
+    sizes, at = np.full(len(fitted.z), np.inf), 0
+    for parameter in fitted.free:
+        mine = slice(at, at := at + parameter.size)
+        size = float(np.linalg.norm(fitted.z[mine]))
+        if parameter.amount and size > 0.0:
+            sizes[mine] = size
+    return sizes
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,10 @@ laws of its own, f is without it.
 Beside other causes f is one more that was chosen of many, and pays for that as a listed one does. So whatever the form
 of what an inexact law of theirs leaves, the next cause is credited with what it gains beside that alone.
 
-A cause that comes again or goes with the time has a phase or a wave that bends to a law of another variable: then f
-alone is better than the cause alone, and does without nearly all that the cause takes, though the rest may be worth a
-parameter. Such a cause is worth less than nothing, by as much as f alone is better.
+A cause that comes again or goes with the time has a phase or a wave that bends to a slope or a bow over another
+variable: then such an f alone is better than the cause alone, and does without nearly all that the cause takes, though
+the rest may be worth a parameter. Such a cause is worth less than nothing, by as much as f alone is better. A freer f
+is not asked: over the place it can be a true ripple, and what else the machine has there.
 
 A true cause leaves less for f to take, or something that f cannot take, and is worth much. Several effects that only
 imitate one law together (a bent sensor by gain, offset and friction with the load) are worth less than nothing.
@@ -72,11 +73,18 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
         if level:
             rows[:, :-1] -= own @ (own.T @ rows[:, :-1])
         there, here = np.column_stack([beside.clean(shape), beside.residual]), rows - own @ (own.T @ rows)
-        one, *both = (score(each[:, :-1], each[:, -1], roots, rms, its) for each in (rows, there, here))
-        least = min(least, (one - min(both) - paid, label))
-        adds_next_to_nothing = one - min(both) < settings.FORETOLD * (nothing - only)
-        if bends and regime not in regimes and one < only and adds_next_to_nothing:
-            least = min(least, (one - only, label))
+
+        def scores(roots: list[Array], each: tuple[Array, ...] = (rows, there, here)) -> tuple[float, float]:
+            """Of the law alone, and beside the cause."""
+            one, *both = (score(columns[:, :-1], columns[:, -1], roots, rms, its) for columns in each)
+            return one, min(both)
+
+        one, both = scores(roots)
+        least = min(least, (one - both - paid, label))
+        if bends and regime not in regimes:
+            one, both = scores(roots[:1])
+            if one < only and one - both < settings.FORETOLD * (nothing - only):
+                least = min(least, (one - only, label))
     return least
 
 
