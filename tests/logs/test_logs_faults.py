@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -246,6 +247,13 @@ def test_a_fault_that_several_runs_have_is_told_once_with_their_names(tmp_path):
     said = str(caught.value)
     assert "a.csv: a: no " in said and " (so in b, d, e, f, g); " in said and said.endswith("c.csv: c: is empty")
     assert said.count(SPEED) == 1
+    for name in "abcdefg":
+        factor = 60.0 / (2.0 * np.pi) * (1.0 + 0.01 * ord(name))
+        columns = hoist_columns()
+        (tmp_path / "runs" / f"{name}.csv").write_text(csv_text(columns | {SPEED: factor * columns[SPEED]}))
+    with pytest.raises(RunsError, match=r"is it in rpm\? .* \(so in b, c, d, e, f, g\)$") as caught:
+        read_campaign(tmp_path)
+    assert str(caught.value).count("rpm") == 1
 
 
 def test_hoist_that_holds_still_reads_with_a_note_and_keeps_its_reference(tmp_path):
@@ -535,6 +543,30 @@ def test_an_edited_run_of_an_axis_is_named(shared_data: Path, edit: str, said: s
     assert any(note.startswith(f"{run.name}: ") and said in note for note in notes), notes
 
 
+def test_a_stretch_that_rests_is_not_doubted_for_the_motion_that_it_has_not(campaigns: Path):
+    """What is left behind a second without samples, of a run that had come to its end."""
+    campaign = recorded(campaigns / "01")
+    whole = campaign.runs[2]
+    rows = whole.time_s > whole.time_s[-1] - 6.0
+    still = replace(
+        whole, name="rest", time_s=whole.time_s[rows], signals={k: v[rows] for k, v in whole.signals.items()}
+    )
+    speed = still.signals["speed_motor_rad_s"]
+    assert np.max(np.abs(speed)) < 0.01 * np.max(np.abs(whole["speed_motor_rad_s"]))
+    still = replace(still, signals={**still.signals, "torque_motor_nm": 0.9 * still["torque_motor_nm"]})
+    assert doubts_of(campaign.machine, [*campaign.runs, still]) == []
+
+
+def test_a_torque_upside_down_is_no_payload(campaigns: Path):
+    campaign = recorded(campaigns / "01")
+    run = campaign.run("half_fast")
+    flipped = replace(run, signals={**run.signals, "torque_motor_nm": -run["torque_motor_nm"]})
+    notes = doubts_of(campaign.machine, [flipped if one is run else one for one in campaign.runs])
+    (load,) = (note for note in notes if "than the other runs let expect" in note)
+    assert re.search(r"holds \d{4} N m less than the other runs let expect, -1\.\d\d times", load), load
+    assert "would fit" not in load
+
+
 def test_a_wrong_payload_is_told_with_the_one_that_fits(campaigns: Path):
     campaign = recorded(campaigns / "01")
     wrong = replace(campaign.run("half_fast"), payload_kg=4.5)
@@ -569,4 +601,4 @@ def test_a_log_by_exception_is_told(shared_data: Path):
         kept[k] = force[k] if abs(force[k] - kept[k - 1]) > band else kept[k - 1]
     run = replace(run, signals={**run.signals, "force_n": kept})
     notes = doubts_of(campaign.machine, [campaign.runs[0], run, *campaign.runs[2:]])
-    assert any(note.startswith(f"{run.name}: force_n keeps its value until") for note in notes), notes
+    assert any(note.startswith(f"{run.name}: force_n keeps its value until") and " N;" in note for note in notes), notes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -234,16 +235,16 @@ def read_campaign(
 
 
 class RunsError(InputError):
-    """The faults of all runs that cannot be read, in one line, one that several have once. sound: the runs that can be
-    read without them."""
+    """The faults of all runs that cannot be read, in one line; one that several have, but for its numbers, once. sound:
+    the runs that can be read without them."""
 
     def __init__(self, faults: Mapping[str, InputError], sound: Sequence[str]) -> None:
         runs_with: dict[str, list[str]] = {}
         for run, fault in faults.items():
-            runs_with.setdefault(fault.problem, []).append(run)
+            runs_with.setdefault(re.sub(r"\d[\d.e+-]*", "0", fault.problem), []).append(run)
         problems: list[str] = []
-        for problem, (run, *others) in runs_with.items():
-            text = str(faults[run]) if problems else problem
+        for run, *others in runs_with.values():
+            text = str(faults[run]) if problems else faults[run].problem
             problems.append(f"{text} (so in {', '.join(others)})" if others else text)
         first = next(iter(faults.values()))
         super().__init__("; ".join(problems), file=first.file, line=first.line, place=first.place)

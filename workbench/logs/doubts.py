@@ -16,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.names import unit_of
+from workbench.core.numbers import figures
 from workbench.core.run import Array, Run
 from workbench.logs.raw_run import seconds, smoothed
 from workbench.machines import Axis, Hoist, Kind, RigidBody, kind_of
@@ -23,6 +25,7 @@ from workbench.machines import Axis, Hoist, Kind, RigidBody, kind_of
 LEAST_RUNS = 4  # of which one may stand alone
 SMOOTH = 0.003  # of a run's duration: one standard deviation
 MOVING = 0.02  # of a run's largest speed
+RESTS = 0.01  # of the largest speed of all runs: what is slower does not move
 ONE_WAY = 0.1  # of the moving samples
 LOOK_S, LOOK = 3.0, 0.1  # a delay is looked for up to so long, and so much of a run
 LATE_S = 0.4  # more than a sensor or a bus
@@ -70,6 +73,7 @@ def doubts_of(machine: Hoist | Axis, runs: Sequence[Run]) -> list[str]:
     """Notes, each with its reason and what to check; [] for runs that agree with each other and with physics."""
     kind = kind_of(machine)
     seen = [s for run in runs if (s := _seen(kind, kind.rigid(machine, run.payload_kg), run)) is not None]
+    seen = [s for s in seen if s.top > RESTS * max(other.top for other in seen)]
     if not kind.holds_load:
         top = float(np.median([s.top for s in seen])) if seen else 0.0
         seen = [s for s in seen if top / LIKE_SPEED < s.top < top * LIKE_SPEED]
@@ -176,12 +180,11 @@ def _loads(machine: Hoist | Axis, kind: Kind, seen: Sequence[Seen]) -> Iterator[
     per_kg = kind.rigid(machine, 1.0).hold - kind.rigid(machine, 0.0).hold
     for s, off in found:
         ratio = (s.body.hold + s.excess) / (s.body.hold + s.excess - off)
-        text = (
-            f"{s.run.name}: {kind.plant.input} holds {off:+.3g} {kind.drive.unit} more than the other runs let expect"
-        )
-        text += f", {ratio:.2f} times as much; check the torque's scale and offset"
-        if per_kg > 0.0:
-            text += f", and payload_kg: {max(s.run.payload_kg + off / per_kg, 0.0):.0f} kg would fit"
+        text = f"{s.run.name}: {kind.plant.input} holds {figures(abs(off))} {kind.drive.unit} "
+        text += f"{'more' if off > 0.0 else 'less'} than the other runs let expect, {ratio:.2f} times as much; "
+        text += "check the torque's scale and offset"
+        if per_kg > 0.0 and (fits := s.run.payload_kg + off / per_kg) >= 0.0:
+            text += f", and payload_kg: {fits:.0f} kg would fit"
         yield text
 
 
@@ -215,10 +218,14 @@ def _gains(kind: Kind, seen: Sequence[Seen]) -> Iterator[str]:
     odd = _alone([s.excess for s in seen], lambda v, usual: abs(v - usual) > EXCESS_APART * size, least)
     if odd is not None:
         yield (
-            f"{seen[odd].run.name}: {kind.plant.input} is {seen[odd].excess:+.3g} {kind.drive.unit} off what its "
-            f"motion takes on average, in the other runs {np.median([s.excess for s in seen]):+.3g}; "
+            f"{seen[odd].run.name}: {kind.plant.input} is {_off(seen[odd].excess)} {kind.drive.unit} off what its "
+            f"motion takes on average, in the other runs {_off(float(np.median([s.excess for s in seen])))}; "
             "check the sensor's offset"
         )
+
+
+def _off(value: float) -> str:
+    return f"{'-' if value < 0.0 else '+'}{figures(abs(value))}" if value else "0"
 
 
 def _gain(s: Seen, others: Sequence[Seen]) -> float:
@@ -307,13 +314,18 @@ def dead_band(column: Array) -> float:
 
 
 def _kept(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
-    """A log by exception: what a process historian keeps."""
+    """A log by exception: what a process historian keeps. Of motors that are told of, not of their sum again."""
+    told: set[str] = set()
     for name in (*kind.inputs, kind.plant.speeds[0]):
         bands = {run.name: band for run in runs if name in run and (band := dead_band(run[name])) > 0.0}
+        if name == kind.plant.input:
+            bands = {run: band for run, band in bands.items() if run not in told}
+        told |= bands.keys()
         if bands:
             yield (
                 f"{', '.join(bands)}: {name} keeps its value until it has changed by more than "
-                f"{max(bands.values()):.3g}; such a log by exception hides what is smaller: log every sample"
+                f"{figures(max(bands.values()))} {unit_of(name)}; such a log by exception hides what is smaller: "
+                "log every sample"
             )
 
 
