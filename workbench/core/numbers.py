@@ -45,6 +45,11 @@ def signed(value: float, decimals: int) -> str:
     return text if float(text) else text[1:]
 
 
+def whole_percent(share: float) -> str:
+    """A share, 0 to 1, in whole per cent; one that is not all is not said to be."""
+    return "over 99 %" if 0.995 <= share < 1.0 else f"{100.0 * share:.0f} %"
+
+
 def _magnitude(value: float) -> int:
     return math.floor(math.log10(abs(value)))
 

@@ -207,7 +207,7 @@ def condition_table(d: Diagnosis) -> Table:
         Column("moving", "%"): _percent("moving_share"),
         Column("clipped", "%"): _of("clipped_share", 100.0, 2),
         Column("outliers"): _of("outliers", "d"),
-        Column("delay", "ms"): lambda log: NOTHING if log.delay_s is None else f"{1e3 * log.delay_s:.0f}",
+        Column("delay", "ms"): lambda log: NOTHING if log.delay_s is None else f"{round(1e3 * log.delay_s)}",
     }
     if not kind_of(d.campaign.machine).payload:
         del cells[payload]

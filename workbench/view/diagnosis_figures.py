@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workbench.core.names import powers
+from workbench.core.numbers import whole_percent
 from workbench.core.run import Array
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.location.profiles import Profile
@@ -187,8 +188,9 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
     heads = []
     for profile in shown:
         name, _, best = profile.label.partition(", ")
-        low, high, explains = (round(100.0 * x) for x in (*profile.interval, profile.explains))
-        heads.append(f"<b>{name}</b><br>{f'{best}, explains' if best else 'explains'} {explains} % ({low} to {high})")
+        low, high = (round(100.0 * x) for x in profile.interval)
+        explains = f"explains {whole_percent(profile.explains)} ({low} to {high})"
+        heads.append(f"<b>{name}</b><br>{f'{best}, {explains}' if best else explains}")
     figure = _panels(f"Mean residual ({unit}) over what may explain it", heads, COLUMNS, 190, 0.055)
     means = np.concatenate([[0.0], *(values for p in shown for values in (p.mean_forward, p.mean_backward))])
     largest = float(np.nanmax(np.abs(means))) or 1.0
@@ -235,7 +237,9 @@ def curves(
     it is called, its unit). units: of each curve's force (N) or torque (N m).
     """
     names = [words.get(curve.over, (curve.over, "")) for curve in shown]
-    heads = [f"<b>{name}</b><br>explains {100.0 * c.explains:.0f} %" for (name, _), c in zip(names, shown, strict=True)]
+    heads = [
+        f"<b>{name}</b><br>explains {whole_percent(c.explains)}" for (name, _), c in zip(names, shown, strict=True)
+    ]
     figure = _panels("The unknown cause: force against the motion", heads, 2, 300, 0.1)
     for k, (curve, (name, unit), of) in enumerate(zip(shown, names, units, strict=True)):
         panel = {"row": k // 2 + 1, "col": k % 2 + 1}

@@ -19,6 +19,7 @@ import numpy as np
 from markupsafe import Markup
 
 from workbench.core.names import powers
+from workbench.core.numbers import figures
 from workbench.core.run import Array, Run
 from workbench.core.templates import render
 from workbench.machines import HOIST, Hoist
@@ -39,7 +40,7 @@ def marked_machine(machine: Any, subsystem: str, shrink: Any) -> str:
     kind = "coupled" if hasattr(machine, "coupling") else "turning" if turning else "rail"
     largest = max(shrink.before, shrink.after, shrink.noise, 1e-12)
     bars = [
-        (name, LONGEST * value / largest, powers(f"{value:.3g} {shrink.unit}"), colour)
+        (name, LONGEST * value / largest, powers(f"{figures(value)} {shrink.unit}"), colour)
         for name, value, colour in (
             ("before", shrink.before, GREY), ("after", shrink.after, BLUE), ("noise", shrink.noise, NOISE)
         )

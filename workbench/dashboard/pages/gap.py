@@ -12,6 +12,7 @@ import streamlit as st
 
 from workbench.core.errors import InputError
 from workbench.core.names import powers
+from workbench.core.numbers import whole_percent
 from workbench.dashboard import chosen, jobs, session, widgets
 from workbench.dashboard.jobs import VIEW, Job, Teller
 from workbench.dashboard.pages.signals import runs_table
@@ -299,7 +300,7 @@ def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
     figure.update_layout(margin_t=92).layout.annotations = ()
     _lower(figure, "How the gap shows")
     what = f"{best.label[0].upper()}{best.label[1:]}"
-    note = f"{what}: explains {100.0 * best.explains:.0f} % of the gap. Grey: the share of its energy."
+    note = f"{what}: explains {whole_percent(best.explains)} of the gap. Grey: the share of its energy."
     return [(figure, note)]
 
 
@@ -314,7 +315,7 @@ def _numbers(d: Diagnosis) -> list[Number]:
     by = s.after - s.before if corrected else None
     numbers = [
         Number(f"{w.quantity.capitalize()} residual", s.after, s.unit, by, "lower", help=residual),
-        Number("Noise floor", s.noise, s.unit, help=f"rms of what a machine without a gap would leave, {band}"),
+        Number("Noise floor", s.noise, s.unit, help=f"rms that the sensors' noise alone makes, {band}"),
     ]
     if corrected:
         what = f"of the {w.quantity} residual, held out; 95 % interval {low:.3g} to {high:.3g}"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.numbers import whole_percent
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
@@ -348,4 +349,4 @@ def _part(place: PlaceProbability) -> str:
 
 def _percent(explained: Explained) -> str:
     low, high = explained.interval
-    return f"{100.0 * explained.share:.0f} % ({100.0 * low:.0f} to {100.0 * high:.0f} %)"
+    return f"{whole_percent(explained.share)} ({100.0 * low:.0f} to {100.0 * high:.0f} %)"

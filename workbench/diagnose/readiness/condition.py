@@ -176,8 +176,8 @@ def _sentences(problem: Problem, runs: Sequence[RunCondition], own: float, motio
     if loud:
         sentences.append(f"{listed([r.name for r in loud])}: noise of more than {NOISE_APART:g} times the other runs'.")
     delays = {r.name: r.delay_s for r in runs if r.delay_s is not None}
-    if delays:
-        low, high = min(delays.values()), max(delays.values())
+    low, high = min(delays.values(), default=0.0), max(delays.values(), default=0.0)
+    if round(1e3 * low) or round(1e3 * high):
         sentences.append(
             f"The motion follows its reference {_span(low, high)} late: the control loop's lag and any delay of "
             "the sensor."
@@ -191,5 +191,5 @@ def _sentences(problem: Problem, runs: Sequence[RunCondition], own: float, motio
 
 
 def _span(low: float, high: float) -> str:
-    a, b = f"{1e3 * low:.0f}", f"{1e3 * high:.0f}"
+    a, b = round(1e3 * low), round(1e3 * high)
     return f"{a} ms" if a == b else f"{a} to {b} ms"
