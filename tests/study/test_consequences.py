@@ -239,3 +239,12 @@ def test_no_number_of_the_sentences_has_an_exponent_or_a_zero_with_a_sign(heavie
     table = consequences_table(replace(heavier, rows=(low, *others))).rows
     for said in (text, *(cell for row in table for cell in row)):
         assert not re.search(r"[-+]0(\.0*)?(?![.\d])|\de[+-]\d", said), said
+
+
+def test_a_better_reference_that_is_the_same_at_every_payload_is_said_once(heavier: Consequences):
+    alike = tuple(replace(one, before="trapezoid", after="ruckig") for one in heavier.choices)
+    text = " ".join(_sentences(replace(heavier, choices=alike), HEAVIER))
+    assert text.count("ruckig instead of trapezoid at every payload.") == 2 and "ruckig at " not in text
+    other = tuple(replace(one, after="alike" if one.payload_kg == 0.0 else one.after) for one in alike)
+    text = " ".join(_sentences(replace(heavier, choices=other), HEAVIER))
+    assert "neither instead of trapezoid at 0 kg and ruckig instead of trapezoid at 9000 kg." in text

@@ -480,7 +480,7 @@ def _sentences(c: Consequences, corrected: Hoist | Axis) -> list[str]:
     most = AT_LIMIT * kind.looped.peak_limit(corrected)
     reached = [row.words(kind) for row in good if row.after[judged.peak] >= most > row.before[judged.peak]]
     better = {
-        by: [said.better(one, kind) for one in c.choices if one.metric == metric and one.payload_kg is not None]
+        by: _better([one for one in c.choices if one.metric == metric and one.payload_kg is not None], kind)
         for metric, by in (
             (judged.peak, f"{judged.input_words} peak at equal limits"),
             (judged.error, "tracking error"),
@@ -497,6 +497,13 @@ def _sentences(c: Consequences, corrected: Hoist | Axis) -> list[str]:
         [name for name in corrected.effects if of_kind[name].on_sensor],
         not (drive.torque_lag_s or drive.speed_filter_s or drive.speed_delay_s),
     )  # fmt: skip
+
+
+def _better(choices: Sequence[Choice], kind: Kind) -> list[str]:
+    """In words, at each payload; once where they are the same at every one."""
+    if len(choices) > 1 and len({(one.before, one.after) for one in choices}) == 1:
+        choices = [replace(choices[0], payload_kg=None)]
+    return [said.better(one, kind) for one in choices]
 
 
 def figures_told(kind: Kind) -> tuple[Metric, ...]:
