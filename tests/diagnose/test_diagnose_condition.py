@@ -11,10 +11,17 @@ import pytest
 
 from tests.support.emps_campaign import emps_in
 from tests.support.simulated_campaign import SPEED_NOISE_RAD_S, TORQUE_NOISE_NM, simulated_campaign
-from workbench.core.run import Array
+from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.readiness.condition import clipped_share, condition, lateness, outliers
-from workbench.diagnose.readiness.noise import channel_noise, jitter_s, resolution, white_noise, with_motion_noise
+from workbench.diagnose.readiness.noise import (
+    _cross,
+    channel_noise,
+    jitter_s,
+    resolution,
+    white_noise,
+    with_motion_noise,
+)
 from workbench.logs import Campaign, read_campaign
 
 
@@ -141,3 +148,14 @@ def test_the_motion_of_a_real_axis_is_noisier_than_its_force(shared_data: Path, 
     delays = [run.delay_s for run in condition(axis, problem, moving).runs]
     # The loop's own lag: the drive's position gain is 160 1/s.
     assert delays == [pytest.approx(1.0 / 160.18, rel=0.1)] * 2
+
+
+@pytest.mark.parametrize("samples", [4001, 737, 40])
+def test_spectra_are_those_of_welch(samples):
+    from scipy.signal import csd
+
+    x, y = np.cumsum(np.random.default_rng(3).normal(size=(2, samples)), axis=1)
+    run = Run("one", np.arange(samples) * 0.002, {})
+    f, density = _cross(run, x, y)
+    its_f, its = csd(x, y, 500.0, nperseg=2 * len(f) - 2)
+    assert f == pytest.approx(its_f) and density == pytest.approx(its, rel=1e-9)

@@ -57,12 +57,14 @@ def smoothed(values: Array, width: float) -> Array:
         from scipy.ndimage import gaussian_filter1d
 
         return np.asarray(gaussian_filter1d(values, width, mode="nearest"))
-    from scipy.signal import oaconvolve  # takes half a second to import
+    from scipy.fft import irfft, next_fast_len, rfft  # scipy.signal takes half a second to import
 
     reach = int(4.0 * width + 0.5)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     padded = np.pad(values - values[0], reach, mode="edge")  # about zero, for the rounding of the transform
-    return np.asarray(oaconvolve(padded, kernel / kernel.sum(), mode="valid")) + values[0]
+    size = next_fast_len(len(padded), real=True)  # what wraps around falls into the margin
+    both = irfft(rfft(padded, size) * rfft(kernel / kernel.sum(), size), size)
+    return np.asarray(both[2 * reach : len(padded)]) + values[0]
 
 
 @dataclass
