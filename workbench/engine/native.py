@@ -245,6 +245,7 @@ def _check(array: Any) -> None:
         raise TypeError(f"a kernel takes flat contiguous float64 arrays, not {array.dtype} of shape {array.shape}")
 
 
+@cache
 def host() -> Mapping[str, str]:
     """What object code depends on beside its text: the processor and the compiler."""
     from importlib.metadata import version
