@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from benchmarks.many_causes import problem_of
 from benchmarks.validation.campaign import make_campaign
 from benchmarks.validation.content import draw
 from tests.support.emps_campaign import HELD, emps_in
@@ -548,11 +549,24 @@ def test_a_spring_over_the_height_is_no_heave(shared_data: Path, tmp_path: Path)
     assert found.verdict.word == "unknown", found.verdict.sentence
 
 
-def of_recorded(campaign: Path, bend: str, seed: tuple[int, int], folder: Path, candidates: list[str]) -> Diagnosis:
+def test_a_spring_over_the_place_is_no_ripple(shared_data: Path, tmp_path: Path):
+    """A wave takes half of what a bow over the place does, and the bow leaves it three tenths of that."""
+    emps_in(tmp_path, shared_data, HELD)
+    _bend(tmp_path, "spring", (9944, 5), tmp_path / "bent")
+    problem = problem_of(read_campaign(tmp_path / "bent"))
+    search = searched(problem, [find("torque_ripple", problem.active.kind)], 1)
+    assert judged_to_help(search).word == "unknown"
+
+
+def _bend(campaign: Path, bend: str, seed: tuple[int, int], folder: Path) -> None:
     known = recording(campaign)
     made = bent(bend, seed, known)
     assert made is not None
     write_case(folder, known, made[0], seed)
+
+
+def of_recorded(campaign: Path, bend: str, seed: tuple[int, int], folder: Path, candidates: list[str]) -> Diagnosis:
+    _bend(campaign, bend, seed, folder)
     return diagnose(read_campaign(folder), candidates=candidates, most_effects=2, study=False)
 
 

@@ -22,9 +22,10 @@ Beside other causes f is one more that was chosen of many, and pays for that as 
 of what an inexact law of theirs leaves, the next cause is credited with what it gains beside that alone.
 
 A cause that comes again or goes with the time has a phase or a wave that bends to a slope or a bow over another
-variable: then such an f alone is better than the cause alone, and does without nearly all that the cause takes, though
-the rest may be worth a parameter. Such a cause is worth less than nothing, by as much as f alone is better. A freer f
-is not asked: over the place it can be a true ripple, and what else the machine has there.
+variable: then such an f alone is better than the cause alone, and does without most of what the cause takes, though the
+rest may be worth a parameter. A true cause takes beside f about what it takes alone. Such a one is worth less than
+nothing, by as much as f alone is better. A freer f is not asked: over the place it can be a true ripple, and what else
+the machine has there.
 
 A true cause leaves less for f to take, or something that f cannot take, and is worth much. Several effects that only
 imitate one law together (a bent sensor by gain, offset and friction with the load) are worth less than nothing.
@@ -83,7 +84,7 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
         least = min(least, (one - both - paid, label))
         if bends and regime not in regimes:
             one, both = scores(roots[:1])
-            if one < only and one - both < settings.FORETOLD * (nothing - only):
+            if one < only and one - both < settings.HALF * (nothing - only):
                 least = min(least, (one - only, label))
     return least
 
