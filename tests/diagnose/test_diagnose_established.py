@@ -631,3 +631,13 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     assert deserved(cast(Any, search), both)
     worths[tuple(name for name in names if name != idle)] = -1.0  # what is left without the idle one is as good
     assert not deserved(cast(Any, search), both)
+
+
+@pytest.mark.parametrize(("deviations", "named"), [(-0.5, False), (0.8, False), (2.6, True)])
+def test_no_cause_is_named_for_what_left_out_runs_gain_by_chance(
+    deviations: float, named: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """A dead band of a hoist's log came as a drift of friction that left-out runs gained 0.8 deviations by."""
+    monkeypatch.setattr(judge, "significance", lambda *fits: deviations)
+    search = SimpleNamespace(problem=None, base=None, within_tolerances=None, fits={("drift",): None})
+    assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=("drift",), fit=None))) == named

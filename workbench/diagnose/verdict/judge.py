@@ -180,8 +180,8 @@ def judged_to_help(search: SearchResult) -> Judged:
 
 
 def deserved(search: SearchResult, w: Weighed) -> bool:
-    """Whether a hypothesis predicts held-out runs and the tolerances better than its effects' absence does; and with
-    each one of several significantly better than without it, at SIGNIFICANT for all that they were chosen from, and
+    """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
+    does; and with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better
     than with a free law of one variable in its place (`worth`)."""
     problem, base = search.problem, search.base
     less = []
@@ -189,7 +189,7 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
         less.append(without(search, w.fit, name))
         if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
             return False
-    if significance(problem, search.within_tolerances, w.fit) <= 0.0:
+    if significance(problem, search.within_tolerances, w.fit) <= -float(ndtri(SIGNIFICANT)):
         return False
     least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
     return all(significance(problem, rest, w.fit) > least for rest in sorted(less, key=lambda rest: rest.objective))
