@@ -32,7 +32,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel, model_error_of
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem, counting
 from workbench.diagnose.hypotheses.search import Search
 from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.location.where import laws_left
@@ -588,3 +588,17 @@ def test_a_run_of_which_nothing_counts_is_no_stranger(shared_data: Path, slow: i
     p = alike_of(problem, [base])
     assert p[slow] == 1.0 and np.all(p > 0.0)
     assert len(held_out(problem, base, folds_by_run(problem)).settings) == len(runs)
+
+
+def test_one_run_beside_runs_of_which_nothing_counts_is_held_out_in_parts(shared_data: Path):
+    """Of a spin-up beside slow turns no other run was left to fit: it ended the diagnosis."""
+    campaign = read_campaign(shared_data / "axes" / "17")
+    turns = [
+        replace(run, signals={**run.signals, **{n: 1e-3 * run[n] for n in ("angle_rad", "speed_rad_s") if n in run}})
+        for run in campaign.runs[1:]
+    ]
+    problem = Problem(campaign.machine, [campaign.runs[0], *turns])
+    assert counting(problem) == 1
+    base, folds = Search(problem, []).base_fit(), folds_by_run(problem)
+    assert len(np.unique(folds)) == 4
+    assert base.rms(problem.inputs) < held_out(problem, base, folds).rms(problem.inputs) < math.inf

@@ -17,7 +17,7 @@ from workbench.diagnose.hypotheses.evidence import model_error_rms
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting, base_parameters, bounds_of
 from workbench.diagnose.hypotheses.held_out import HeldOut, fitted_without, folds_by_run, held_out
-from workbench.diagnose.hypotheses.problem import Problem, rms
+from workbench.diagnose.hypotheses.problem import Problem, counting, rms
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.location.profiles import LEAST_RUNS, pieces
 from workbench.diagnose.machines import machine_of
@@ -309,7 +309,7 @@ def shrink_of(
     better = unknown.machines if unknown is not None else _machines(problem, keys, names, folds.after.settings)
     speed = _speed(problem, plain), _speed(problem, better)
     sentences = []
-    if len(problem.runs) == 1:
+    if counting(problem) == 1:
         sentences.append(
             "One run only: four blocks of it were held out in turn, which says less than other runs would."
         )

@@ -21,7 +21,7 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem, counting
 from workbench.diagnose.law import Law, find_law
 from workbench.diagnose.machines import corrected_machine, machine_of, refitted_machine
 from workbench.diagnose.tables import Curve, Tables, variables_of, with_table
@@ -224,7 +224,7 @@ def explained_machine(problem: Problem, explained: Explained) -> Hoist | Axis:
 
 
 def _left_out(problem: Problem) -> str:
-    return "runs that were left out" if len(problem.runs) > 1 else "parts of the run that were left out"
+    return "runs that were left out" if counting(problem) > 1 else "parts of the run that were left out"
 
 
 def _sentences(

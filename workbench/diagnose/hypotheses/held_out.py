@@ -14,7 +14,7 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import PhaseOfEachRun, Setting, bounds_of, logarithmic_of, setting_of
 from workbench.diagnose.hypotheses.model_error import ErrorModel
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem, counting
 from workbench.diagnose.hypotheses.search import STUCK
 
 BLOCKS = 4  # that a single run is cut into
@@ -44,8 +44,8 @@ class HeldOut:
 
 
 def folds_by_run(problem: Problem) -> np.ndarray:
-    """Each run is a fold; one run alone is cut into four blocks of time."""
-    if len(problem.runs) > 1:
+    """Each run is a fold; one alone, or beside runs of which nothing counts, is cut into four blocks of time."""
+    if counting(problem) > 1:
         return np.asarray(problem.run_of_row)
     blocks = np.minimum(np.arange(problem.inputs) * BLOCKS // max(problem.inputs, 1), BLOCKS - 1)
     return np.tile(blocks, problem.samples // max(problem.inputs, 1))
@@ -69,7 +69,8 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
 
 
 def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
-    folds = max(int(np.max(fold_of_row, initial=-1)) + 1, len(problem.runs))  # of a run nothing may count
+    least = len(problem.runs) if counting(problem) > 1 else 1  # the last runs may hold nothing that counts
+    folds = max(int(np.max(fold_of_row, initial=-1)) + 1, least)
     inside = [fold_of_row == fold for fold in range(folds)]
     settings = tuple(refit.setting for refit in fitted_without(problem, fitted, inside, elsewhere=True))
     residual = np.empty(problem.samples)

@@ -298,3 +298,8 @@ class Problem:
         gain, offset = kind_of(self.machine).sensor_of(self.machine)
         said = {GAIN: gain, OFFSET: offset, TENSION_GAIN: 1.0, **setting}
         return [float(x) for x in map(said.__getitem__, SENSOR_KEYS) if not isinstance(x, tuple)]
+
+
+def counting(problem: Problem) -> int:
+    """The number of runs of which anything counts: that move, in the band."""
+    return len(np.unique(problem.run_of_row))

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem, counting
 from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
@@ -246,7 +246,7 @@ def explain(problem: Problem, gap: Array, variable: Variable, free: Free, seed: 
     every fit weighs them."""
     columns, bend = basis(problem, variable)
     # Of a few runs each piece by all others: every other piece may be a machine's way there, or all its way back.
-    folds = run_of(problem) if len(problem.runs) >= LEAST_RUNS else pieces(problem)
+    folds = run_of(problem) if counting(problem) >= LEAST_RUNS else pieces(problem)
     part = held_out(gap, columns, bend, free, folds, problem)
     share, interval = share_of(problem, gap, gap - part, seed)
     return Explained(variable, part, share, interval)
@@ -266,7 +266,7 @@ def share_of(problem: Problem, gap: Array, left: Array, seed: int) -> tuple[floa
 
     Over runs; over pieces of time where there are fewer than three of them.
     """
-    return _drawn(problem, gap, left, seed, run_of(problem) if len(problem.runs) >= LEAST_RUNS else pieces(problem))
+    return _drawn(problem, gap, left, seed, run_of(problem) if counting(problem) >= LEAST_RUNS else pieces(problem))
 
 
 def share_in_time(problem: Problem, gap: Array, left: Array, seed: int) -> tuple[float, tuple[float, float]]:
@@ -362,7 +362,7 @@ class OnTop:
         sizes = np.linalg.norm(rows, axis=0)
         u, s, _ = np.linalg.svd(rows / np.where(sizes > 0.0, sizes, 1.0), full_matrices=False)
         self._base = u[:, s > RIDGE * max(s[0], 1e-300)] if len(s) else u
-        self._folds = run_of(problem) if len(problem.runs) >= LEAST_RUNS else blocks(problem)
+        self._folds = run_of(problem) if counting(problem) >= LEAST_RUNS else blocks(problem)
         self._nothing = Free(np.zeros((len(left), 0)), np.zeros(0), np.zeros(0), np.zeros(0))
 
     def after(self, columns: Array, bend: Array) -> Array:
