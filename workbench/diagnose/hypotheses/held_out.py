@@ -95,7 +95,7 @@ def fitted_without(
     lowest, highest, std = bounds_of(fitted.free)
     base, whiten = int(np.count_nonzero(np.isfinite(std))), problem.errors.whiten
     starts = [fitted, *(_elsewhere(problem, fitted, std) if elsewhere else [])]
-    std = np.where(np.isfinite(std), std, _sizes(fitted))
+    std = np.where(np.isfinite(std), std, _sizes_of_amounts(fitted))
     prior = np.diag(1.0 / std**2)
     asked, inside = len(inside), [*inside] * len(starts)
     z, slopes, rows = [], [], []
@@ -161,7 +161,7 @@ def fitted_without(
     ]
 
 
-def _sizes(fitted: Fitted) -> Array:
+def _sizes_of_amounts(fitted: Fitted) -> Array:
     """By how much each z may be off none: an amount by about its own size in the joint fit (unit information; R. E.
     Kass, L. Wasserman, J. Am. Stat. Assoc. 90, 1995), so that one which the other rows do not show is none."""
     sizes, at = np.full(len(fitted.z), np.inf), 0

@@ -23,9 +23,9 @@ of what an inexact law of theirs leaves, the next cause is credited with what it
 
 A cause that comes again or goes with the time has a phase or a wave that bends to a slope or a bow over another
 variable: then such an f alone is better than the cause alone, and does without most of what the cause takes, though the
-rest may be worth a parameter. A true cause takes beside f about what it takes alone. Such a one is worth less than
-nothing, by as much as f alone is better. A freer f is not asked: over the place it can be a true ripple, and what else
-the machine has there.
+rest may be worth a parameter; a true cause takes beside f about what it takes alone. A cause that bends is worth less
+than nothing, by as much as f alone is better. A freer f is not asked: over the place it can be a true ripple, and what
+else the machine has there.
 
 A true cause leaves less for f to take, or something that f cannot take, and is worth much. Several effects that only
 imitate one law together (a bent sensor by gain, offset and friction with the load) are worth less than nothing.
@@ -33,7 +33,7 @@ imitate one law together (a bent sensor by gain, offset and friction with the lo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.special import logsumexp
@@ -74,19 +74,19 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
         if level:
             rows[:, :-1] -= own @ (own.T @ rows[:, :-1])
         there, here = np.column_stack([beside.clean(shape), beside.residual]), rows - own @ (own.T @ rows)
-
-        def scores(roots: list[Array], each: tuple[Array, ...] = (rows, there, here)) -> tuple[float, float]:
-            """Of the law alone, and beside the cause."""
-            one, *both = (score(columns[:, :-1], columns[:, -1], roots, rms, its) for columns in each)
-            return one, min(both)
-
-        one, both = scores(roots)
+        one, both = _alone_and_beside((rows, there, here), roots, rms, its)
         least = min(least, (one - both - paid, label))
         if bends and regime not in regimes:
-            one, both = scores(roots[:1])
+            one, both = _alone_and_beside((rows, there, here), roots[:1], rms, its)
             if one < only and one - both < settings.HALF * (nothing - only):
                 least = min(least, (one - only, label))
     return least
+
+
+def _alone_and_beside(each: Sequence[Array], roots: list[Array], rms: float, price: float) -> tuple[float, float]:
+    """The score of a law alone, and the better one of those beside the cause. each: so ordered, the residual last."""
+    alone, *beside = (score(rows[:, :-1], rows[:, -1], roots, rms, price) for rows in each)
+    return alone, min(beside)
 
 
 def _is_level(problem: Problem, alone: Projection, own: Array) -> bool:
