@@ -32,7 +32,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     effect_parameters,
     setting_of,
 )
-from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, significance
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, in_parts, significance
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import calibration
@@ -80,8 +80,9 @@ def test_a_phase_that_is_a_runs_own_is_taken_from_that_run():
     assert rounded.rms(problem.inputs) == pytest.approx(unseen.rms(problem.inputs), rel=1e-3)
 
 
-def test_an_amount_that_the_other_runs_do_not_show_is_none_there():
-    """Half of the friction one way is missing, and one run goes the other way. Without that run its level was told by
+@pytest.mark.parametrize("missing", ["forward", "backward"])
+def test_an_amount_that_the_other_runs_do_not_show_is_none_there(missing: str):
+    """Half of the friction one way is missing, and one run alone goes backward. Without that run its level was told by
     noise at rest, and the right cause was barred for what a level thousands of deviations off leaves there."""
     runs, limits = [], Limits(0.4, 1.0, 20.0)
     for name, way in (("a", 2.0), ("b", 1.2), ("c", -2.0)):
@@ -89,18 +90,23 @@ def test_an_amount_that_the_other_runs_do_not_show_is_none_there():
         moved = {"position_m": plan.position_m, "speed_m_s": plan.speed_m_s}
         runs.append(Run(name, plan.time_s, {"force_n": 0.0 * plan.time_s, **moved}))
     runs = driven(emps(), runs, {"force_n": 2.0, "speed_m_s": 0.002})
-    forward = "friction.coulomb_forward_n"
-    problem = Problem(with_values(emps(), {forward: 0.5 * get_value(emps(), forward)}), runs)
+    half = f"friction.coulomb_{missing}_n"
+    problem = Problem(with_values(emps(), {half: 0.5 * get_value(emps(), half)}), runs)
     effect = find("friction_coulomb_asymmetric", problem.active.kind)
     ranges = ranges_of(effect, problem.machine, runs)
     more, start = effect_parameters(effect, ranges, {r.symbol: 5.0 for r in ranges})
     base = [*base_parameters(problem.machine, runs).values()]
     near = fit_hypothesis(problem, (), base, np.zeros(len(base)), 60)
     fit = fit_hypothesis(problem, (effect.id,), [*base, *more], np.concatenate([np.zeros(len(base)), start]), 60)
-    unseen = held_out(problem, fit, folds_by_run(problem))
-    (level,) = [v for k, v in unseen.settings[2].items() if k.endswith("level_backward_n")]
+    whole, parts = (held_out(problem, fit, folds) for folds in (problem.run_of_row, folds_by_run(problem)))
+    (level,) = [v for k, v in whole.settings[2].items() if k.endswith("level_backward_n")]
     assert level == pytest.approx(0.0, abs=2.0)
     assert significance(problem, near, fit) > 5.0
+    # So the run is held out in parts: of the way that it goes alone no other run tells anything.
+    assert in_parts(problem) == [2] and len(parts.settings) == 6
+    assert list(np.unique(parts.fold_of_row[problem.run_of_row == 2])) == [2, 3, 4, 5]
+    assert parts.rms(problem.inputs) < 1.2 * problem.noise
+    assert (whole.rms(problem.inputs) > 2.0 * problem.noise) == (missing == "backward")
 
 
 def told_by(
@@ -117,6 +123,8 @@ def told_by(
         runs=list(left),
         run_of_row=np.repeat(np.arange(len(left)), left.shape[1]),
         samples=left.size,
+        inputs=left.size,
+        ways=np.ones((2, len(left))),
     )
     base, effect = Scalar("base", 0.0, 1.0, std=1.0), Scalar("effect", 0.0, 1.0)
     bent = float(column @ (column * strain - remainder)) / float(column @ column + 1.0)

@@ -16,7 +16,7 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.evidence import model_error_rms
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting, base_parameters, bounds_of
-from workbench.diagnose.hypotheses.held_out import HeldOut, fitted_without, folds_by_run, held_out
+from workbench.diagnose.hypotheses.held_out import HeldOut, fitted_without, folds_by_run, held_out, in_parts
 from workbench.diagnose.hypotheses.problem import Problem, counting, rms
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.location.profiles import LEAST_RUNS, pieces
@@ -308,10 +308,15 @@ def shrink_of(
     plain = _machines(problem, keys, (), folds.before.settings)
     better = unknown.machines if unknown is not None else _machines(problem, keys, names, folds.after.settings)
     speed = _speed(problem, plain), _speed(problem, better)
-    sentences = []
+    sentences, cut = [], [problem.runs[j].name for j in in_parts(problem)]
     if counting(problem) == 1:
         sentences.append(
             "One run only: four blocks of it were held out in turn, which says less than other runs would."
+        )
+    elif cut:
+        sentences.append(
+            f"Of {' and '.join(cut)} four blocks were held out in turn, not the whole run: without "
+            f"{'it' if len(cut) == 1 else 'one of them'} the others go one way only."
         )
     return Shrink(
         before=before,
@@ -360,9 +365,8 @@ def _machines(
     """For each run the machine that was fitted to the other runs; None if the fit is not a valid machine."""
     machines: list[Hoist | Axis | None] = []
     for j in range(len(problem.runs)):
-        setting = settings[j] if len(settings) == len(problem.runs) else settings[0]
         try:
-            machines.append(machine_of(problem, keys, names, for_run(setting, j)))
+            machines.append(machine_of(problem, keys, names, for_run(settings[j], j)))
         except InputError:
             machines.append(None)
     return machines
@@ -373,8 +377,7 @@ def _speed(problem: Problem, machines: Sequence[Hoist | Axis | None]) -> float:
     run can be replayed. Runs of which nothing counts have none."""
     squares: list[tuple[float, int]] = []
     for j, run in enumerate(problem.runs):
-        machine = machines[j] if len(machines) == len(problem.runs) else machines[0]
-        if machine is None or not len(problem.rows[j]):
+        if not len(problem.rows[j]) or (machine := machines[j]) is None:
             continue
         bench = InverseSimulation(machine, [run], problem.band_hz)
         (states,) = simulate_replays(bench)

@@ -14,10 +14,11 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import PhaseOfEachRun, Setting, bounds_of, logarithmic_of, setting_of
 from workbench.diagnose.hypotheses.model_error import ErrorModel
-from workbench.diagnose.hypotheses.problem import Problem, counting
+from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import STUCK
+from workbench.diagnose.hypotheses.settings import FORETOLD
 
-BLOCKS = 4  # that a single run is cut into
+BLOCKS = 4  # of a run that no other can foretell
 STRETCHES = 8  # of a run: so long a residual may hang together
 PARTS = (0.3, 0.1)  # of a step that does not serve
 MOST_STEPS = 20
@@ -44,11 +45,23 @@ class HeldOut:
 
 
 def folds_by_run(problem: Problem) -> np.ndarray:
-    """Each run is a fold; one alone, or beside runs of which nothing counts, is cut into four blocks of time."""
-    if counting(problem) > 1:
-        return np.asarray(problem.run_of_row)
-    blocks = np.minimum(np.arange(problem.inputs) * BLOCKS // max(problem.inputs, 1), BLOCKS - 1)
-    return np.tile(blocks, problem.samples // max(problem.inputs, 1))
+    """(samples,) Each run is a fold; one that no other can foretell (`in_parts`) is cut into BLOCKS of time: the first
+    has the run's number, the others come after the last run's."""
+    folds = np.array(problem.run_of_row[: problem.inputs])
+    for k, j in enumerate(in_parts(problem)):
+        mine = np.flatnonzero(folds == j)
+        block = np.arange(len(mine)) * BLOCKS // len(mine)
+        folds[mine] = np.where(block > 0, len(problem.runs) + k * (BLOCKS - 1) + block - 1, j)
+    return np.tile(folds, problem.samples // max(problem.inputs, 1))
+
+
+def in_parts(problem: Problem) -> list[int]:
+    """The runs that no others can foretell: the only one of which anything counts, or one that makes nearly all of the
+    way forward, or back: no other tells friction from an offset of the sensor there."""
+    counted, ways = np.unique(problem.run_of_row), problem.ways
+    own = ways > FORETOLD * np.sum(ways, axis=0)  # what stands still goes both ways, by noise
+    most = ways > (1.0 - FORETOLD) * np.sum(ways, axis=1, keepdims=True)
+    return [int(j) for j in counted if len(counted) == 1 or np.any(own[:, j] & most[:, j])]
 
 
 def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
@@ -69,8 +82,7 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
 
 
 def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
-    least = len(problem.runs) if counting(problem) > 1 else 1  # the last runs may hold nothing that counts
-    folds = max(int(np.max(fold_of_row, initial=-1)) + 1, least)
+    folds = max(int(np.max(fold_of_row, initial=-1)) + 1, len(problem.runs))  # the last may hold nothing that counts
     inside = [fold_of_row == fold for fold in range(folds)]
     settings = tuple(refit.setting for refit in fitted_without(problem, fitted, inside, elsewhere=True))
     residual = np.empty(problem.samples)

@@ -174,6 +174,15 @@ class Problem:
         them."""
         return not self.deaf and any(len(impacts) for impacts in self.bench.impacts)
 
+    @property
+    def ways(self) -> Array:
+        """(2, runs) how far each run goes forward and back in what counts of it, m (rad)."""
+        ways = np.zeros((2, len(self.runs)))
+        for j, (run, motion, rows) in enumerate(zip(self.runs, self.bench.motions, self.rows, strict=True)):
+            along = (motion.speed * np.gradient(run.time_s))[rows]
+            ways[:, j] = np.sum(np.maximum(along, 0.0)), np.sum(np.maximum(-along, 0.0))
+        return ways
+
     def without_impacts(self) -> Problem:
         """The same campaign, where something else explains what looked like impacts, as the kinks of a late signal."""
         beside = copy(self)
