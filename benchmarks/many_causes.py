@@ -27,11 +27,11 @@ from workbench.diagnose.diagnose import chosen_effects
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult, searched
-from workbench.diagnose.readiness.noise import informative_band, with_motion_noise
+from workbench.diagnose.readiness.noise import with_motion_noise
 from workbench.diagnose.verdict.judge import alike, judged_to_help
 from workbench.effects import effects_for
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import kind_of as kind_of_machine
+from workbench.simulate.noise import usable_band
 
 HOISTS = ("hoist_practice", "hoist_double", "hoist_small", "hoist_middle", "hoist_large")
 
@@ -97,8 +97,8 @@ def answer(folder: Path, order: Order) -> dict[str, Any]:
 def problem_of(campaign: Campaign, band_hz: float | None = None) -> Problem:
     """As `workbench diagnose` poses it."""
     problem = Problem(campaign.machine, campaign.runs, band_hz)
-    if band_hz is None and kind_of_machine(campaign.machine).floor == "own":
-        problem = Problem(campaign.machine, campaign.runs, min(informative_band(problem.bench, 0), problem.band_hz))
+    if band_hz is None:
+        problem = Problem(campaign.machine, campaign.runs, usable_band(problem.bench))
     return with_motion_noise(problem, 0)
 
 

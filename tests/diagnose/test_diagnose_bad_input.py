@@ -15,12 +15,12 @@ from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.readiness.checks import check_runs, rigid_of
-from workbench.diagnose.readiness.noise import informative_band
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import with_values
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
+from workbench.simulate.noise import informative_band
 
 RPM = 60.0 / (2.0 * math.pi)
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"

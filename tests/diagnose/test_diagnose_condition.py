@@ -14,15 +14,9 @@ from tests.support.simulated_campaign import SPEED_NOISE_RAD_S, TORQUE_NOISE_NM,
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.readiness.condition import clipped_share, condition, lateness, outliers
-from workbench.diagnose.readiness.noise import (
-    _cross,
-    channel_noise,
-    jitter_s,
-    resolution,
-    white_noise,
-    with_motion_noise,
-)
+from workbench.diagnose.readiness.noise import with_motion_noise
 from workbench.logs import Campaign, read_campaign
+from workbench.simulate.noise import _cross, channel_noise, jitter_s, resolution, white_noise
 
 
 @pytest.fixture(scope="module")

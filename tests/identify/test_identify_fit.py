@@ -257,6 +257,24 @@ def test_an_axis_is_found_from_far_away_and_its_levels_and_load_are_said_to_hang
     )
 
 
+def test_an_axis_whose_speed_is_counted_has_all_of_its_inertia():
+    """In the usual 90 Hz a motor bench with a speed of encoder counts over a millisecond had a quarter of it."""
+    rng, runs = np.random.default_rng(3), []
+    for name, way in (("up", 1.0), ("down", -1.0), ("up again", 0.7)):
+        t = np.arange(12000, dtype=np.float64) * 0.001
+        x = way * 8.0 * (t - 2.0 * (1.0 - np.exp(-t / 2.0)))
+        v, a = way * 8.0 * (1.0 - np.exp(-t / 2.0)), way * 4.0 * np.exp(-t / 2.0)
+        force = 95.0 * a + 203.0 * v + 20.0 * np.sign(v) + rng.normal(0.0, 30.0, len(t))
+        counted = np.diff(np.round(x / 5e-5), prepend=0.0) * 5e-5 / 0.001
+        runs.append(Run(name, t, {"force_n": force, "velocity_m_s": counted, "position_m": np.round(x / 5e-5) * 5e-5}))
+    identified = identify(Campaign("spin", Path("spin"), AXIS, tuple(runs)))
+    errors = dict(zip(identified.fit.values(), identified.fit.std_error, strict=True))
+    assert identified.fit.values()["mass_kg"] == pytest.approx(95.0, abs=3.0 * errors["mass_kg"])
+    assert errors["mass_kg"] < 10.0 and identified.after.band_hz < 45.0
+    given = identify(Campaign("spin", Path("spin"), AXIS, tuple(runs)), band_hz=89.6)
+    assert given.fit.values()["mass_kg"] < 80.0  # what is asked for is done
+
+
 def test_levels_of_an_axis_with_a_known_load_are_found_each():
     known = AXIS.model_copy(update={"gravity": AXIS.gravity.model_copy(update={"constant_n": 3.0})})
     keys = ("mass_kg", "friction.viscous_n_s_per_m", "friction.coulomb_forward_n", "friction.coulomb_backward_n")

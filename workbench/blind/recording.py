@@ -26,7 +26,6 @@ FEW, LONG_S = 4, 12.0  # fewer runs are cut into parts where they are that long
 ALIKE = 0.15  # of the remainder: another cause that leaves less, base values refitted within 1 tolerance, is alike
 SAMPLES = 3000  # of all moving ones, for these two
 FLOOR = {"inertia": 0.01, "coulomb": 0.05, "viscous": 0.05, "gravity": 0.02}  # relative, one standard deviation
-HALVINGS, SAME_INERTIA = 5, 0.03
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ def recording(path: Path) -> Recording:
     campaign = read_campaign(path)
     if kind_of(campaign.machine).name not in KINDS:
         raise InputError(f"a machine of kind '{campaign.machine.kind}'; recorded takes hoists and axes", file=path)
-    found = _in_band(campaign)
+    found = _identified(campaign)
     machine = found.machine.model_copy(update={"identified": {}})  # the record of the fit would tell what is bent
     if kind_of(machine).whole:  # an axis
         machine = with_values(machine, _tolerances(campaign, cast(Axis, machine), found.after.band_hz))
@@ -165,19 +164,6 @@ def _identified(campaign: Campaign, band_hz: float | None = None) -> Identificat
     if kind_of(machine).whole and (axis := cast(Axis, machine)).role("gravity_sine"):
         free = [*kind_of(machine).free, axis.value_of["gravity_sine"]]
     return identify(campaign, free=free, band_hz=band_hz)
-
-
-def _in_band(campaign: Campaign) -> Identification:
-    """In the largest band, from the usual one down by halves, in which the inertia of an axis is that of half the band:
-    noise of a differentiated speed beyond that draws the fitted inertia towards zero. Where there is none, in the band
-    in which the machine leaves the smallest share."""
-    tried = [_identified(campaign)]
-    for _ in range(HALVINGS if kind_of(campaign.machine).whole else 0):
-        with suppress(InputError):  # so low a band leaves no motion
-            tried.append(_identified(campaign, 0.5 * tried[-1].after.band_hz))
-        if len(tried) > 1 and abs(_inertia_of(tried[-2]) / _inertia_of(tried[-1]) - 1.0) < SAME_INERTIA:
-            return tried[-2]
-    return min(tried, key=lambda found: found.after.residual_percent)
 
 
 def _inertia_of(found: Identification) -> float:

@@ -37,7 +37,7 @@ from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.progress import Progress, Stage, Tell
 from workbench.diagnose.readiness.checks import check_runs, variety
 from workbench.diagnose.readiness.condition import Condition, condition
-from workbench.diagnose.readiness.noise import informative_band, with_motion_noise
+from workbench.diagnose.readiness.noise import with_motion_noise
 from workbench.diagnose.remainder import remainder_of
 from workbench.diagnose.residual_tests import ResidualTest, residual_tests
 from workbench.diagnose.verdict.answer import (
@@ -61,8 +61,9 @@ from workbench.diagnose.verdict.judge import (
 )
 from workbench.effects import Effect, effects_for
 from workbench.logs import Campaign
-from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines import Axis, Hoist
 from workbench.simulate.motion import own_impacts
+from workbench.simulate.noise import usable_band
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.study.consequences import Consequences, consequences_of
 
@@ -276,10 +277,8 @@ def diagnose(
     warnings = check_runs(campaign)
     effects = chosen_effects(campaign, candidates)
     problem = Problem(campaign.machine, campaign.runs, band_hz)
-    if band_hz is None and kind_of(campaign.machine).floor == "own":
-        band = informative_band(problem.bench, seed)
-        if band < problem.band_hz:
-            problem = Problem(campaign.machine, campaign.runs, band)
+    if band_hz is None and (band := usable_band(problem.bench, seed)) < problem.band_hz:
+        problem = Problem(campaign.machine, campaign.runs, band)
     of_input, problem = problem.noise, with_motion_noise(problem, seed)
     state = condition(campaign, problem, math.sqrt(problem.noise**2 - of_input**2))
 

@@ -19,6 +19,7 @@ from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, Kind, kind_of, with_values
 from workbench.simulate.driven import Balance, InverseSimulation, changed, sensor
 from workbench.simulate.lowpass import lowpass
+from workbench.simulate.noise import usable_band
 from workbench.simulate.replay import ReplayResult, own_log, replay_runs
 
 MOST_ROUNDS = 30
@@ -119,10 +120,13 @@ def identify(
 ) -> Identification:
     """Fit the campaign's machine to its runs; `free` are keys of machine.yaml, None for the kind's default.
 
+    band_hz: None for the kind's, and on an axis as far up as its motion outweighs its noise (`simulate/noise.py`).
     date: when, for the record; the caller's clock. Without it the same runs give the same record.
     """
     machine = campaign.machine
     bench = InverseSimulation(machine, campaign.runs, band_hz)
+    if band_hz is None and (band := usable_band(bench)) < bench.band_hz:
+        bench = InverseSimulation(machine, campaign.runs, band)
     levels = friction_levels(bench)
     parameters = free_parameters(machine, campaign.runs, free)
     ties = _ties(machine, [f.key for f in parameters])

@@ -1,108 +1,14 @@
-"""The noise of the logs: of a channel, of the prediction that the measured motion drives, and the band it leaves."""
+"""The noise of the prediction that the measured motion drives."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from copy import copy
-from dataclasses import replace
-
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
-
-ORDER = 4  # of the differences: what is smooth over five samples leaves no trace in them
-MANY = 5  # steps between values, to judge by
-ROUNDED = 0.95  # of the steps are whole multiples of the smallest one
-SWIFT, SLOW = 0.6, 0.2  # of a channel's fastest change: where jitter of its time stamps shows, and where not
-JITTERS = 2.0  # noise of swift samples over that of slow ones, at least
-ENOUGH = 50  # samples of each
-STEADY = 9  # samples, over which a channel's change is averaged
-
-
-def channel_noise(values: Array, time_s: Array) -> Array:
-    """(n,) Standard deviation of each sample's noise: the white one, and the change of the channel within the jitter
-    of its time stamps, sigma^2 = sigma_0^2 + (jitter dy/dt)^2."""
-    jitter = jitter_s(values, time_s)
-    if not jitter:
-        return np.full(len(values), white_noise(values, time_s))
-    change = _change(values, time_s)
-    return np.hypot(_typical(_off(values, time_s), _inner(change) < SLOW * _fastest(change), values), jitter * change)
-
-
-def jitter_s(values: Array, time_s: Array) -> float:
-    """Standard deviation of the time stamps about the moments at which a channel was sampled, from how much noisier it
-    is where it changes swiftly; 0 where that is less than twice as noisy, or hardly ever so."""
-    if len(values) <= ORDER:
-        return 0.0
-    change = _change(values, time_s)
-    inner, fastest = _inner(change), _fastest(change)
-    swift, slow = inner > SWIFT * fastest, inner < SLOW * fastest
-    if min(np.count_nonzero(swift), np.count_nonzero(slow)) < ENOUGH:
-        return 0.0
-    off = _off(values, time_s)
-    loud, quiet = (_typical(off, which, values) for which in (swift, slow))
-    if loud < JITTERS * quiet:
-        return 0.0
-    return float(np.sqrt((loud**2 - quiet**2) / np.mean(inner[swift] ** 2)))
-
-
-def white_noise(values: Array, time_s: Array) -> float:
-    """Standard deviation of a channel's white noise, in its unit; of its rounding, where that is larger.
-
-    sigma = 1.4826 median of what each sample is off the cubic through its four neighbours, over what white noise
-    of size 1 makes of that; exact for uneven steps. A step of q rounds by q/sqrt(12).
-    """
-    if len(values) <= ORDER:
-        return resolution(values) / np.sqrt(12.0)
-    return _typical(_off(values, time_s), np.ones(len(values) - ORDER, dtype=bool), values)
-
-
-def _off(values: Array, time_s: Array) -> Array:
-    """(n - ORDER,) What each sample is off its neighbours, white noise of size 1 making it of size 1."""
-    n = ORDER + 1
-    t = np.lib.stride_tricks.sliding_window_view(time_s, n)
-    y = np.lib.stride_tricks.sliding_window_view(values, n)
-    apart = t[:, :, None] - t[:, None, :] + np.eye(n)
-    weights = 1.0 / np.prod(apart, axis=2)  # of the divided difference
-    weights /= np.linalg.norm(weights, axis=1)[:, None]
-    return np.abs(np.sum(weights * (y - y[:, :1]), axis=1))
-
-
-def _typical(off: Array, which: np.ndarray, values: Array) -> float:
-    """Standard deviation of some samples' noise, by its median; of the rounding, where that is larger."""
-    return max(1.4826 * float(np.median(off[which])), resolution(values) / np.sqrt(12.0))
-
-
-def _change(values: Array, time_s: Array) -> Array:
-    """(n,) |dy/dt|, averaged over a few samples."""
-    box = np.ones(STEADY) / STEADY
-    return np.abs(np.convolve(np.gradient(values, time_s), box, mode="same"))
-
-
-def _inner(change: Array) -> Array:
-    """Of the samples in the middle of `_off`."""
-    return change[ORDER // 2 : len(change) - ORDER // 2]
-
-
-def _fastest(change: Array) -> float:
-    return float(np.quantile(change, 0.98))
-
-
-def resolution(values: Array) -> float:
-    """The step of a rounded channel, 0 for one that is not: its values lie anywhere between each other."""
-    steps = np.diff(np.unique(values))
-    steps = steps[steps > 1e-12 * max(float(np.ptp(values)), 1e-300)]
-    if len(steps) < MANY:
-        return float(steps.min()) if len(steps) else 0.0
-    near = steps[steps < 20.0 * steps.min()] / steps.min()
-    whole = np.abs(near - np.round(near)) < 0.05
-    return float(steps.min()) if len(near) >= MANY and np.mean(whole) > ROUNDED else 0.0
-
+from workbench.simulate.noise import logged_motion, noises_of, noisier
 
 DRAWS = 2
 SPEED_BINS = 8
@@ -142,22 +48,6 @@ def _by_speed(sizes: Array, speed: Array, bins: int) -> Array:
     return levels
 
 
-def noises_of(run: Run, channels: tuple[str, ...]) -> dict[str, Array]:
-    """Standard deviation of each sample's noise, (n,) a channel."""
-    return {name: channel_noise(run[name], run.time_s) for name in channels}
-
-
-def noisier(run: Run, noises: Mapping[str, Array], random: np.random.Generator) -> Run:
-    """The run with as much noise once more on its channels."""
-    added = {name: run[name] + random.normal(scale=sizes, size=len(run.time_s)) for name, sizes in noises.items()}
-    return replace(run, signals={**run.signals, **added})
-
-
-def logged_motion(bench: InverseSimulation, run: Run) -> tuple[str, ...]:
-    """Position and speed of the driven coordinate, as far as they are logged."""
-    return tuple(name for name in (bench.plant.positions[0], bench.plant.speeds[0]) if name in run)
-
-
 def _predicted(problem: Problem, runs: list[Run] | tuple[Run, ...]) -> list[Array]:
     """Each run's low-passed input at the base values, on the problem's rows."""
     bench = InverseSimulation(problem.machine, runs, problem.band_hz, impacts=problem.bench.impacts)
@@ -165,103 +55,3 @@ def _predicted(problem: Problem, runs: list[Run] | tuple[Run, ...]) -> list[Arra
         lowpass(run.time_s, raw, problem.band_hz)[rows]
         for run, (raw, _), rows in zip(runs, bench.predict([bench.base])[0], problem.rows, strict=True)
     ]
-
-
-EQUAL = 1.0  # energy of motion over energy of noise
-WIDTH = 2.0 ** (1.0 / 3.0)  # of the bands that the spectra are averaged over: a third of an octave
-SEGMENTS = 8  # of a run, at least, that its spectrum is averaged over
-LOWEST_HZ = 2.0
-
-
-def informative_band(bench: InverseSimulation, seed: int) -> float:
-    """In Hz, at most the band of the bench: up to where the motion outweighs its noise, and is the input's.
-
-    The torque that a motion takes is its inertia times the derivative of a logged speed. The spectrum of the motion
-    falls with frequency, that of differentiated noise rises with its square (for a position with its fourth power).
-    Beyond the frequency at which the two are equal a fit is drawn to whatever makes the prediction smaller, such as a
-    low-pass filter or less inertia (errors in variables; W. Fuller, Measurement Error Models, 1987).
-
-    Motion that the input did not make is no information either: cogging moves an axis faster than its loop answers
-    (disturbances in a closed loop correlate with the motion; L. Ljung, System Identification, 1999, 13.4). The
-    coherence of predicted and measured input shows it: a wrong inertia, gain, delay or filter leaves it at 1. Friction
-    that the model has wrong takes coherence off as well, but is in the measured input. So the motion is not the input's
-    beyond the frequency at which the prediction is mostly not coherent, and what is not holds more than the measured
-    input at all; also without friction, whose jumps at standstill no input made.
-    """
-    random = np.random.default_rng(seed)
-    noisy = [noisier(run, noises_of(run, logged_motion(bench, run)), random) for run in bench.runs]
-    before = [raw for raw, _ in bench.predict([bench.base])[0]]
-    beside = InverseSimulation(bench.machine, noisy, bench.band_hz, impacts=bench.impacts)
-    after = [raw for raw, _ in beside.predict([beside.base])[0]]
-    # The noise added once more is as large as that of the log: what it adds, the log's own has added already.
-    with_noise = _spectrum(bench.runs, before)
-    noise = _spectrum(bench.runs, [b - a for a, b in zip(before, after, strict=True)])
-    smooth = [copy(values) for values in bench.base]
-    for values in smooth:
-        vars(values).update(dict.fromkeys(kind_of(bench.machine).friction.levels, 0.0))
-    moving = [raw for raw, _ in bench.predict([smooth])[0]]
-    measured = _spectrum(bench.runs, bench.inputs)
-    predicted = [(_spectrum(bench.runs, one), _unanswered(bench.runs, one, bench.inputs)) for one in (before, moving)]
-    frequency = LOWEST_HZ
-    while frequency * WIDTH < bench.band_hz:
-        total, part = (_energy(spectrum, frequency, frequency * WIDTH) for spectrum in (with_noise, noise))
-        if total - part < EQUAL * part:
-            return frequency
-        known = _energy(measured, frequency, frequency * WIDTH)
-        if all(
-            strange > max(0.5 * whole, known)
-            for whole, strange in ((_energy(one, frequency, frequency * WIDTH) for one in both) for both in predicted)
-        ):
-            return frequency
-        frequency *= WIDTH
-    return bench.band_hz
-
-
-Spectrum = list[tuple[Array, Array]]  # of each run: frequencies, Hz, and density
-
-
-def _spectrum(runs: Sequence[Run], values: Sequence[Array]) -> Spectrum:
-    return [(f, own.real) for f, own in (_cross(run, x, x) for run, x in zip(runs, values, strict=True))]
-
-
-def _cross(run: Run, x: Array, y: Array) -> tuple[Array, np.ndarray]:
-    """Frequencies, Hz, and the one-sided cross spectral density of two signals, averaged over segments that overlap by
-    half, under Hann's window, each about its mean (P. D. Welch, IEEE Transactions on Audio and Electroacoustics 15,
-    1967). By numpy: scipy.signal takes as long to import as a diagnosis to read its logs."""
-    length = min(_segment(run), len(x))
-    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
-
-    def transformed(signal: Array) -> np.ndarray:
-        segments = sliding_window_view(signal, length)[:: length - length // 2]
-        return np.fft.rfft((segments - np.mean(segments, axis=1, keepdims=True)) * window, axis=1)
-
-    both_sides = np.full(length // 2 + 1, 2.0)
-    both_sides[[0, *([-1] if length % 2 == 0 else [])]] = 1.0
-    frequency: Array = np.fft.rfftfreq(length, run.sample_time_s).astype(float)
-    mean = np.mean(np.conj(transformed(x)) * transformed(y), axis=0)
-    return frequency, mean * both_sides * run.sample_time_s / np.sum(window**2)
-
-
-def _unanswered(runs: Sequence[Run], predicted: Sequence[Array], measured: Sequence[Array]) -> Spectrum:
-    """The part of the predicted input's spectrum that is not coherent with the measured input.
-
-    Over k segments the coherence of two independent signals comes out as 1/k: it is taken off (J. S. Bendat,
-    A. G. Piersol, Random Data, 2010, 9.2.3).
-    """
-    spectra = []
-    for run, x, y in zip(runs, predicted, measured, strict=True):
-        f, cross = _cross(run, x, y)
-        own, other = (np.maximum(_cross(run, signal, signal)[1].real, 1e-300) for signal in (x, y))
-        k = max(2 * (len(x) // _segment(run)) - 1, 2)
-        coherence = np.clip((k * np.abs(cross) ** 2 / (own * other) - 1.0) / (k - 1.0), 0.0, 1.0)
-        spectra.append((f, (1.0 - coherence) * own))
-    return spectra
-
-
-def _segment(run: Run) -> int:
-    """Samples of a segment that a spectrum is averaged over."""
-    return max(min(int(8.0 / (run.sample_time_s * LOWEST_HZ)), len(run.time_s) // SEGMENTS * 2), 16)
-
-
-def _energy(spectrum: Spectrum, low: float, high: float) -> float:
-    return sum(float(np.sum(density[(f >= low) & (f < high)]) * (f[1] - f[0])) for f, density in spectrum)
