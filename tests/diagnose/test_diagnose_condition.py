@@ -93,11 +93,19 @@ def test_what_is_wrong_with_a_run_is_said_with_its_name(campaign: Campaign):
 
 def test_a_motion_that_keeps_to_its_reference_is_not_said_to_be_late(campaign: Campaign):
     speeds = {run.name: run["speed_motor_rad_s"] for run in campaign.runs}
-    ahead = {name: np.roll(speed, -7) for name, speed in speeds.items()}
-    for reference, said_of in ((speeds, ""), (ahead, "70 ms late")):
+    ahead, behind = ({name: np.roll(speed, by) for name, speed in speeds.items()} for by in (-7, 7))
+    mixed = {**ahead, "empty": behind["empty"]}
+    cases = (
+        (speeds, ""),
+        (ahead, " 70 ms late:"),
+        (behind, " 70 ms early:"),
+        (mixed, " from 70 ms early to 70 ms late:"),
+    )
+    for reference, said_of in cases:
         runs = [replace(r, signals={**r.signals, "speed_reference_rad_s": reference[r.name]}) for r in campaign.runs]
         text = " ".join(condition(campaign, Problem(campaign.machine, runs)).sentences)
-        assert said_of in text and ("late" in text) == bool(said_of)
+        assert said_of in text and ("follows its reference" in text) == bool(said_of)
+        assert ("check the clocks" in text) == ("early" in said_of)
 
 
 def test_the_motions_noise_is_measured_as_it_was_made(campaign: Campaign):

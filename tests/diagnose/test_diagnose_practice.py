@@ -97,7 +97,7 @@ def test_no_gap_that_one_run_leaves_open_is_told_what_would_decide(shared_data: 
     assert diagnosis.next_run is not None and ("torque_scale",) in diagnosis.next_run.rivals
     # Whether the gain is off: a run alone tells hardly more, for the gain's own tolerance stands in for it.
     assert "no run on the menu decides" in diagnosis.next_run.why
-    assert "with sensors.torque_gain known to a tenth of its own" in diagnosis.next_run.why
+    assert "with sensors.torque_gain known to 0.1 of it that run" in diagnosis.next_run.why
 
 
 def values(diagnosis: Diagnosis) -> dict[str, tuple[float, float]]:

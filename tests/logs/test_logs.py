@@ -177,7 +177,15 @@ def test_missing_campaign_gets_the_nearest_name(tmp_path):
     assert len(refusal(tmp_path / "none").removeprefix(str(tmp_path))) < 100
     assert "is a machine; expected a campaign's folder" in refusal(tmp_path / "spring" / "machine.yaml")
     (tmp_path / "spring" / "runs.yaml").unlink()
-    assert "runs.yaml: no such file" in refusal(tmp_path / "spring")
+    assert "runs.yaml: no such file; its folder holds machine.yaml, runs" in refusal(tmp_path / "spring")
+
+
+def test_another_file_with_the_same_ending_is_no_misspelt_one(tmp_path):
+    folder = write_campaign(tmp_path / "spring", hoist_columns())
+    (folder / "machine.yaml").rename(folder / "axis.yaml")
+    assert "machine.yaml: no such file; its folder holds axis.yaml, runs, runs.yaml" in refusal(folder)
+    (folder / "axis.yaml").rename(folder / "machin.yaml")
+    assert "did you mean 'machin.yaml'?" in refusal(folder)
 
 
 def test_confined_campaign_may_not_reach_outside_its_folder(tmp_path):

@@ -84,9 +84,11 @@ def similar(file: Path) -> str:
     if not folder.is_dir():
         return f"; there is no folder {folder}"
     names = sorted(entry.name for entry in folder.iterdir())
-    close = difflib.get_close_matches(file.name, names, n=1, cutoff=0.6)
+    # A common ending makes no likeness: axis.yaml is no misspelt machine.yaml, nor is a folder runs a runs.yaml.
+    stems = {Path(name).stem: name for name in names if not (file.suffix and (folder / name).is_dir())}
+    close = difflib.get_close_matches(file.stem, stems, n=1, cutoff=0.6)
     if close:
-        return f"; did you mean '{close[0]}'?"
+        return f"; did you mean '{stems[close[0]]}'?"
     if not names:
         return "; its folder is empty"
     return f"; its folder holds {', '.join(names[:8])}{', …' if len(names) > 8 else ''}"

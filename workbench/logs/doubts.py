@@ -21,11 +21,11 @@ from workbench.core.numbers import figures
 from workbench.core.run import Array, Run
 from workbench.logs.raw_run import seconds, smoothed
 from workbench.machines import Axis, Hoist, Kind, RigidBody, kind_of
+from workbench.machines.declare import RESTS_BELOW
 
 LEAST_RUNS = 4  # of which one may stand alone
 SMOOTH = 0.003  # of a run's duration: one standard deviation
 MOVING = 0.02  # of a run's largest speed
-RESTS = 0.01  # of the largest speed of all runs: what is slower does not move
 ONE_WAY = 0.1  # of the moving samples
 LOOK_S, LOOK = 3.0, 0.1  # a delay is looked for up to so long, and so much of a run
 LATE_S = 0.4  # more than a sensor or a bus
@@ -73,7 +73,7 @@ def doubts_of(machine: Hoist | Axis, runs: Sequence[Run]) -> list[str]:
     """Notes, each with its reason and what to check; [] for runs that agree with each other and with physics."""
     kind = kind_of(machine)
     seen = [s for run in runs if (s := _seen(kind, kind.rigid(machine, run.payload_kg), run)) is not None]
-    seen = [s for s in seen if s.top > RESTS * max(other.top for other in seen)]
+    seen = [s for s in seen if s.top > RESTS_BELOW * max(other.top for other in seen)]
     if not kind.holds_load:
         top = float(np.median([s.top for s in seen])) if seen else 0.0
         seen = [s for s in seen if top / LIKE_SPEED < s.top < top * LIKE_SPEED]

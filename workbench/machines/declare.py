@@ -22,6 +22,7 @@ from workbench.symbolic.expr import Scalar
 # What turns over at standstill is a property that nobody knows: a factor of ten either way.
 STANDSTILL_LOG_STD = math.log(10.0)
 TIME = "time_s"
+RESTS_BELOW = 0.01  # of the speed scale, or of the largest speed of all runs: what is slower is at rest
 STANDARD_GRAVITY = 9.81  # m/s^2, where machine.yaml has none
 
 

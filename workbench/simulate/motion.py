@@ -15,6 +15,7 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.machines import Plant, kind_of
+from workbench.machines.declare import RESTS_BELOW
 from workbench.simulate.lowpass import lowpass
 
 WINDOW_S = 0.006  # an impact's length, and the unit of the windows beside it that its jump is read from
@@ -27,7 +28,6 @@ NEAR_S = 0.5  # of log, in which the noise of jumps is judged: that of jittery t
 BRIDGED_S = 0.012
 GUARD_S = 0.04  # around an impact, not looked at: how well its time can be foretold
 PLAY = "backlash"  # the effect that makes them
-RESTS_BELOW = 0.01  # of the speed scale
 
 
 @dataclass(frozen=True)

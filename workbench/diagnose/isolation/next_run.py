@@ -298,7 +298,7 @@ def _closer(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared])
     if not key or apart[key] < APART:
         return "No single value of the machine, known more closely, would either."
     return (
-        f"A closer tolerance is needed: with {key} known to a tenth of its own that run would set them apart by "
+        f"A closer tolerance is needed: with {key} known to {CLOSER:g} of it that run would set them apart by "
         f"{apart[key]:.1f}."
     )
 

@@ -13,9 +13,10 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines.declare import RESTS_BELOW
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import LEAST_PERIODS, lowpass, noise_rms
-from workbench.simulate.motion import RESTS_BELOW, impacts_of
+from workbench.simulate.motion import impacts_of
 
 FEWEST = 20.0  # independent values while moving: about as many as a diagnosis turns numbers
 ABOVE_NOISE = 5.0  # in the band: less is no motion

@@ -178,10 +178,10 @@ def _sentences(problem: Problem, runs: Sequence[RunCondition], own: float, motio
     delays = {r.name: r.delay_s for r in runs if r.delay_s is not None}
     low, high = min(delays.values(), default=0.0), max(delays.values(), default=0.0)
     if round(1e3 * low) or round(1e3 * high):
-        sentences.append(
-            f"The motion follows its reference {_span(low, high)} late: the control loop's lag and any delay of "
-            "the sensor."
-        )
+        late = "the control loop's lag and any delay of the sensor"
+        early = "a log has its motion behind its reference; check the clocks of the two"
+        why = "; ".join(text for text, so in ((late, round(1e3 * high) > 0), (early, round(1e3 * low) < 0)) if so)
+        sentences.append(f"The motion follows its reference {_span(low, high)}: {why}.")
     if motion_noise_rms > 0.5 * own:
         sentences.append(
             f"The measured motion's own noise adds {figures(motion_noise_rms, 2)} {unit} to the prediction, the "
@@ -191,5 +191,9 @@ def _sentences(problem: Problem, runs: Sequence[RunCondition], own: float, motio
 
 
 def _span(low: float, high: float) -> str:
+    """20 ms late; 20 to 30 ms early; from 20 ms early to 30 ms late."""
     a, b = round(1e3 * low), round(1e3 * high)
-    return f"{a} ms" if a == b else f"{a} to {b} ms"
+    if a < 0 < b:
+        return f"from {-a} ms early to {b} ms late"
+    near, far = sorted((abs(a), abs(b)))
+    return f"{near if near == far else f'{near} to {far}'} ms {'early' if a < 0 else 'late'}"
