@@ -13,7 +13,7 @@ import pytest
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.margins import family, operating_points, weakest
 from workbench.core.run import Run
-from workbench.machines import Hoist, default_hoist, with_values
+from workbench.machines import ROTARY, Hoist, default_hoist, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import LoopCase, simulate_loop
 from workbench.study.consequences import (
@@ -25,7 +25,7 @@ from workbench.study.consequences import (
     small_study,
 )
 from workbench.study.load import load_study
-from workbench.study.run import run_study
+from workbench.study.run import run_specs, run_study
 
 ROOT = Path(__file__).resolve().parents[2]
 PAYLOADS = (0.0, 9000.0)
@@ -139,6 +139,22 @@ def test_heave_counts_with_the_worst_of_four_phases_figure_by_figure():
     peaks = [figures[0]["peak_torque_motor_nm"] for figures in by_phase]
     assert max(peaks) > 1.01 * min(peaks)
     assert "4 phases" in said(changes, "heave: the phase")
+
+
+@pytest.mark.parametrize("placed", [True, False])
+def test_a_phase_that_the_runs_tell_is_kept_and_one_of_each_run_counts_with_its_worst(placed: bool):
+    """A ripple of an axis that logs where it is has one phase: with and without it is that machine's own study."""
+    axis, t = ROTARY.example(), np.arange(0.0, 6.0, 0.01)
+    logs = {"speed_rad_s": np.cos(t), "torque_nm": np.cos(t)}
+    run = Run("there_and_back", t, logs | ({"angle_rad": np.sin(t)} if placed else {}))
+    rippled = axis.model_copy(update={"effects": {"torque_ripple": {
+        "amplitude_nm": 0.05, "order_per_turn": 3.0, "phase_rad": 1.0,
+    }}})  # fmt: skip
+    changes, why = consequences_of(axis, rippled, runs=[run])
+    assert changes is not None, why
+    own = [row["peak_torque_nm"] for row, _ in run_specs(changes.study.specs(rippled))]
+    assert ([row.after["peak_torque_nm"] for row in changes.rows] == own) == placed
+    assert ("4 phases" in " ".join(changes.sentences)) != placed
 
 
 def _at_phase(wave: dict[str, float], phase: float, changes: Consequences) -> list[dict[str, float]]:

@@ -26,7 +26,7 @@ from workbench.core.run import Run
 from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
 from workbench.core.yaml_strict import checked
-from workbench.effects import effects_for, sizes_of
+from workbench.effects import Ranged, effects_for, ranges_of
 from workbench.machines import LOOPED, AnyKind, Axis, Hoist, Kind, kind_of, looped, studied
 from workbench.metrics import Metric, find, set_of
 from workbench.references import Limits
@@ -263,7 +263,7 @@ def consequences_of(
     for machine in (given, looped(refitted) if refitted else None, was, now):  # equal machines are run once
         rows = next((rows for other, rows in done if other == machine), None)
         if rows is None and machine is not None:
-            rows = worst_runs(study, machine)
+            rows = worst_runs(study, machine, runs)
             done.append((machine, rows))
         columns.append(rows or [None] * len(done[0][1]))
     cases = [(spec.payload_kg, spec.reference) for spec in study.specs(given)]
@@ -276,7 +276,7 @@ def consequences_of(
         effects, study, rated.motor.nominal_torque_nm if rated else None, changes, loops[0], loops[1],
         (wanted.bandwidth_hz, wanted.ms_limit), *_gains(study, was, now, wanted), _choices(changes, study.kind),
     )  # fmt: skip
-    return replace(made, sentences=tuple(_sentences(made, now))), ""
+    return replace(made, sentences=tuple(_sentences(made, now, runs))), ""
 
 
 def without(corrected: Hoist | Axis, nominal: Hoist | Axis, effects: Sequence[str]) -> Hoist | Axis:
@@ -291,13 +291,14 @@ def without(corrected: Hoist | Axis, nominal: Hoist | Axis, effects: Sequence[st
     return corrected.model_copy(update={"effects": kept, "measured_correction": table, "log": log})
 
 
-def worst_runs(study: SmallStudy, machine: Hoist | Axis) -> list[Row]:
-    """The runs of a machine; if it has values that differ from run to run, such as a phase, the worst of several.
+def worst_runs(study: SmallStudy, machine: Hoist | Axis, runs: Sequence[Run] = ()) -> list[Row]:
+    """The runs of a machine; if it has values that differ from run to run, such as a phase, the worst of several. runs:
+    the campaign's; where all of them log where they are, such a phase may be one that holds for any run.
 
     A failed run has no figure but its move time.
     """
     # Machine by machine: as many runs at a time, so that one compiled kernel serves all.
-    by_phase = [[row for row, _ in run_specs(study.specs(at_phase))] for at_phase in _at_phases(machine)]
+    by_phase = [[row for row, _ in run_specs(study.specs(at_phase))] for at_phase in _at_phases(machine, runs)]
     names, rows = metrics_for(study.kind), []
     for alike in zip(*by_phase, strict=True):
         row = next((row for row in alike if not row.ok), alike[0])
@@ -306,20 +307,19 @@ def worst_runs(study: SmallStudy, machine: Hoist | Axis) -> list[Row]:
     return rows
 
 
-def _per_run(machine: Hoist | Axis) -> list[str]:
-    """The effects of the machine with a value that differs from run to run."""
+def _per_run(machine: Hoist | Axis, runs: Sequence[Run]) -> dict[str, list[Ranged]]:
+    """The effects of the machine with values that differ from run to run, and these."""
     known = effects_for(kind_of(machine).name)
-    return [name for name in machine.effects if any(parameter.per_run for parameter in known[name].parameters)]
+    own = {name: [r for r in ranges_of(known[name], machine, runs) if r.per_run] for name in machine.effects}
+    return {name: ranges for name, ranges in own.items() if ranges}
 
 
-def _at_phases(machine: Hoist | Axis) -> list[Hoist | Axis]:
+def _at_phases(machine: Hoist | Axis, runs: Sequence[Run]) -> list[Hoist | Axis]:
     """The machine itself or, if an effect has a value for each run, four machines evenly over its range."""
-    known, sizes, own = effects_for(kind_of(machine).name), sizes_of(machine), _per_run(machine)
-    machines = []
+    own, machines = _per_run(machine, runs), []
     for k in range(PHASES if own else 0):
         effects = {name: dict(values) for name, values in machine.effects.items()}
-        for name in own:
-            ranges = [p for p in known[name].ranges(sizes) if p.per_run]
+        for name, ranges in own.items():
             effects[name] |= {p.name: p.lowest + (p.highest - p.lowest) * k / PHASES for p in ranges}
         machines.append(machine.model_copy(update={"effects": effects}))
     return machines or [machine]
@@ -473,7 +473,7 @@ def _digits(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def _sentences(c: Consequences, corrected: Hoist | Axis) -> list[str]:
+def _sentences(c: Consequences, corrected: Hoist | Axis, runs: Sequence[Run] = ()) -> list[str]:
     """In order: what was run, failures, torque, tracking, wire, better reference, loop, gains, caveats."""
     kind, judged, good = c.study.kind, set_of(c.study.kind.name), [row for row in c.rows if row.ok]
     reasons = [(row, row.after.reason or row.before.reason) for row in c.rows if not row.ok]
@@ -487,7 +487,7 @@ def _sentences(c: Consequences, corrected: Hoist | Axis) -> list[str]:
         )
     }
     moved = [abs(percent(getattr(c.gains_before, k), getattr(c.gains_after, k))) for k in ("kp", "ki")]
-    of_kind, own, drive = effects_for(kind.name), _per_run(corrected), corrected.drive
+    of_kind, own, drive = effects_for(kind.name), [*_per_run(corrected, runs)], corrected.drive
     return said.each(
         "changes", c, listed([f"{load:g}" for load in c.study.payloads_kg]),
         [(row, reason.rpartition("; ")[2]) for row, reason in reasons],  # how far a load fell says nothing
