@@ -21,9 +21,11 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.isolability import angle_between, isolability, separations, smallest_amount
 from workbench.diagnose.isolability import best_signatures as signatures
+from workbench.diagnose.isolation import next_run as advising
 from workbench.diagnose.isolation.lines import LEAST, Ahead, Line, OnMenu, on_campaign, on_menu
 from workbench.diagnose.isolation.next_run import (
     APART,
+    CLOSER,
     Compared,
     Offer,
     _closer,
@@ -293,3 +295,18 @@ def test_no_load_need_be_weighed_where_no_single_value_stands_in_for_the_differe
     fits = [heavier.fits[name,] for name in ("torque_offset", "carriage_mass_error")]
     known = compared([on_campaign(heavier.problem, fit) for fit in fits])
     assert _closer(heavier.problem, fits, known) == "No single value of the machine, known more closely, would either."
+
+
+@pytest.mark.parametrize("apart", [0.0, 1.2])
+def test_the_run_that_a_closer_value_would_let_decide_is_named(
+    heavier: SearchResult, apart: float, monkeypatch: pytest.MonkeyPatch
+):
+    """Where no run on the menu would, "that run" was none that had been mentioned."""
+    fits = [heavier.fits[name,] for name in ("torque_offset", "carriage_mass_error")]
+    monkeypatch.setattr(advising, "_apart", lambda *given, closer="": 6.0 if closer else apart)
+    best = advising.Offer(menu(heavier.problem)[0], (), apart)
+    said = advising._why(heavier.problem, fits, [], best, 0.0, math.inf)
+    *_, named, need = said.split(". ")
+    assert "that run" not in need or best.planned.words in named
+    assert best.planned.words in said and need.endswith("would set them apart by 6.0 standard deviations.")
+    assert f"known to {CLOSER:g} of it" in need

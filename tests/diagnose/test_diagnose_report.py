@@ -130,12 +130,60 @@ def test_a_runs_share_of_the_gaps_energy_is_one_number_wherever_it_is_said(kind:
         for run, told in zip(d.replayed()[0].runs, d.delivered.runs, strict=True)
     }
     shares = {name: f"{100.0 * one / sum(energy.values()):.0f}" for name, one in energy.items()}
-    assert {row[0]: row[1] for row in d.table("runs").rows} == shares
+    heads = [column.head.replace("\n", " ") for column in d.table("runs").columns]
+    assert ("of the gap's energy" in heads) == (d.where is not None)  # of a gap that is none there is no share
     if d.where is not None:
+        assert {row[0]: row[1] for row in d.table("runs").rows} == shares
         assert {row[0]: row[1] for row in diagnosis.where_table(d).rows} == shares
         assert {run.name: run.said.partition(" ")[0] for run in series_of(d)} == shares
         said = to_json(d)["where_details"]["energy_by_run"]
         assert {name: f"{100.0 * share:.0f}" for name, share in said.items()} == shares
+
+
+def test_the_probabilities_of_the_candidates_add_up_to_no_more_than_one():
+    """Two names of one hypothesis share one probability; a reader who adds up the column finds it once."""
+    d = made_diagnosis("named")
+    twins = [("heave",), ("brake_drag",)]
+    ranking = (
+        Hypothesis("named", ("friction_viscous",), 0.5),
+        Hypothesis("named", twins[0], 0.4, (twins[1],)),
+        Hypothesis("no_gap", (), 0.1),
+    )
+    rows = tuple(dataclasses.replace(d.candidates[0], effects=names) for names in (("friction_viscous",), *twins))
+    told = dataclasses.replace(d, candidates=rows, verdict=dataclasses.replace(d.verdict, ranking=ranking))
+    assert [row[1] for row in diagnosis.candidates_table(told).rows] == ["50 %", "40 %", "(same)"]
+
+
+def test_a_place_of_a_named_cause_is_no_share_of_what_the_refit_leaves():
+    """Its windows hold a share of the residual with the effect taken out of the fit; where tolerances alone tell of a
+    cause, that was 52 % "of the gap's energy" beside "explains 0 %"."""
+    said = {kind: diagnosis.where_sentence(made_diagnosis(kind)) for kind in ("named", "pair", "unknown")}
+    assert "% of the energy that the runs leave without it, all else equal, (90 %" in said["named"]
+    assert "% of the energy that the runs leave without them, all else equal, (90 %" in said["pair"]
+    assert "% of the gap's energy (90 %" in said["unknown"]
+
+
+@pytest.mark.parametrize("times", [1.2, 2.2])
+def test_white_or_not_what_is_larger_than_the_noise_is_said_to_be(times: float):
+    d = made_diagnosis("named")
+    lag, bound = np.array([0.1]), np.array([0.3])
+    white = ResidualTest("half", lag, 0.0 * lag, bound, bound, 0.9, {})
+    left = dataclasses.replace(d.delivered, residual_rms=times * d.gap.noise_rms)
+    said = diagnosis.left_sentence(dataclasses.replace(d, residual_tests=(white,), delivered=left))
+    assert said.startswith("In 1 of 1 runs the residual is indistinguishable from white noise")
+    assert ("it is 2.2 times the noise" in said) == (times > 1.5)
+
+
+@pytest.mark.parametrize("probability", [0.45, 0.5, 0.7])
+@pytest.mark.parametrize("word", ["named", "no_gap"])
+def test_an_answer_at_one_half_or_less_is_not_said_to_need_no_further_run(word: str, probability: float):
+    d = made_diagnosis("named" if word == "named" else "no_gap")
+    first = dataclasses.replace(d.verdict.ranking[0], probability=probability)
+    told = dataclasses.replace(d, verdict=dataclasses.replace(d.verdict, ranking=(first,)), next_run=None)
+    said = diagnosis.next_run_sentence(told)
+    assert ("needs no further run" in said) == (probability > 0.5)
+    assert ("leave the cause open" in said) == (probability <= 0.5 and word == "named")
+    assert ("leave open whether anything is missing" in said) == (probability <= 0.5 and word == "no_gap")
 
 
 def test_what_a_strange_run_holds_of_the_rest_is_a_share_of_it():
@@ -164,6 +212,11 @@ def test_each_reason_names_the_hypothesis_that_it_is_about(kind: ReasonKind):
     assert ("heave and brake_drag" in text) == (not of_machine)
     assert ("134 N m" in text) == (kind is ReasonKind.LEAVES_MUCH)
     assert ("speed of the carriage" in text) == (kind in (ReasonKind.FREE_LAW, ReasonKind.VARIES))
+    # A listed effect that is not established may have more evidence than the unlisted one, and the other way round.
+    assert ("explains more than any listed one that is established" in text) == (
+        kind is ReasonKind.UNLISTED_EXPLAINS_MORE
+    )
+    assert "most evidence" not in text or "most evidence of what is listed" in text
 
 
 def test_a_run_that_rests_has_dashes_in_the_table_and_no_share():
@@ -174,6 +227,9 @@ def test_a_run_that_rests_has_dashes_in_the_table_and_no_share():
     told = dataclasses.replace(d, delivered=delivered_of(np.full(2, 0.5), refitted, corrected))
     rest, moves = diagnosis.runs_table(told).rows
     assert rest == [rests.name, *4 * ["–"]] and moves[:2] == [moving.name, "100"]
+    # The other table's speed error is replay's, of all runs.
+    assert diagnosis.brief_shrink_table(told).rows[1][0] == "speed error of runs that move, open loop, %"
+    assert diagnosis.brief_shrink_table(d).rows[1][0] == "speed error, open loop, %"
 
 
 def test_the_held_out_speed_error_is_in_per_cent_of_one_scale_for_slow_and_fast_runs():

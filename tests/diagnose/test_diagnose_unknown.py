@@ -25,12 +25,13 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import TOLERANCES, TURNED, Search
-from workbench.diagnose.law import Law, find_law, solved
+from workbench.diagnose.law import Law, Term, find_law, solved
 from workbench.diagnose.location.places import placed
 from workbench.diagnose.location.profiles import spacing, times
 from workbench.diagnose.location.where import laws_left, where_of
 from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.unknown import Explained, explain, explained_machine, with_unknown
+from workbench.diagnose.verdict.answer import percent_of
 from workbench.effects import ranges_of
 from workbench.effects.active import logged, of
 from workbench.effects.loading import load_effects
@@ -116,6 +117,12 @@ def test_what_a_law_takes_is_held_against_the_same_gap_as_all_else(bounded_fan: 
     assert explanation.law is not None
     said = next(sentence for sentence in explanation.sentences if sentence.startswith("As a law"))
     assert f"from {figures(alone)} to {figures(explanation.law.after)} N m" in said
+    assert "; v: speed. On" in said or "; v: speed; " in said  # what stands in the formula is explained
+    assert "machine_law.yaml is the machine with it, for --effects law.py" in said
+    share = (alone**2 - (left := explanation.held_out.rms(problem.inputs)) ** 2) / (alone**2 - problem.noise**2)
+    assert f"explains most: {percent_of(share)} of the gap's energy on runs that were left out" in " ".join(
+        explanation.sentences
+    ), (share, left)
     assert explanation.law.acts_on == explanation.curves[0].acts_on == "motor"
     (square,) = (
         value
@@ -333,6 +340,12 @@ def test_a_speed_that_is_logged_late_lies_in_its_sensor_and_follows_no_law():
     where = where_of(problem, near)
     assert where.subsystem == "speed_sensor" and where.share > 0.7
     assert max(law.interval[0] for law in laws_left(problem, near)) < 0.1
+
+
+def test_a_place_below_zero_stands_in_a_formula_with_one_sign():
+    step = Term(("s.x - {x_0}",), ("step(x − {x_0})",), "", "force", {"x_0": -0.41})
+    assert step.texts(step.formula) == ["step(x + 0.41)"]
+    assert step.texts(step.code) == ["s.x - -0.41"]
 
 
 def test_noise_has_no_law():

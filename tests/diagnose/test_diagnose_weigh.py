@@ -25,6 +25,7 @@ from workbench.diagnose.hypotheses import held_out as held_out_module
 from workbench.diagnose.hypotheses.evidence import Score, Weighed, nested
 from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
+    LOG_TIMING,
     FreeParameter,
     Names,
     Scalar,
@@ -368,6 +369,9 @@ def test_no_gap_is_not_credited_to_tolerances_that_the_refit_breaks():
         said = sentence_of(cast(Any, cause), cast(Any, shrink), cast(Any, rest), (), gap=cast(Any, gap))
         assert ("shrinks" in said) == (chance >= 0.01)
         assert ("without it these runs put p1 3.5 tolerances below its value" in said) == (count == -3.5)
+    timing = {LOG_TIMING: types.SimpleNamespace(std=0.1, logarithmic=False)}
+    late = types.SimpleNamespace(z=np.array([0.7]))
+    assert worst_tolerance(cast(Any, timing), cast(Any, late))[0] == "log.speed_late_s"  # a key that a user can check
     base = types.SimpleNamespace(z=np.array([6.0, 0.0, 0.0, 0.0, 0.0, 0.0]))  # 60 tolerances: never by chance
     *worst, chance = worst_tolerance(cast(Any, parameters), cast(Any, base))
     gap = types.SimpleNamespace(worst_tolerance=tuple(worst), by_chance=chance)

@@ -311,7 +311,7 @@ def diagnose(
     asked = _open(judged, as_good)
     more = next_run(problem, search, asked)
     if judged.word == "unknown" and more is None:
-        more = next_run(problem, search, unlisted_likely(judged))
+        more = next_run(problem, search, unlisted_likely(judged), settled=APART)
     # Where nothing is open, only what the runs do not vary would tell the answer from its runners-up.
     if judged.word == "named" and len(asked) == 1 and variety(problem.bench):
         more = next_run(problem, search, [*asked, *runners_up(judged, problem.active.kind)], settled=APART)

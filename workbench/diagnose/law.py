@@ -69,7 +69,7 @@ class Term:
 
     def texts(self, forms: Sequence[str]) -> list[str]:
         numbers = {name: f"{value:.5g}" for name, value in self.shape.items()}
-        return [form.format(**numbers) for form in forms]
+        return [form.format(**numbers).replace("− -", "+ ") for form in forms]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ tolerances to cover what is missing, and the curve would show the rest.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -62,6 +63,13 @@ OVER: Mapping[str, tuple[str, str]] = {
     "campaign_time_s": ("time since the campaign began", "s"),
 }
 MINUS = "\N{MINUS SIGN}"
+SYMBOLS = {
+    "v": "speed",
+    "x": "place",
+    "t": "time since the run's start",
+    "T": "time since the campaign began",
+    "load": "load that is carried there",
+}  # of a law's formula
 
 
 def over_what(over: str) -> str:
@@ -154,14 +162,16 @@ def _law_sentence(problem: Problem, law: Law, alone: float) -> str:
         for name, value, error, unit in law.values
     )
     unit = kind_of(problem.machine).drive.unit
+    letters = {letter for formula in law.formulas for letter in re.findall(r"[A-Za-z]+", formula)}
+    meant = "".join(f"; {symbol}: {what}" for symbol, what in SYMBOLS.items() if symbol in letters)
     stretched = ""
     if law.before < STRETCHED * alone:
         stretched = f"; base parameters alone, as far off as it takes, leave {figures(law.before)} {unit}"
     return (
-        f"As a law in a formula: {law.equation}, {law.unit} at the {law.acts_on}, with {values}. On "
+        f"As a law in a formula: {law.equation}, {law.unit} at the {law.acts_on}, with {values}{meant}. On "
         f"{_left_out(problem)} it takes {percent_of(_share(problem, alone, law.after))} of the gap's energy, from "
-        f"{figures(alone)} to {figures(law.after)} {unit}{stretched}. It says what the force looks like within these "
-        "runs, not where it comes from."
+        f"{figures(alone)} to {figures(law.after)} {unit}{stretched}. machine_law.yaml is the machine "
+        "with it, for --effects law.py. It says what the force looks like within these runs, not where it comes from."
     )
 
 
@@ -187,7 +197,7 @@ def _tabled(problem: Problem, fitted: Fitted, place: str) -> Explained:
         return _in_vain(problem, fitted, alone, first)
     others = [table.curve() for table in tried if table is not best.tried and table.fit.explains > SHOWN]
     curves = (first, *others)
-    sentences = _sentences(problem, curves, before, best.rms, unseen.rms(problem.inputs))
+    sentences = _sentences(problem, curves, kept, before, best.rms, unseen.rms(problem.inputs))
     return Explained(curves, sentences, best.fitted, before, best.rms, unseen, machines)
 
 
@@ -228,15 +238,15 @@ def _left_out(problem: Problem) -> str:
 
 
 def _sentences(
-    problem: Problem, curves: Sequence[Curve], before: float, after: float, unseen: float
+    problem: Problem, curves: Sequence[Curve], share: float, before: float, after: float, unseen: float
 ) -> tuple[str, ...]:
     best = curves[0]
     unit = "N m" if problem.bench.plant.input.endswith("nm") else "N"
     force, kind = ("N", "force") if best.acts_on == "guide" or unit == "N" else ("N m", "torque")
     low, high = (float(f(np.concatenate([best.forward, best.backward]))) for f in (np.min, np.max))
     sentences = [
-        f"A {kind} at the {best.acts_on} that depends on {over_what(best.over)} explains it best: "
-        f"{percent_of(best.explains)} of the gap's energy on {_left_out(problem)}. It lies between "
+        f"Of tables over one variable a {kind} at the {best.acts_on} over {over_what(best.over)} explains most: "
+        f"{percent_of(share)} of the gap's energy on {_left_out(problem)}. It lies between "
         f"{span(low, high, force).replace(' to ', ' and ')} against the motion; a constant in it cannot be told from "
         "the friction levels.",
         f"With that {kind} as a table beside the base parameters, {figures(after, 2)} {unit} rms are left of "
@@ -245,7 +255,7 @@ def _sentences(
     ]
     if len(curves) > 1 and curves[1].explains > 0.9 * best.explains:
         sentences.append(
-            f"One at the {curves[1].acts_on} that depends on {over_what(curves[1].over)} explains nearly as much, "
+            f"One at the {curves[1].acts_on} over {over_what(curves[1].over)} explains nearly as much, "
             f"{percent_of(curves[1].explains)}."
         )
     return tuple(sentences)

@@ -18,8 +18,8 @@ from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
 from workbench.core.whole_folder import whole_folder, write_json
-from workbench.diagnose.diagnose import Diagnosis
-from workbench.diagnose.hypotheses.free_parameters import Estimate
+from workbench.diagnose.diagnose import NOISY, Diagnosis
+from workbench.diagnose.hypotheses.free_parameters import Estimate, Names
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS, ResidualTest
@@ -112,7 +112,7 @@ def effect_sentences(d: Diagnosis) -> list[str]:
 
 
 def where_sentence(d: Diagnosis) -> str:
-    return said.where(d.where, len(d.verdict.effects) > 1, d.delivered.runs)
+    return said.where(d.where, d.verdict.word == "named", len(d.verdict.effects) > 1, d.delivered.runs)
 
 
 def shrink_sentence(d: Diagnosis) -> str:
@@ -147,7 +147,8 @@ def left_sentence(d: Diagnosis) -> str:
     """Whether anything is left in the residual; "" where no run moves enough to tell."""
     runs = [test for test in d.residual_tests if test.run != ALL_RUNS]
     related = {name: [t.run for t in runs if name in t.related] for t in runs for name in t.related}
-    return said.left(sum(test.white for test in runs), len(runs), related) if runs else ""
+    times = d.delivered.residual_rms / d.gap.noise_rms
+    return said.left(sum(test.white for test in runs), len(runs), related, times * (times > NOISY)) if runs else ""
 
 
 def plain_summary(d: Diagnosis) -> list[str]:
@@ -235,17 +236,20 @@ def gap_table(d: Diagnosis) -> Table:
 
 
 def runs_table(d: Diagnosis) -> Table:
-    """Each run: its share of the gap's energy, its residual before and after, the noise; one that rests has none."""
-    kept, unit = d.delivered.validated, unit_of(d)
+    """Each run: its share of the gap's energy, if there is a gap, its residual before and after, the noise; one that
+    rests has none."""
+    kept, unit, share = d.delivered.validated, unit_of(d), Column("of the gap's\nenergy", "%")
 
     def moving(cell: Callable[[Any], str]) -> Callable[[Any], str]:
         return lambda run: cell(run) if run.before > 0.0 else NOTHING
 
     cells: Cells = {
         words("run"): lambda run: f"{run.name}, not in the fit" if run in kept else run.name,
-        Column("of the gap's\nenergy", "%"): moving(lambda r: NOTHING if r in kept else f"{100.0 * r.share:.0f}"),
+        share: moving(lambda r: NOTHING if r in kept else f"{100.0 * r.share:.0f}"),
         **{Column(name, unit): moving(_of(name)) for name in ("before", "after", "noise")},
     }
+    if d.where is None:
+        del cells[share]
     return table_of([*d.delivered.runs, *kept], cells, said.runs(d))
 
 
@@ -292,12 +296,17 @@ def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = Fal
 
     most: largest number of rows. brief: only fitted hypotheses, without parameters and objections.
     """
-    named = [row for row in d.verdict.ranking if row.effects]
-    likely = {frozenset(names): draw.percent(row.probability) for row in named for names in (row.effects, *row.twins)}
+    shown = [c for c in d.candidates if c.fitted or (c.failure and not brief)][:most]
+    rows = {frozenset(names): row for row in d.verdict.ranking if row.effects for names in (row.effects, *row.twins)}
+    likely, told = dict[Names, str](), set[Hypothesis]()
+    for c in shown:  # names of one hypothesis share its probability, which stands once
+        if row := rows.get(frozenset(c.effects)):
+            likely[c.effects] = "(same)" if row in told else draw.percent(row.probability)
+            told.add(row)
     no_gap = d.verdict.word == "no_gap"  # of a gap that is none there is no share
     cells: Cells = {
         words("hypothesis"): lambda c: (" +\n" if brief else " + ").join(c.effects),
-        Column("proba-\nbility"): lambda c: likely.get(frozenset(c.effects), NOTHING),
+        Column("proba-\nbility"): lambda c: likely.get(c.effects, NOTHING),
         Column("explains"): lambda c: NOTHING if no_gap or c.explained is None else percent_of(c.explained),
         Column("residual", unit_of(d)): _of("residual_rms"),
         Column("held out", unit_of(d)): _of("held_out_rms"),
@@ -308,7 +317,6 @@ def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = Fal
         cells[words("what speaks against it")] = lambda c: (
             f"its fit broke down: {c.failure}" if c.failure else "; ".join(c.against)
         )
-    shown = [c for c in d.candidates if c.fitted or (c.failure and not brief)][:most]
     return table_of(shown, cells, said.candidates(len(d.candidates) - len(shown)))
 
 
@@ -367,7 +375,8 @@ def brief_shrink_table(d: Diagnosis) -> Table:
     heads = ("before", "after", "noise\nfloor", "factor", "95 %\ninterval")
     residual = [*map(figures, (s.before, s.after, s.noise, s.factor)), " to ".join(map(figures, s.ci95))]
     speed = [figures(s.speed_rmse_percent_before), figures(s.speed_rmse_percent_after), "", "", ""]
-    rows = [[f"{w.quantity} residual, rms, {w.unit}", *residual], ["speed error, open loop, %", *speed]]
+    whose = " of runs that move" if any(run.before == 0.0 for run in d.delivered.runs) else ""
+    rows = [[f"{w.quantity} residual, rms, {w.unit}", *residual], [f"speed error{whose}, open loop, %", *speed]]
     return Table([words("what"), *map(Column, heads)], rows)
 
 

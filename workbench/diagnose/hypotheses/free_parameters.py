@@ -20,6 +20,7 @@ from workbench.machines import get_value, kind_of
 
 GAIN, OFFSET, TENSION_GAIN = "sensor gain", "sensor offset", "tension gain"  # of the log, beside the plant's symbols
 LOG_TIMING = "log timing"  # of the log: its motion behind its force, s, beside what an effect delays
+LOG_TIMING_KEY = "log.speed_late_s"  # of machine.yaml
 SHAPE_STD = math.log(3.0)  # of a nuisance shape, such as the speed at which Stribeck friction falls: a factor
 LEAST_STATE = 4e-5  # of its deviation: a nuisance that keeps a state is never quite off, for it has no derivative there
 TIMING_STD = 1.0 / math.sqrt(3.0)  # of a sampling step: two channels are sampled anywhere within one of each other

@@ -290,7 +290,7 @@ def _place_of(fit: Fitted, symbol: str) -> int | None:
     )
 
 
-def _closer(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared]) -> str:
+def _closer(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared], run: str = "that run") -> str:
     """What would set hypotheses apart that no run does: one base parameter whose value were known more closely."""
     keys = {key: one.symbol for key, one in base_parameters(problem.machine, problem.runs).items() if one.std == 1.0}
     apart = {key: _apart(fits, *data, closer=symbol) for key, symbol in keys.items()}
@@ -298,8 +298,8 @@ def _closer(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared])
     if not key or apart[key] < APART:
         return "No single value of the machine, known more closely, would either."
     return (
-        f"A closer tolerance is needed: with {key} known to {CLOSER:g} of it that run would set them apart by "
-        f"{apart[key]:.1f}."
+        f"A closer tolerance is needed: with {key} known to {CLOSER:g} of it {run} would set them apart by "
+        f"{apart[key]:.1f} standard deviations."
     )
 
 
@@ -327,10 +327,11 @@ def _why(
             f"{begin}; {load}, {best.planned.words}{signals}, would do so by {apart}, and decide twenty to one with a "
             f"probability of {sure}."
         )
-    closer = _closer(problem, fits, known, best.shown)
-    if best.separation < 0.05:
+    run, nothing = f"{load}, {best.planned.words}{signals},", best.separation < 0.05
+    closer = _closer(problem, fits, known, best.shown, run=run if nothing else "that run")
+    if nothing:
         return f"{begin}, and no run on the menu would. {closer}"
     return (
-        f"{begin}; no run on the menu decides. The best, {load}, {best.planned.words}{signals}, would set them apart "
-        f"by {best.separation:.1f} standard deviations. {closer}"
+        f"{begin}; no run on the menu decides. The best, {run} would set them apart by {best.separation:.1f} standard "
+        f"deviations. {closer}"
     )
