@@ -189,3 +189,13 @@ def test_what_is_stated_as_held_out_is_what_a_search_without_the_run_leaves_ther
     whole = diagnose(campaign, **known)  # type: ignore[arg-type]
     apart = diagnose(campaign, validate=("half_slow",), **known)  # type: ignore[arg-type]
     assert whole.shrink.by_run["half_slow"][1] == pytest.approx(apart.delivered.validated[0].after, rel=0.02)
+
+
+@pytest.mark.proof
+def test_of_unlisted_effects_a_run_is_asked_for_only_what_the_campaign_does_not_set_apart(shared_data: Path):
+    """A run was advised that sets two friction laws 197 standard deviations apart, which the campaign had 162 apart."""
+    fan = diagnose(read_campaign(shared_data / "campaigns" / "32"), quick=True).next_run
+    assert fan is not None and fan.why.startswith(
+        "The runs favour motor_fan over friction_quadratic, but set them apart"
+    )
+    assert fan.now <= APART < fan.separation
