@@ -239,7 +239,6 @@ def test_the_held_out_speed_error_is_in_per_cent_of_one_scale_for_slow_and_fast_
     top = [float(np.max(np.abs(run["velocity_m_s"]))) for run in d.campaign.runs]
     assert max(top) > 2.0 * min(top)
     expected = replay_runs(machine, d.campaign.runs, problem.band_hz).speed_rmse_percent
-    assert gap._speed(problem, [machine]) == pytest.approx(expected, rel=1e-3)
     assert gap._speed(problem, [machine, machine]) == pytest.approx(expected, rel=1e-3)
 
 

@@ -171,7 +171,7 @@ def _law_sentence(problem: Problem, law: Law, alone: float) -> str:
         f"As a law in a formula: {law.equation}, {law.unit} at the {law.acts_on}, with {values}{meant}. On "
         f"{_left_out(problem)} it takes {percent_of(_share(problem, alone, law.after))} of the gap's energy, from "
         f"{figures(alone)} to {figures(law.after)} {unit}{stretched}. machine_law.yaml is the machine "
-        "with it, for --effects law.py. It says what the force looks like within these runs, not where it comes from."
+        "with it, law.py the effect. It says what the force looks like within these runs, not where it comes from."
     )
 
 
