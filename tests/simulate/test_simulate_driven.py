@@ -186,14 +186,14 @@ def test_a_constant_and_a_line_pass_unchanged_to_their_very_ends(level, slope, b
     assert lowpass(TIME, line, band) == pytest.approx(line, abs=1e-9 * (1.0 + abs(level) + 40.0 * abs(slope)))
 
 
-@pytest.mark.parametrize(("band", "summed"), [(0.1, False), (1.7, True), (8.0, False), (60.0, False)])
+@pytest.mark.parametrize(("band", "summed"), [(0.1, False), (1.7, True), (8.0, True), (12.0, True), (60.0, False)])
 def test_the_low_pass_at_some_samples_is_the_low_pass_there(band, summed):
     """Next to the ends, evenly apart and across a gap; by sums where they are quicker than a transform."""
     rows = np.concatenate([[0, 1, 5], np.arange(40, 1500, 12), np.arange(1777, 3990, 12), [3998, 3999]])
     series = np.array([5.0, -40.0, 0.0]) + np.cumsum(np.random.default_rng(3).normal(size=(len(TIME), 3)), axis=0)
     at = LowpassAt(TIME, band, rows)
     assert at.summed == summed
-    assert at(series) == pytest.approx(lowpass(TIME, series, band)[rows], abs=1e-9 * np.max(np.abs(series)))
+    assert at(series) == pytest.approx(lowpass(TIME, series, band)[rows], abs=1e-7 * np.max(np.abs(series)))
 
 
 def test_irregular_samples_are_filtered_at_their_own_times():

@@ -158,7 +158,7 @@ def check_band(band_hz: float, runs: Sequence[Run]) -> None:
         )
 
 
-REST = 1e-12  # of the weights' sum
+REST = 1e-7  # of the weights' sum: what the gain still is at half the sampling rate leaves a tail of that size
 BLOCK = 32  # samples of one product, at most
 DEAR = 8.0  # what an operation of a transform takes, of a product's
 
