@@ -17,6 +17,7 @@ from tests.support.simulated_campaign import TORQUE_NOISE_NM, simulated_campaign
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
 from workbench.effects import effects_for, parts, ranges_of, searchable, sizes_of
+from workbench.engine import kernels
 from workbench.logs import read_campaign
 from workbench.machines import LINEAR, LinearAxis, default_hoist, save_machine, with_values
 from workbench.simulate.driven import InverseSimulation, changed
@@ -79,6 +80,26 @@ def test_every_part_of_the_effects_predicts_what_the_whole_does(runs):
             (full, _), (part, _) = whole.predict(sets)[0][0], by_parts.predict(sets)[0][0]
             assert part == pytest.approx(full, abs=1e-9 * np.max(np.abs(full)))
     assert needed == {0, 1, 2}
+
+
+def test_a_machine_with_effects_has_one_kernel_of_each_form_however_many_runs_it_is_replayed_on(runs, monkeypatch):
+    widths = set[tuple[str, int]]()
+
+    def counted(form):
+        made = getattr(kernels, form)
+
+        def kernel(plant, effects, lanes):
+            widths.add((form, lanes))
+            return made(plant, effects, lanes)
+
+        return kernel
+
+    for form in ("replay_kernel", "driven_kernel"):
+        monkeypatch.setattr(kernels, form, counted(form))
+    machine = MACHINE.model_copy(update={"effects": {"friction_viscous": {"viscous_n_s_per_m": 500.0}}})
+    together, alone = (replay_runs(machine, some) for some in (runs, runs[:1]))
+    assert len(widths) == 2
+    assert alone.runs[0].residual_rms == pytest.approx(together.runs[0].residual_rms, rel=1e-4)
 
 
 def test_runs_that_are_simulated_together_are_what_each_one_is_alone(runs):

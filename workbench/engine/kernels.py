@@ -19,15 +19,17 @@ from workbench.machines import NO_EFFECTS, Effects, Plant
 T = TypeVar("T")
 
 LANES = (1, 4, 8, 16)  # kernels are made for; 16 fill the widest registers twice
+FEW_LANES = LANES[2:]  # the same with effects, of which there are many sets: each kernel takes seconds to compile
 TOLERANCE = 5e-7  # of the speed scale, per interval between samples; gives 1e-6 of it over a run
 # The driven coordinate adds up its errors; the wire forgets those of the others within a fraction of a second.
 FOLLOWERS = 2.0  # so many times its tolerance is theirs
 MOST_STEPS = 64  # between two samples
 
 
-def lanes_for(scenarios: int) -> int:
+def lanes_for(scenarios: int, effects: Effects = NO_EFFECTS) -> int:
     """The narrowest kernel that takes them all at once, else the widest."""
-    return next((lanes for lanes in LANES if lanes >= scenarios), LANES[-1])
+    widths = LANES if effects is NO_EFFECTS else FEW_LANES
+    return next((lanes for lanes in widths if lanes >= scenarios), widths[-1])
 
 
 def _groups(scenarios: int, lanes: int) -> list[np.ndarray]:
@@ -88,14 +90,15 @@ def replay(
     effects: Effects = NO_EFFECTS,
     tolerance: float = TOLERANCE,
     threads: int | None = None,
+    lanes: int | None = None,
 ) -> Array:
     """States under inputs given at samples, linear between them.
 
     parameters: (names, scenarios); times, inputs: (n, scenarios); start: (states,
     scenarios), positions first; speed_scales: (speeds, scenarios), what the tolerance
-    is relative to. Returns (n, states, scenarios).
+    is relative to. lanes: of the kernel, None for the narrowest that takes them all. Returns (n, states, scenarios).
     """
-    kernel = replay_kernel(plant, effects, lanes_for(parameters.shape[1]))
+    kernel = replay_kernel(plant, effects, lanes or lanes_for(parameters.shape[1], effects))
     rows = start.shape[0]
     scales = np.concatenate([speed_scales[:1], FOLLOWERS * speed_scales[1:]])
     return _integrated(kernel, parameters, (times, inputs), start, scales, rows, tolerance, threads)
@@ -156,7 +159,7 @@ def driven(
     scenarios). lanes: of the kernel, None for the narrowest that takes them all. most_steps: between two samples.
     Returns (n, 1 + other states, scenarios), the input first.
     """
-    kernel = driven_kernel(plant, effects, lanes or lanes_for(parameters.shape[1]))
+    kernel = driven_kernel(plant, effects, lanes or lanes_for(parameters.shape[1], effects))
     signals, rows = (times, angles, speeds, accelerations), 1 + start.shape[0]
     return _integrated(kernel, parameters, signals, start, speed_scales[1:], rows, tolerance, threads, most_steps)
 

@@ -29,7 +29,6 @@ from workbench.simulate.plant_model import PlantModel, plant_model
 
 # Relative to the speed scale, per sample. A measured speed is noisy; its noise need not be integrated exactly.
 TOLERANCE = 1e-4
-PART_LANES = (8, 16)  # of kernels of parts: few widths, for each one is compiled
 ALONE = 4  # lanes of a kernel cost about as much as one set of parameters alone
 MOTIONS_KEPT = 4  # of each run, behind a late sensor
 FEW_STEPS = 16  # between two thinned samples: more follow the noise of a speed at rest
@@ -155,7 +154,7 @@ class InverseSimulation:
 
         lengths = [len(run.time_s) for run in self.runs]
         one_set = len(every) == len(self.runs) > 1 and not thin
-        if one_set and max(lengths) * self._lanes(len(every)) < ALONE * sum(lengths):
+        if one_set and max(lengths) * self._lanes(len(every)) < max(self._lanes(1), ALONE) * sum(lengths):
             table = np.column_stack([tables[j][rows, 0] for j in range(len(self.runs))])
             return self._required_at_once(model, table, [its[0] for its, _ in motions], start, scales)
         before = one(0)  # compiles, if need be, in one thread only
@@ -164,10 +163,8 @@ class InverseSimulation:
         return [before, *_pool(os.getpid()).map(one, range(1, len(self.runs)))]
 
     def _lanes(self, sets: int) -> int:
-        """Of the kernel for so many sets of parameters: those of parts have few widths."""
-        if not self.models:
-            return lanes_for(sets)
-        return next((lanes for lanes in PART_LANES if lanes >= sets), PART_LANES[-1])
+        """Of the kernel for so many sets of parameters."""
+        return lanes_for(sets, self.model.effects)
 
     def _required_at_once(
         self, model: PlantModel, parameters: Array, motions: Sequence[Motion], start: Array, scales: Array

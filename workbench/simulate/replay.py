@@ -124,8 +124,12 @@ def simulate_replays(bench: InverseSimulation) -> list[Array]:
 def _replayed(
     bench: InverseSimulation, values: Sequence[SimpleNamespace], times: Array, inputs: Array, start: Array
 ) -> Array:
+    """In the kernel that takes the bench's runs: another one for a run's parts would take longer to compile."""
     model, scales = bench.model, bench.model.scales(bench.scale, values)
-    return kernels.replay(bench.plant, model.table(values), times, inputs, start, scales, effects=model.effects)
+    return kernels.replay(
+        bench.plant, model.table(values), times, inputs, start, scales, effects=model.effects,
+        lanes=kernels.lanes_for(len(bench.runs), model.effects),
+    )  # fmt: skip
 
 
 def own_log(machine: Hoist | Axis, runs: Sequence[Run]) -> list[Run]:
