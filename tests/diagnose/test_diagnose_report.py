@@ -154,6 +154,13 @@ def test_the_probabilities_of_the_candidates_add_up_to_no_more_than_one():
     assert [row[1] for row in diagnosis.candidates_table(told).rows] == ["50 %", "40 %", "(same)"]
 
 
+def test_what_is_said_of_an_unknown_cause_holds_where_an_unlisted_effect_is_it_and_on_either_ground():
+    """Which may have been weighed and explain it; and on a dark ground the law is a white line."""
+    (plain, _), curves = diagnosis.plain_summary(made_diagnosis("unknown")), diagnosis.said.curves(True)
+    assert "none of the listed causes explains it" in plain
+    assert "Without points: the law" in curves and "Black" not in curves
+
+
 def test_a_place_of_a_named_cause_is_no_share_of_what_the_refit_leaves():
     """Its windows hold a share of the residual with the effect taken out of the fit; where tolerances alone tell of a
     cause, that was 52 % "of the gap's energy" beside "explains 0 %"."""

@@ -196,7 +196,7 @@ def _motions(problem: Problem, seen: Seen, speed: float) -> dict[str, list[Step]
 
     return {
         "without a stop on the way": with_holds(go(4, -4)),
-        "with reversals at half height": go(2, -1, 1, 2, -2, 1, -1, -2),
+        "with reversals half way": go(2, -1, 1, 2, -2, 1, -1, -2),
         "with holds on the way": with_holds(go(1, 1, 2, -1, -1, -2)),
     }
 
