@@ -134,7 +134,9 @@ class InverseSimulation:
         times `self.times` only, n of them, under the motion without what those cannot show."""
         needed = int(np.max(self.parts_needed(tables)))
         model = self.models[needed] if needed < len(self.models) else self.model
-        sets = [[SimpleNamespace(**dict(zip(self.symbols, c, strict=True))) for c in t.T.tolist()] for t in tables]
+        rows = [self.row_of[name] for name in model.names]
+        own = [table[rows] for table in tables]
+        sets = [[SimpleNamespace(**dict(zip(model.names, c, strict=True))) for c in t.T.tolist()] for t in own]
         motions = [self._motions_behind(j, table, thin) for j, table in enumerate(tables)]
         points = [
             [start_point(self.plant, run, m) for m in candidates]
@@ -145,17 +147,16 @@ class InverseSimulation:
         every = [p for chosen in sets for p in chosen]
         start, _ = model.starts([at for at, _ in first], [speed for _, speed in first], clocks, every)
         scales = model.scales(self.scale, every)
-        rows = [self.row_of[name] for name in model.names]
         ends = np.cumsum([0, *(table.shape[1] for table in tables)])
 
         def one(j: int) -> Array:
             its = slice(ends[j], ends[j + 1])
-            return self._required_in(j, thin, model, tables[j][rows], *motions[j], start[:, its], scales[:, its])
+            return self._required_in(j, thin, model, own[j], *motions[j], start[:, its], scales[:, its])
 
         lengths = [len(run.time_s) for run in self.runs]
         one_set = len(every) == len(self.runs) > 1 and not thin
         if one_set and max(lengths) * self._lanes(len(every)) < max(self._lanes(1), ALONE) * sum(lengths):
-            table = np.column_stack([tables[j][rows, 0] for j in range(len(self.runs))])
+            table = np.column_stack([its[:, 0] for its in own])
             return self._required_at_once(model, table, [its[0] for its, _ in motions], start, scales)
         before = one(0)  # compiles, if need be, in one thread only
         if len(self.runs) == 1:
