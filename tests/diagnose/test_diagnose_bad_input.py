@@ -275,6 +275,24 @@ def test_the_band_of_an_axis_ends_where_its_motion_is_not_the_inputs_work(axis: 
         assert informative_band(InverseSimulation(axis.machine, [run_of_gap]), 0) == pytest.approx(whole, rel=0.3)
 
 
+def test_a_shaking_that_the_noise_of_the_input_hides_ends_the_band_as_well(axis: Campaign):
+    """A motor bench that logged its angle was given a torque filter at 0.95 without a gap: it turns unevenly, by less
+    than its noisy torque shows."""
+    time, rng = np.arange(0.0, 40.0, 0.001), np.random.default_rng(3)
+    shaken = 2.0 * lowpass(time, rng.normal(size=len(time)), 70.0)
+    shaken -= lowpass(time, shaken, 30.0)
+    turn = 2.0 * math.pi * np.fft.rfftfreq(len(time), 0.001)
+    moved = np.fft.irfft(np.fft.rfft(shaken) / -(np.maximum(turn, 2.0 * math.pi) ** 2), len(time))
+    smooth, noise = 0.1 * np.sin(math.pi * time), rng.normal(size=len(time))
+    quick = math.pi * 0.1 * np.cos(math.pi * time)
+    force = -95.1089 * math.pi**2 * smooth + 203.5 * quick + 20.39 * np.sign(quick)
+    for by_drive, loud in ((True, 400.0), (True, 1000.0), (True, 3000.0), (False, 400.0)):
+        taken = force + by_drive * 95.1089 * shaken + loud * noise
+        run = Run("shaken", time, {"position_m": smooth + moved, "force_n": taken})
+        found = informative_band(InverseSimulation(axis.machine, [run]), 0)
+        assert found > 60.0 if by_drive else 20.0 < found < 45.0, (by_drive, loud, found)
+
+
 def test_the_band_of_a_real_pendulum_is_the_same_for_a_late_log(shared_data: Path):
     """Beyond 5 Hz its torque is a twentieth of what its noisy motion asks for. A log that is late by a part of a sample
     has its noise smoothed: that is no motion either."""

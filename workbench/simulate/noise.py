@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
@@ -119,6 +120,7 @@ def logged_motion(bench: InverseSimulation, run: Run) -> tuple[str, ...]:
 
 
 EQUAL = 1.0  # energy of motion over energy of noise
+COHERENT = 0.1  # of a motion: less says that the input, or its noise, is another's
 WIDTH = 2.0 ** (1.0 / 3.0)  # of the bands that the spectra are averaged over: a third of an octave
 SEGMENTS = 8  # of a run, at least, that its spectrum is averaged over
 LOWEST_HZ = 2.0
@@ -144,7 +146,10 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
     coherence of predicted and measured input shows it: a wrong inertia, gain, delay or filter leaves it at 1. Friction
     that the model has wrong takes coherence off as well, but is in the measured input. So the motion is not the input's
     beyond the frequency at which the prediction is mostly not coherent, and what is not holds more than the measured
-    input at all; also without friction, whose jumps at standstill no input made.
+    input at all; also without friction, whose jumps at standstill no input made. The noise of the input may hide that:
+    what holds next to nothing that is coherent must not come out at less than half of the prediction either, by two
+    standard errors, compared with the lower frequencies: the measured input over the predicted one, by regression, is
+    the share of the motion that the input made (J. S. Bendat, A. G. Piersol, Random Data, 2010, 9.2).
     """
     random = np.random.default_rng(seed)
     noisy = [noisier(run, noises_of(run, logged_motion(bench, run)), random) for run in bench.runs]
@@ -159,23 +164,38 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
         vars(values).update(dict.fromkeys(kind_of(bench.machine).friction.levels, 0.0))
     moving = [raw for raw, _ in bench.predict([smooth])[0]]
     measured = _spectrum(bench.runs, bench.inputs)
-    predicted = [(_spectrum(bench.runs, one), _unanswered(bench.runs, one, bench.inputs)) for one in (before, moving)]
+    predicted = [
+        (
+            _spectrum(bench.runs, one),
+            _unanswered(bench.runs, one, bench.inputs),
+            [_cross(run, x, y) for run, x, y in zip(bench.runs, one, bench.inputs, strict=True)],
+        )
+        for one in (before, moving)
+    ]
+
+    def by_others(own: Spectrum, unanswered: Spectrum, cross: Spectrum, low: float, high: float) -> bool:
+        """Whether other things than the measured input made the motion between two frequencies."""
+        whole, strange, known = (_energy(one, low, high) for one in (own, unanswered, measured))
+        if strange > max(0.5 * whole, known):
+            return True
+        count, slower = _averages(bench.runs, own, low, high), _energy(own, 0.0, low)
+        if strange <= (1.0 - COHERENT) * whole or not count or not slower:
+            return False
+        answered, below = _energy(cross, low, high) / whole, _energy(cross, 0.0, low) / slower
+        return answered + 2.0 * math.sqrt(known / (2.0 * count * whole)) < 0.5 * below
+
     frequency = LOWEST_HZ
     while frequency * WIDTH < bench.band_hz:
         total, part = (_energy(spectrum, frequency, frequency * WIDTH) for spectrum in (with_noise, noise))
         if total - part < EQUAL * part:
             return frequency
-        known = _energy(measured, frequency, frequency * WIDTH)
-        if all(
-            strange > max(0.5 * whole, known)
-            for whole, strange in ((_energy(one, frequency, frequency * WIDTH) for one in both) for both in predicted)
-        ):
+        if all(by_others(*spectra, frequency, frequency * WIDTH) for spectra in predicted):
             return frequency
         frequency *= WIDTH
     return bench.band_hz
 
 
-Spectrum = list[tuple[Array, Array]]  # of each run: frequencies, Hz, and density
+Spectrum = list[tuple[Array, np.ndarray]]  # of each run: frequencies, Hz, and density, of two signals complex
 
 
 def _spectrum(runs: Sequence[Run], values: Sequence[Array]) -> Spectrum:
@@ -222,4 +242,13 @@ def _segment(run: Run) -> int:
 
 
 def _energy(spectrum: Spectrum, low: float, high: float) -> float:
-    return sum(float(np.sum(density[(f >= low) & (f < high)]) * (f[1] - f[0])) for f, density in spectrum)
+    return abs(sum(complex(np.sum(density[(f >= low) & (f < high)]) * (f[1] - f[0])) for f, density in spectrum))
+
+
+def _averages(runs: Sequence[Run], spectrum: Spectrum, low: float, high: float) -> float:
+    """Independent values of a spectrum between two frequencies: of segments side by side, whose window is as wide as a
+    frequency and a half."""
+    return sum(
+        len(run.time_s) // _segment(run) * np.count_nonzero((f >= low) & (f < high)) / 1.5
+        for run, (f, _) in zip(runs, spectrum, strict=True)
+    )
