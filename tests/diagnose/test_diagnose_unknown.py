@@ -117,6 +117,7 @@ def test_what_a_law_takes_is_held_against_the_same_gap_as_all_else(bounded_fan: 
     assert explanation.law is not None
     said = next(sentence for sentence in explanation.sentences if sentence.startswith("As a law"))
     assert f"from {figures(alone)} to {figures(explanation.law.after)} N m" in said
+    assert explanation.law.before == alone and f"takes {percent_of(explanation.law.explains)} of the gap's" in said
     assert "; v: speed. On" in said or "; v: speed; " in said  # what stands in the formula is explained
     assert "machine_law.yaml is the machine with it, law.py the effect" in said
     share = (alone**2 - (left := explanation.held_out.rms(problem.inputs)) ** 2) / (alone**2 - problem.noise**2)

@@ -129,9 +129,10 @@ def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = (), pla
         variable = next(table for table in variables_of(problem) if table.over == curve.over)
         columns = Tables(problem, fitted).linear(variable, curve.at).columns
         levels = np.asarray(np.linalg.lstsq(columns, law.taken, rcond=1e-6)[0], dtype=float)
-        found = replace(
-            found, sentences=(*found.sentences, _law_sentence(problem, law, alone)), law=law, law_levels=levels
-        )
+        sentence = _law_sentence(problem, law, alone)
+        # Whoever reads the numbers finds those of the sentence: held against the gap of all else.
+        law = replace(law, before=alone, explains=_share(problem, alone, law.after))
+        found = replace(found, sentences=(*found.sentences, sentence), law=law, law_levels=levels)
     if not rivals:
         return found
     unseen, rival = min(
