@@ -165,7 +165,7 @@ def fitted_without(
                 )
             except BREAKDOWNS:  # the simulation breaks down on that way: the fold stays where it is
                 continue
-            z[k - asked], worth[k - asked] = last.z, last.objective
+            z[k - asked], worth[k - asked] = np.where(shown[k - asked], last.z, fitted.z), last.objective
     points = [at + _own(fitted, mine, at - fitted.z) for at, mine in zip(z[:asked], inside, strict=False)]
     return [
         Refit(setting_of(fitted.free, np.clip(at, lowest, highest)), size)

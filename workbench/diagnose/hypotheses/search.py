@@ -284,44 +284,65 @@ class Search:
         """The result with what counts refitted at every sample of the logs. most: effects at once."""
         if not self.problem.thin:
             return result
-        problem = self.problem.exact()
+        return self._beside_waves(self._refitted(result, self.problem.exact()), most)
 
-        def again(fit: Fitted) -> Fitted:
-            return fit_hypothesis(problem, fit.effects, fit.free, fit.z, LAST_ROUND, self.count, fit.jacobian)
+    def _at(self, result: SearchResult) -> Search:
+        """This search, to go on from a result."""
+        search = copy(self)
+        search.problem, search.fits = result.problem, dict(result.fits)
+        return search
 
+    def _refitted(self, result: SearchResult, problem: Problem) -> SearchResult:
+        """The result of the same campaign posed otherwise: what counts is refitted, the rest weighed."""
         evidence = {w.names: w.evidence for w in self.weighed(result)}
         counts = {names for names, worth in evidence.items() if worth > max(evidence.values()) - SLACK}
         for size in range(most_of(counts), 1, -1):  # the evidence of several builds on that of their best part
             for names in [names for names in counts if len(names) == size]:
                 counts |= {max(combinations(names, size - 1), key=lambda part: evidence.get(part, -math.inf))}
+
+        def again(fit: Fitted) -> Fitted:
+            return fit_hypothesis(problem, fit.effects, fit.free, fit.z, LAST_ROUND, self.count, fit.jacobian)
+
+        def weighed(fit: Fitted) -> Fitted:
+            white = problem.errors.whiten(fit.residual)
+            return replace(fit, chi2=float(white @ white))
+
         near = result.within_tolerances
         base = again(result.base)
-        found = replace(
+        return replace(
             result,
             problem=problem,
             base=base,
             within_tolerances=base if near is result.base else again(near),
-            fits={names: again(fit) if names in counts else fit for names, fit in result.fits.items()},
+            fits={names: again(fit) if names in counts else weighed(fit) for names, fit in result.fits.items()},
         )
-        return self._beside_waves(found, most)
 
     def _beside_waves(self, result: SearchResult, most: int) -> SearchResult:
         """The result with the waves of a motor's turn sought beside the leading hypothesis at every sample of the logs:
-        between the samples simulated such a turn may pass, and its wave looks like a slower one, or like none."""
-        search = copy(self)
-        search.problem, search.fits, search.scanned = result.problem, dict(result.fits), ()
+        between the samples simulated such a turn may pass, and its wave looks like a slower one, or like none. Where
+        one leads, what counts is refitted with the sizes of the model error that it leaves, none below its default."""
+        search = self._at(result)
+        search.scanned = ()
         leading = next((w for w in search.weighed(result) if not w.rival), None)
         if leading is None or len(leading.names) >= most:
             return result
         turning = [e for e in self.effects.values() if any(r.scan == "order" for r in self._ranges(e))]
         signatures = search._signatures([e for e in turning if self._new_to(leading.names, e.id)], leading.fit)
+        waves: set[Names] = set()
         for name, promise in search._promised(leading.fit, signatures).items():
             if search._worth(leading.fit, promise) > price(self.problem) - SLACK:
                 names = tuple(sorted((*leading.names, name)))
                 search.fits.pop(names, None)
                 search._try(names, lambda promise=promise: search._fit_with(leading.fit, promise))  # type: ignore[misc]
                 search._finish(result.base, [names])
-        return search._found(result.base, result.within_tolerances, result.signatures)
+                waves.add(names)
+        result = search._found(result.base, result.within_tolerances, result.signatures)
+        leading = next(w for w in search.weighed(result) if not w.rival)
+        if leading.names not in waves:
+            return result
+        size, standstill = leading.score.sizes
+        sizes = max(size, 1.0), max(min(size, 1.0) * standstill, 1.0)
+        return search._refitted(result, search.problem.with_model_error(sizes))
 
     def leaders_again(self, found: Sequence[Fitted]) -> list[Fitted]:
         """The likeliest of the fits of a search with other sizes, refitted with these."""
