@@ -165,8 +165,10 @@ def fitted_without(
                 )
             except BREAKDOWNS:  # the simulation breaks down on that way: the fold stays where it is
                 continue
-            z[k - asked], worth[k - asked] = np.where(shown[k - asked], last.z, fitted.z), last.objective
-    points = [at + _own(fitted, mine, at - fitted.z) for at, mine in zip(z[:asked], inside, strict=False)]
+            z[k - asked], worth[k - asked] = last.z.copy(), last.objective
+            own = _own(fitted, inside[k])  # which that fit has thrown anywhere
+            z[k - asked][own] = fitted.z[own]
+    points = [at + _own_step(fitted, mine, at - fitted.z) for at, mine in zip(z[:asked], inside, strict=False)]
     return [
         Refit(setting_of(fitted.free, np.clip(at, lowest, highest)), size)
         for at, size in zip(points, worth, strict=False)
@@ -238,15 +240,19 @@ def _step(hessian: Array, gradient: Array, moving: np.ndarray) -> Array:
     return step
 
 
-def _own(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
-    """The least-squares step of the values that belong to this fold's own runs, after `step` of all the others."""
+def _own(fitted: Fitted, fold: np.ndarray) -> np.ndarray:
+    """The indices in z of the values that belong to a fold's own runs: no other row shows them."""
     own = np.array(
         [isinstance(parameter, PhaseOfEachRun) for parameter in fitted.free for _ in parameter.lowest], dtype=bool
     )
     sizes = np.abs(fitted.jacobian)
     elsewhere, anywhere = np.max(sizes[~fold], axis=0, initial=0.0), np.max(sizes, axis=0, initial=0.0)
-    mine = np.flatnonzero(own & (elsewhere <= ROUNDING * anywhere))
-    moved = np.zeros(len(step))
+    return np.flatnonzero(own & (elsewhere <= ROUNDING * anywhere))
+
+
+def _own_step(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
+    """The least-squares step of a fold's own values, after `step` of all the others."""
+    mine, moved = _own(fitted, fold), np.zeros(len(step))
     if len(mine) and np.any(fold):
         left = fitted.residual[fold] + fitted.jacobian[fold] @ step
         moved[mine] = -np.linalg.lstsq(fitted.jacobian[fold][:, mine], left, rcond=1e-8)[0]
