@@ -279,8 +279,8 @@ def diagnose(
     problem = Problem(campaign.machine, campaign.runs, band_hz)
     if band_hz is None and (band := usable_band(problem.bench, seed)) < problem.band_hz:
         problem = Problem(campaign.machine, campaign.runs, band)
-    of_input, problem = problem.noise, with_motion_noise(problem, seed)
-    state = condition(campaign, problem, math.sqrt(problem.noise**2 - of_input**2))
+    problem = with_motion_noise(problem, seed)
+    state = condition(campaign, problem, math.sqrt(problem.noise**2 - problem.input_noise**2))
 
     others = [effect for effect in effects_for(problem.active.kind).values() if not effect.listed]
     rivals = others if candidates is None else []

@@ -55,7 +55,8 @@ class Problem:
 
     A search simulates `thin`, at some of the samples; what it finds is refitted `exact`, at all of them.
     rows: of each run, the samples looked at; run_lengths: how many. share: how many
-    independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit;
+    independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit, of the
+    runs of which something counts; input_noise: the input's part of it;
     row_noise: (inputs,) that of each sample, as it is weighed; run_noise: (runs,) that of each run, as it is stated.
     errors: noise and model error, as the data are weighed (`ErrorModel`).
     Where every run of a hoist logs the dead line's tension, its residual follows behind
@@ -93,7 +94,8 @@ class Problem:
         self.run_of_row = np.tile(np.repeat(np.arange(len(self.runs)), self.run_lengths), 1 + self.has_tension)
         self.share = min(1.0, 2.0 * self.band_hz * float(np.mean(spacing)))
         self.late = ranges_of(self.effect("speed_delay"), machine, self.runs)[0].symbol
-        self.noise = max(float(np.sqrt(np.mean(np.square(self.bench.noise)))), 1e-12)
+        counted = [j for j, rows in enumerate(self.rows) if len(rows)] or range(len(self.runs))
+        self.noise = self.input_noise = max(rms(np.array([self.bench.noise[j] for j in counted])), 1e-12)
         self.row_noise, self.run_noise = np.full(self.inputs, self.noise), np.array(self.bench.noise)
         self.thin = max(self.bench.every) > 1 or any(map(len, impacts))
         self.evaluations = 0

@@ -93,7 +93,7 @@ NOISE_APART = 3.0  # times the others' noise
 def condition(campaign: Campaign, problem: Problem, motion_noise_rms: float = 0.0) -> Condition:
     """motion_noise_rms: the noise of the prediction that comes from the motion, see `with_motion_noise`."""
     runs = tuple(_run(problem, j) for j in range(len(problem.runs)))
-    own = float(np.sqrt(np.mean(np.square(problem.bench.noise))))
+    own = problem.input_noise
     sentences = (*campaign.all_notes, *_sentences(problem, runs, own, motion_noise_rms))
     return Condition(runs, problem.band_hz, float(np.hypot(own, motion_noise_rms)), sentences)
 
