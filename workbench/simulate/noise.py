@@ -122,6 +122,7 @@ def logged_motion(bench: InverseSimulation, run: Run) -> tuple[str, ...]:
 EQUAL = 1.0  # energy of motion over energy of noise
 COHERENT = 0.1  # of a motion: less says that the input, or its noise, is another's
 WIDTH = 2.0 ** (1.0 / 3.0)  # of the bands that the spectra are averaged over: a third of an octave
+OCTAVE = 2.0
 SEGMENTS = 8  # of a run, at least, that its spectrum is averaged over
 LOWEST_HZ = 2.0
 
@@ -178,6 +179,8 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
         whole, strange, known = (_energy(one, low, high) for one in (own, unanswered, measured))
         if strange > max(0.5 * whole, known):
             return True
+        high = low * OCTAVE  # of less in so noisy an input nothing could be told
+        whole, strange, known = (_energy(one, low, high) for one in (own, unanswered, measured))
         count, slower = _averages(bench.runs, own, low, high), _energy(own, 0.0, low)
         if strange <= (1.0 - COHERENT) * whole or not count or not slower:
             return False
