@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
@@ -90,6 +91,23 @@ def test_a_run_that_sees_the_parameter_otherwise_sets_apart_what_the_campaign_di
     now = separation(fitted(), fitted(), [campaign])
     assert now == pytest.approx(1.0, rel=1e-3)
     assert separation(fitted(), fitted(), [campaign, new]) > 100.0 * now
+
+
+@pytest.mark.parametrize(
+    ("simpler", "freer", "open_for_ever"),
+    [
+        ("friction_viscous", "friction_viscous_asymmetric", False),
+        ("friction_viscous", "friction_stribeck", True),
+    ],
+)
+def test_whether_a_freer_law_is_needed_is_asked_of_what_it_has_more(simpler: str, freer: str, open_for_ever: bool):
+    """One slope both ways is predicted by a slope each way, on any run: the question was open for ever."""
+    fits = [replace(fitted(), effects=(name,)) for name in (simpler, freer)]
+    problem = SimpleNamespace(active=SimpleNamespace(kind="hoist"))
+    lines = [line(0.0, 0.0), line(1.0, 0.0, own=True)]
+    apart = advising._apart(problem, fits, compared(lines))  # type: ignore[arg-type]
+    assert apart < 0.1 if open_for_ever else apart == pytest.approx(separation(fits[1], fits[0], compared(lines)[1:]))
+    assert open_for_ever or apart > APART
 
 
 def test_what_is_kept_of_each_run_gives_the_least_squares_of_all_their_rows():

@@ -13,6 +13,7 @@ import numpy as np
 
 from workbench.core.numbers import figures
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses.evidence import nested, same_but_freer
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
@@ -96,7 +97,7 @@ def next_run(
     fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None]
     campaign = [on_campaign(problem, fit) for fit in fits]
     rivals = range(1, len(fits))
-    near = [k for k in rivals if _apart([fits[0], fits[k]], compared([campaign[0], campaign[k]])) <= settled]
+    near = [k for k in rivals if _apart(problem, [fits[0], fits[k]], compared([campaign[0], campaign[k]])) <= settled]
     planned = sorted(menu(problem), key=lambda one: one.duration_s) if near else []
     if not planned:
         return None
@@ -107,7 +108,7 @@ def next_run(
     trials: list[list[OnMenu]] = []  # of the runs of each length the hypotheses
     while True:
         known = compared(campaign[: len(fits)])
-        now = _apart(fits, known)
+        now = _apart(problem, fits, known)
         offers: list[Offer] = []
         for signals, length in product(_choices(problem, logged), range(len(by_length))):
             if any(_decides(offer, now) for offer in offers):
@@ -116,7 +117,7 @@ def next_run(
                 trials.append(_ahead(problem, by_length[length], fits))
             for k, candidate in enumerate(by_length[length]):
                 shown = compared([of_run(k, signals) for of_run in trials[length][: len(fits)]])
-                offers.append(Offer(candidate, signals, _apart(fits, known, shown)))
+                offers.append(Offer(candidate, signals, _apart(problem, fits, known, shown)))
         plain = choose(offers, now)
         best = _designed(problem, fits, known, plain) if plain.separation > now else plain
         best, plain = (_stated(problem, fits, known, offer) for offer in (best, plain))
@@ -142,7 +143,7 @@ def _stated(problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared],
     """An offer with the separation that each hypothesis gives with base signatures of its own."""
     own = [_ahead(problem, [offer.planned], [fit])[0] for fit in fits]
     shown = compared([of_run(0, offer.signals) for of_run in own])
-    return replace(offer, separation=_apart(fits, known, shown), shown=shown)
+    return replace(offer, separation=_apart(problem, fits, known, shown), shown=shown)
 
 
 def chance_to_decide(separation: float, now: float = 0.0) -> float:
@@ -166,7 +167,7 @@ def _designed(problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared
             break
         trial = _ahead(problem, [run for _, run in able], fits)
         for k, (one, run) in enumerate(able):
-            apart = _apart(fits, known, compared([of_run(k, plain.signals) for of_run in trial]))
+            apart = _apart(problem, fits, known, compared([of_run(k, plain.signals) for of_run in trial]))
             if apart > BETTER * best.separation:
                 best, design = Offer(run, plain.signals, apart), one
     return best
@@ -238,14 +239,22 @@ def compared(lines: Sequence[Line]) -> list[Compared]:
     return found
 
 
-def _apart(fits: Sequence[Fitted], *data: Sequence[Compared], closer: str = "") -> float:
+def _apart(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared], closer: str = "") -> float:
     """Standard deviations between the first hypothesis and its nearest rival, whichever of the two is true; but a rival
-    with an effect more predicts whatever the other does: there the question is whether its amount is none."""
+    with an effect more, or with a freer law that contains the other's, predicts whatever the other does: there the
+    question is whether its amount is none, or the same both ways."""
+    kind = problem.active.kind
+
+    def contains(rival: Fitted, true: Fitted) -> bool:
+        more, less = set(rival.effects) - set(true.effects), set(true.effects) - set(rival.effects)
+        if len(more) == len(less) == 1:
+            (freer,), (simpler,) = more, less
+            return same_but_freer(freer, simpler, kind) and nested(freer, simpler, kind)
+        return bool(more) and not less
+
     pairs = zip(_pairs(len(fits)), zip(*data, strict=True), strict=True)
     asked = ((fits[true], fits[rival], shown) for (true, rival), shown in pairs)
-    return min(
-        (separation(*of, closer) for of in asked if not set(of[0].effects) < set(of[1].effects)), default=math.inf
-    )
+    return min((separation(*of, closer) for of in asked if not contains(of[1], of[0])), default=math.inf)
 
 
 def separation(true: Fitted, rival: Fitted, data: Sequence[Compared], closer: str = "") -> float:
@@ -293,7 +302,7 @@ def _place_of(fit: Fitted, symbol: str) -> int | None:
 def _closer(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared], run: str = "that run") -> str:
     """What would set hypotheses apart that no run does: one base parameter whose value were known more closely."""
     keys = {key: one.symbol for key, one in base_parameters(problem.machine, problem.runs).items() if one.std == 1.0}
-    apart = {key: _apart(fits, *data, closer=symbol) for key, symbol in keys.items()}
+    apart = {key: _apart(problem, fits, *data, closer=symbol) for key, symbol in keys.items()}
     key = max(apart, key=lambda key: apart[key], default="")
     if not key or apart[key] < APART:
         return "No single value of the machine, known more closely, would either."
