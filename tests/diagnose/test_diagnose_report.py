@@ -165,8 +165,8 @@ def test_a_place_of_a_named_cause_is_no_share_of_what_the_refit_leaves():
     """Its windows hold a share of the residual with the effect taken out of the fit; where tolerances alone tell of a
     cause, that was 52 % "of the gap's energy" beside "explains 0 %"."""
     said = {kind: diagnosis.where_sentence(made_diagnosis(kind)) for kind in ("named", "pair", "unknown")}
-    assert "% of the energy that the runs leave without it, all else equal, (90 %" in said["named"]
-    assert "% of the energy that the runs leave without them, all else equal, (90 %" in said["pair"]
+    assert "% of what the runs leave without it, all else equal (90 %" in said["named"]
+    assert "% of what the runs leave without them, all else equal (90 %" in said["pair"]
     assert "% of the gap's energy (90 %" in said["unknown"]
 
 

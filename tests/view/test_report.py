@@ -417,5 +417,5 @@ def test_the_windows_hold_the_stated_share_of_what_the_true_effect_takes(effect:
         inside, total = inside + float(energy[marked].sum()), total + float(energy.sum())
     low, high = d.where.interval
     assert low - 0.05 <= inside / total <= high + 0.05
-    assert f"{100.0 * d.where.share:.0f} % of the gap's energy" in where_sentence(d)
+    assert f"{100.0 * d.where.share:.0f} % of what the runs leave without it, all else equal" in where_sentence(d)
     assert abs(inside / total - d.where.share) < 0.1
