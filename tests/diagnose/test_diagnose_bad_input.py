@@ -14,6 +14,8 @@ from tests.support.log_campaign import AXIS, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
+from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.search import Search
 from workbench.diagnose.readiness.checks import check_runs, rigid_of
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
@@ -300,3 +302,12 @@ def test_the_band_of_a_real_pendulum_is_the_same_for_a_late_log(shared_data: Pat
     late = [logged(run, of(pendulum.machine, {"speed_delay": {"delay_s": 0.036}})) for run in pendulum.runs]
     bands = [informative_band(InverseSimulation(pendulum.machine, runs), 0) for runs in (pendulum.runs, late)]
     assert min(bands) > 3.0 and max(bands) < 6.5
+
+
+def test_a_base_fit_that_breaks_down_everywhere_is_one_clear_error(axis: Campaign, monkeypatch: pytest.MonkeyPatch):
+    def broken_down(*_: object) -> None:
+        raise np.linalg.LinAlgError("the slopes of the residual are not finite")
+
+    monkeypatch.setattr(Search, "_fit", broken_down)
+    with pytest.raises(InputError, match="its numbers are not finite; is a value of machine"):
+        Search(Problem(axis.machine, axis.runs), []).base_fit()

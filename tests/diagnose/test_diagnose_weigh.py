@@ -66,6 +66,29 @@ def test_what_was_not_seen_is_met_no_better_than_what_was(tight: tuple[Problem, 
     assert fit.rms(problem.inputs) <= unseen.rms(problem.inputs) < 1.3 * problem.noise
 
 
+def test_a_fit_goes_on_where_the_simulation_breaks_down_beside_its_point(
+    tight: tuple[Problem, Fitted], monkeypatch: pytest.MonkeyPatch
+):
+    """A hoist without noise bent base values by a hundred tolerances; a slope there was not finite, and it ended in a
+    traceback."""
+    problem, _ = tight
+    free = list(base_parameters(problem.machine, problem.runs).values())
+    plain = fit_hypothesis(problem, (), free, np.zeros(len(free)), base=len(free))
+    evaluate, broken = Problem.evaluate, list[int]()
+
+    def breaks(self: Problem, free: Any, z: Array, only: Any = None) -> tuple[Array, Array]:
+        residual, jacobian = evaluate(self, free, z, only)
+        if only is not None and np.any(z) and jacobian.shape[1] > 3:  # the slopes that last, at a point beyond
+            broken.append(1)
+            jacobian[::7, 2] = np.nan
+        return residual, jacobian
+
+    monkeypatch.setattr(Problem, "evaluate", breaks)
+    found = fit_hypothesis(problem, (), free, np.zeros(len(free)), base=len(free))
+    assert broken and np.all(np.isfinite(found.jacobian))
+    assert found.objective == pytest.approx(plain.objective, rel=1e-3)
+
+
 def test_a_phase_that_is_a_runs_own_is_taken_from_that_run():
     truth = {"heave": {"amplitude_m": 0.2, "frequency_rad_s": 0.9, "phase_rad": 1.0}}
     problem, fit = fitted_to(truth, {"amplitude_m": 0.15, "frequency_rad_s": 0.88, "phase_rad": (0.7, 1.2, 1.0)})

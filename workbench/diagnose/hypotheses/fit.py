@@ -113,9 +113,12 @@ def fit_hypothesis(
     evaluations, settled, damping, elsewhere = 1, False, DAMPING, known is not None and len(lasting) > 0
 
     def renewed() -> tuple[Array, Array]:
-        """The Jacobian with the lasting columns differenced at z, and whitened."""
+        """The Jacobian with the lasting columns differenced at z, and whitened; one beside which the simulation breaks
+        down stays what it was."""
         full, full_white = jacobian.copy(), slopes.copy()
-        full[:, lasting] = problem.evaluate(free, z, lasting)[1]
+        found = problem.evaluate(free, z, lasting)[1]
+        sound = np.all(np.isfinite(found), axis=0)
+        full[:, lasting[sound]] = found[:, sound]
         full_white[:, lasting] = whiten(full[:, lasting])
         return full, full_white
 

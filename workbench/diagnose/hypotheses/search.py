@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product, takewhile
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
@@ -220,7 +222,13 @@ class Search:
         """The fit of the base parameters alone, without an effect."""
         if self._base is None:
             self._tell(Progress(Stage.SEARCH, Task.BASE))
-            fits = [self._fit((), self.held, z) for z in self._starts()]
+            fits = list[Fitted]()
+            for z in self._starts():
+                with suppress(*BREAKDOWNS):
+                    fits.append(self._fit((), self.held, z))
+            if not fits:
+                problem = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
+                raise InputError(problem)
             self._base = min(fits, key=lambda fit: fit.objective)
         return self._base
 
