@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import json
 import multiprocessing
 import os
@@ -21,6 +22,7 @@ import pytest
 
 from tests.support.batches import ROOT, RUNS, SHORT, environment
 from workbench.core.errors import InputError
+from workbench.study import cluster
 from workbench.study.cluster import OtherProgram, run_remote_chunk, spread_on, versions
 from workbench.study.load import Study, load_study
 from workbench.study.store import Progress, place_for, run_batch
@@ -231,6 +233,28 @@ def test_a_peer_that_is_no_scheduler_is_one_sentence_in_time(monkeypatch, reply,
             pass
     for connection in taken:
         connection.close()
+
+
+def test_a_client_that_was_given_up_is_collected_before_another_loop_starts():
+    """Dask's loops start under a lock that a client takes when it is collected: a collection within a start waited for
+    itself, and so did every later one. Such a client is in a cycle with its loop."""
+    collected: list[int] = []
+
+    class GivenUp:
+        def __init__(self) -> None:
+            self.itself = self
+
+        def __del__(self) -> None:
+            collected.append(1)
+
+    gc.disable()
+    try:
+        GivenUp()
+        assert not collected
+        cluster._distributed()
+        assert collected == [1]
+    finally:
+        gc.enable()
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import pickle
 import platform
@@ -138,6 +139,8 @@ def _distributed() -> Any:
         import distributed
     except ImportError as error:
         raise InputError("a cluster needs the extra 'cluster'; from a checkout: pip install '.[cluster]'") from error
+    # A client that was given up takes the lock under which loops start when it is collected: not while one starts.
+    gc.collect()
     # What it says of lost workers is dealt with here, and ends in one sentence or in nothing.
     for name in ("distributed", "tornado", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
