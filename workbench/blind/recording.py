@@ -166,10 +166,6 @@ def _identified(campaign: Campaign, band_hz: float | None = None) -> Identificat
     return identify(campaign, free=free, band_hz=band_hz)
 
 
-def _inertia_of(found: Identification) -> float:
-    return cast(Axis, found.machine).role("inertia")
-
-
 def _tolerances(campaign: Campaign, machine: Axis, band_hz: float) -> dict[str, float]:
     """One standard deviation of each identified value of an axis: twice the jackknife's over parts of the runs (B.
     Efron 1981), which holds what the machine has of its own too, and at least FLOOR; the gain is what the values are

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 
 from workbench.diagnose.hypotheses.evidence import Weighed
 from workbench.diagnose.hypotheses.fit import estimates
-from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, LOG_TIMING_KEY, Names, Scalar
+from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, key_told
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.verdict.answer import Candidate
@@ -72,7 +72,7 @@ def _against(search: SearchResult, judged: Judged, hypothesis: Weighed, keys: Ma
     if best is not None and hypothesis.names != best.names and best.gain - hypothesis.gain > 0.5:
         said.append(f"gains {best.gain - hypothesis.gain:.0f} less in chi-squared than {' and '.join(best.names)}")
     far = [
-        (abs(float(z)) / parameter.std, LOG_TIMING_KEY if key == LOG_TIMING else key)
+        (abs(float(z)) / parameter.std, key_told(key))
         for (key, parameter), z in zip(keys.items(), fit.z, strict=False)
         if not parameter.logarithmic and math.isfinite(parameter.std)
     ]

@@ -16,13 +16,12 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.evidence import model_error_rms
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import (
-    LOG_TIMING,
-    LOG_TIMING_KEY,
     Names,
     Scalar,
     Setting,
     base_parameters,
     bounds_of,
+    key_told,
 )
 from workbench.diagnose.hypotheses.held_out import HeldOut, fitted_without, folds_by_run, held_out, in_parts
 from workbench.diagnose.hypotheses.problem import Problem, counting, rms
@@ -210,8 +209,7 @@ def worst_tolerance(keys: Mapping[str, Scalar], base: Fitted) -> tuple[str, floa
     }
     key = max(moved, key=lambda k: abs(moved[k]), default="")
     count = moved.get(key, 0.0)
-    told = LOG_TIMING_KEY if key == LOG_TIMING else key
-    return told, count, -math.expm1(len(moved) * math.log1p(-2.0 * ndtr(-abs(count)))) if count else 1.0
+    return key_told(key), count, -math.expm1(len(moved) * math.log1p(-2.0 * ndtr(-abs(count)))) if count else 1.0
 
 
 def unit_of(machine: Hoist | Axis) -> str:

@@ -122,7 +122,7 @@ def logged_motion(bench: InverseSimulation, run: Run) -> tuple[str, ...]:
 EQUAL = 1.0  # energy of motion over energy of noise
 COHERENT = 0.1  # of a motion: less says that the input, or its noise, is another's
 WIDTH = 2.0 ** (1.0 / 3.0)  # of the bands that the spectra are averaged over: a third of an octave
-OCTAVE = 2.0
+OCTAVE = 2.0  # a wider band, for what is told in much noise
 SEGMENTS = 8  # of a run, at least, that its spectrum is averaged over
 LOWEST_HZ = 2.0
 

@@ -20,7 +20,6 @@ from workbench.machines import get_value, kind_of
 
 GAIN, OFFSET, TENSION_GAIN = "sensor gain", "sensor offset", "tension gain"  # of the log, beside the plant's symbols
 LOG_TIMING = "log timing"  # of the log: its motion behind its force, s, beside what an effect delays
-LOG_TIMING_KEY = "log.speed_late_s"  # of machine.yaml
 SHAPE_STD = math.log(3.0)  # of a nuisance shape, such as the speed at which Stribeck friction falls: a factor
 LEAST_STATE = 4e-5  # of its deviation: a nuisance that keeps a state is never quite off, for it has no derivative there
 TIMING_STD = 1.0 / math.sqrt(3.0)  # of a sampling step: two channels are sampled anywhere within one of each other
@@ -28,6 +27,11 @@ LOAD_CELL_STD = 0.005  # of a dead line's load cell: its gain
 
 Names = tuple[str, ...]  # ids of the effects of one hypothesis; () is the machine within its tolerances
 Setting = Mapping[str, "float | tuple[float, ...]"]  # symbol -> value, or one value for each run
+
+
+def key_told(name: str) -> str:
+    """The key of machine.yaml of a base parameter, the log's timing among them."""
+    return "log.speed_late_s" if name == LOG_TIMING else name
 
 
 class FreeParameter:
