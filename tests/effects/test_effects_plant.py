@@ -14,6 +14,7 @@ from workbench.core.run import Array
 from workbench.effects import Active, effects_for, find, library_effects, of, ranges_of, searchable
 from workbench.effects.declare import KINDS, Effect
 from workbench.engine import kernels
+from workbench.engine.native import load_functions
 from workbench.engine.preamble import PREAMBLE
 from workbench.machines import HOIST, PLANTS, with_values
 from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
@@ -189,16 +190,15 @@ def test_every_effect_on_a_sensor_gives_back_what_it_was_given_and_vanishes():
 @pytest.fixture(scope="module")
 def elementary() -> Any:
     """The preamble's sin, cos and exp over arrays, compiled as kernels compile them."""
-    space: dict[str, Any] = {"__name__": "preamble"}
     text = (
-        '@njit(error_model="numpy")\ndef over(x, a, b, c):\n    for i in range(len(x)):\n'
-        "        a[i] = sin_(x[i])\n        b[i] = cos_(x[i])\n        c[i] = exp_(x[i])\n"
+        "def over(x, a, b, c):\n    for i in range(x.shape[0]):\n"
+        "        a[i] = sin_(x[i])\n        b[i] = cos_(x[i])\n        c[i] = exp_(x[i])\n    return 0\n"
     )
-    exec(PREAMBLE + text, space)
+    compiled = load_functions(PREAMBLE + text, {"over": "aaaa"})["over"]
 
     def over(x: Array) -> tuple[Array, Array, Array]:
         out = np.empty_like(x), np.empty_like(x), np.empty_like(x)
-        space["over"](x, *out)
+        compiled(x, *out)
         return out
 
     return over

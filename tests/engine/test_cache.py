@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.support import kernel_user
 from workbench.engine import native
 from workbench.engine.native import cache_folder, load_functions
 
@@ -161,8 +164,8 @@ def test_a_folder_that_others_can_write_to_is_made_its_owner_s_alone(temporary, 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
 def test_a_pipe_a_link_and_a_file_of_somebody_else_are_no_kernels(tmp_path, monkeypatch):
     path, pipe, link = (tmp_path / name for name in ("kernel", "pipe", "link"))
-    native._write(path, {"run": b"code"})
-    assert native._read(path) == {"run": b"code"}
+    native._write(path, b"code")
+    assert native._read(path) == b"code"
     os.mkfifo(pipe)
     link.symlink_to(path)
     assert native._read(pipe) is None
@@ -173,9 +176,6 @@ def test_a_pipe_a_link_and_a_file_of_somebody_else_are_no_kernels(tmp_path, monk
 
 
 DOUBLE = """
-from numba import njit
-
-@njit(nogil=True, error_model="numpy", _nrt=False)
 def run(a, factor):
     for j in range(a.shape[0]):
         a[j] = a[j] * factor
@@ -202,24 +202,21 @@ def forget(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 LANES = """
-from numba import njit
-
-@njit(nogil=True, error_model="numpy", _nrt=False)
 def run(a, b, n):
     for k in range(n):
         for l in range(16):
-            x, y = 1.0, b[l]
-            POLYNOMIAL
+            x = 1.0
+            y = b[l]
+POLYNOMIAL
             b[l] = x
     return 0
-""".replace("POLYNOMIAL", "; ".join(f"x = x * y + a[{16 * row} + l]" for row in range(20)))
+""".replace("POLYNOMIAL", "\n".join(f"            x = x * y + a[{16 * row} + l]" for row in range(20)))
 
 
-def test_numba_leaves_loops_over_lanes_to_the_compiler_that_knows_arrays_lie_apart():
-    function = native._module(LANES)["run"]
-    native._compiled(function, "aai")
-    (compiled,) = function.overloads.values()
-    assert "x double>" not in compiled.library.get_llvm_str()  # narrow vectors, behind a check at run time
+def test_a_loop_over_lanes_is_vectorised_without_a_check_at_run_time():
+    made = str(native._optimised(LANES, {"run": "aai"}, native._target()))
+    assert "x double>" in made
+    assert "vector.memcheck" not in made
 
 
 @pytest.mark.parametrize(
@@ -243,34 +240,67 @@ def test_a_spoilt_kernel_file_is_made_anew(forgetful, monkeypatch, spoil):
     assert path.read_bytes() == whole
 
 
-# What a newer numba or llvmlite may do to what `native` relies on.
-BREAKS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
-    "numba's library has no text": lambda patch: patch.delattr("numba.core.codegen.CPUCodeLibrary.get_llvm_str"),
-    "llvmlite has no such compiler": lambda patch: patch.delattr("llvmlite.binding.create_mcjit_compiler"),
-    "the arguments have other names": lambda patch: patch.setitem(native._MEMBERS, "a", ()),
-    "the members of an array are in another order": lambda patch: patch.setattr(
-        native, "_check_convention", lambda *_: (_ for _ in ()).throw(native.NotNativeError("another order"))
-    ),
-}
+def by_hand(text: str) -> dict[str, Any]:
+    """The functions of a kernel's text as the Python that it is."""
+    known: dict[str, Any] = {
+        "select": lambda c, a, b: a if c else b, "fma_": lambda a, b, c: a * b + c, "sqrt_": math.sqrt,
+        "floor_": math.floor, "bits": lambda x: int(np.float64(x).view(np.int64)),
+        "number": lambda n: float(np.int64(n).view(np.float64)),
+    }  # fmt: skip
+    exec(text, known)
+    return known
 
 
-@pytest.mark.parametrize("change", BREAKS)
-def test_numba_serves_with_one_warning_where_object_code_does_not(forgetful, monkeypatch, caplog, change):
-    BREAKS[change](monkeypatch)
-    assert doubled() == [2.0, 4.0]
-    assert doubled(DOUBLE.replace("* factor", "* factor * 1.0")) == [2.0, 4.0]
-    assert [
-        record.message.partition(" with numba")[0] for record in caplog.records if record.levelname == "WARNING"
-    ] == ["kernels cannot be kept as object code"]
-    assert not list(forgetful.glob("*.kernel"))
+PARTS = """
+def half_(x):
+    return 0.5 * x
+
+def run(a, x, n):
+    m = 1
+    while True:
+        largest = 0.0
+        for j in range(a.shape[0] - 1):
+            largest = max(largest, abs(a[j]) / m)
+            if j == n // 2 and m > 1 or largest > 1e3:
+                break
+        if largest <= x:
+            break
+        m *= 2
+    flag = (x > 1.0) & (a[0] <= 2) | (n % 2 == 0)
+    a[0] = select(flag, half_(largest), -x)
+    a[1] = flag
+    a[2] = select(a[1], floor_(x), sqrt_(x))
+    a[3] = number(bits(1.5) + (int(x) << 52)) * (n - 1)
+    flag = fma_(x, x, 1)
+    a[4] = flag
+    return m
+"""
 
 
-def test_a_simulation_by_numba_itself_is_the_same(tmp_path):
-    environment = {"WORKBENCH_ENGINE": "numba", "WORKBENCH_CACHE": str(tmp_path / "kernels")}
-    (computed,), _ = finished(start_process(ROOT, ("axis",), environment))
-    (usual,), _ = finished(start_process(ROOT, ("axis",), {}))
-    assert float.fromhex(computed) == pytest.approx(float.fromhex(usual), rel=1e-9)
-    assert list(tmp_path.rglob("*.kernel")) == []
+@pytest.mark.parametrize("x", [0.3, 1.7, 2.5])
+@pytest.mark.parametrize("n", [2, 3])
+def test_a_text_computes_as_the_python_that_it_is(forgetful, x, n):
+    ours, theirs = (np.array([2.0, -9.0, math.nan, 4.0, 7.0, 99.0]) for _ in range(2))
+    assert load_functions(PARTS, {"run": "afi"})["run"](ours, x, n) == by_hand(PARTS)["run"](theirs, x, n)
+    np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_kernel_computes_as_the_python_that_it_is(monkeypatch):
+    from workbench.engine import source
+
+    usual = kernel_user.axis()
+    source.replay_kernel.cache_clear()
+    monkeypatch.setattr(source, "load_functions", lambda text, letters: by_hand(text))
+    assert kernel_user.axis() == pytest.approx(usual, rel=1e-12)
+    source.replay_kernel.cache_clear()
+
+
+@pytest.mark.parametrize(
+    "line", ["a[0] = a[0] ** 2", "n = 1.5", "a[0] = n != 1", "a[0], n = 1.0, 2", "for j in a:\n        n = 1"]
+)
+def test_what_is_no_part_of_a_kernel_is_refused(line):
+    with pytest.raises(TypeError, match=r"no part of a kernel|a whole number first"):
+        native._llvm(f"def run(a, n):\n    {line}\n    return n\n", {"run": "ai"})
 
 
 @pytest.mark.parametrize("wrong", [np.zeros(4, dtype=np.float32), np.zeros((2, 2)), np.zeros(8)[::2]], ids=str)

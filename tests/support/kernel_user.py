@@ -53,7 +53,7 @@ def text_only(text: str, letters: Mapping[str, str]) -> NoReturn:
 
 if __name__ == "__main__":
     if "text" in sys.argv:
-        native._native_functions = text_only
+        native._functions = text_only
         sys.argv.remove("text")
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     print(*(globals()[name]().hex() for name in sys.argv[1:]))

@@ -209,11 +209,9 @@ def test_threads_that_trace_at_once_get_one_object_for_equal_expressions():
 
 @pytest.fixture(scope="module")
 def preamble() -> dict[str, Any]:
-    """The preamble's functions as plain Python: its decorators left out, `select` and `fma_` by hand."""
-    start = PREAMBLE.index("@njit")
-    plain = PREAMBLE[start:].replace('@njit(forceinline=True, error_model="numpy")\n', "")
-    space: dict[str, Any] = {"math": math, "select": lambda c, a, b: a if c else b, "fma_": lambda a, b, c: a * b + c}
-    exec(plain, space)
+    """The preamble's functions as plain Python, `select` and `fma_` by hand."""
+    space: dict[str, Any] = {"select": lambda c, a, b: a if c else b, "fma_": lambda a, b, c: a * b + c}
+    exec(PREAMBLE, space)
     return space
 
 

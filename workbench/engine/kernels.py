@@ -19,7 +19,7 @@ from workbench.machines import NO_EFFECTS, Effects, Plant
 T = TypeVar("T")
 
 LANES = (1, 4, 8, 16)  # kernels are made for; 16 fill the widest registers twice
-FEW_LANES = LANES[2:]  # the same with effects, of which there are many sets: each kernel takes seconds to compile
+FEW_LANES = LANES[2:]  # the same with effects, of which there are many sets: each kernel takes half a second to compile
 TOLERANCE = 5e-7  # of the speed scale, per interval between samples; gives 1e-6 of it over a run
 # The driven coordinate adds up its errors; the wire forgets those of the others within a fraction of a second.
 FOLLOWERS = 2.0  # so many times its tolerance is theirs

@@ -1,24 +1,20 @@
-"""Generated kernels as machine code: compiled by numba once, kept on disk, found again by what they say.
+"""Generated kernels as machine code: compiled once by LLVM, kept on disk, found again by what they say.
 
-Importing numba and looking a function up in its own cache takes half a second of CPU in every new process (measured:
-0.5 to 0.7 s a kernel against 0.04 s here), and numba does not say that arrays do not overlap, which costs a kernel of
-eight lanes 2.7 times its time. The generated functions need nothing of Python, so their object code is kept as it is:
-numba is the compiler, and llvmlite, its back end, the loader.
+A kernel's text is straight-line Python on numbers between loops over lanes. It is written as LLVM's text here: a
+general compiler of Python (numba) infers types and takes ten to twenty times as long for the same code.
 
-A kernel's file is named after the hash of its whole text, of the compiler's version and of the processor. The text
-holds all physics, straight-line, so an edit of any equation gives another name and can never meet an old binary.
-
-This relies on what numba does not promise: the names, types and order of a function's arguments in LLVM.
-`_check_convention` compares them with what `_load` passes before anything is called. Where they differ (a numba that is
-newer than the tested ones), numba itself compiles and calls the functions, in every process anew.
-WORKBENCH_ENGINE=numba asks for that, to compare or to get on.
+A kernel's file is named after the hash of its whole text, of this module, of the compiler's version and of the
+processor. The text holds all physics, straight-line, so an edit of any equation gives another name and can never meet
+an old binary.
 
 The types of a function's arguments are given by letters: `a` flat array of float64, `f` float64, `i` int64; it returns
-an int64.
+an int64. Functions without letters take and give float64, and vanish in their callers. Arrays lie apart, indices and
+divided whole numbers are not negative: the text keeps to that, and nothing checks it.
 """
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import ctypes
 import hashlib
@@ -27,12 +23,12 @@ import itertools
 import json
 import logging
 import os
-import re
 import stat
+import struct
 import tempfile
 import threading
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -41,16 +37,25 @@ import numpy as np
 
 log = logging.getLogger(__name__)
 
-TYPES = {"a": "float64[::1]", "f": "float64", "i": "int64"}
-# What object code may call: the C library's mathematics and memory, found in any process.
-OUTSIDE = {"sin", "cos", "exp", "sqrt", "floor", "memcpy", "memset", "memmove"}
-
-# What LLVM calls numba's arguments, and their types: an array is seven of them (memory info, owner, number of
-# elements, bytes of one, data, shape, strides).
-_ARRAY = (("0", "ptr"), ("1", "ptr"), ("2", "i64"), ("3", "i64"), ("4", "ptr"), ("5.0", "i64"), ("6.0", "i64"))
 FULL = "in lanes that fill the widest registers"  # said by a text whose loops take them: measured, narrower are slower
-_MEMBERS = {"a": _ARRAY, "f": (("", "double"),), "i": (("", "i64"),)}
-_CTYPES = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64, "double": ctypes.c_double}
+_CTYPES = {"a": (ctypes.c_void_p, ctypes.c_int64), "f": (ctypes.c_double,), "i": (ctypes.c_int64,)}
+
+# Of LLVM: what operators are on reals, and on whole numbers or truth values.
+REAL, WHOLE, TRUTH = "double", "i64", "i1"
+_ARITHMETIC: dict[type, tuple[str, str]] = {
+    ast.Add: ("fadd", "add nsw"), ast.Sub: ("fsub", "sub nsw"), ast.Mult: ("fmul", "mul nsw"), ast.Div: ("fdiv", ""),
+    ast.FloorDiv: ("", "sdiv"), ast.Mod: ("", "srem"), ast.BitAnd: ("", "and"), ast.BitOr: ("", "or"),
+    ast.LShift: ("", "shl"), ast.And: ("", "and"), ast.Or: ("", "or"),
+}  # fmt: skip
+_COMPARED: dict[type, tuple[str, str]] = {
+    ast.Lt: ("olt", "slt"), ast.LtE: ("ole", "sle"), ast.Gt: ("ogt", "sgt"), ast.GtE: ("oge", "sge"),
+    ast.Eq: ("oeq", "eq"),
+}  # fmt: skip
+_CAST = {
+    (WHOLE, REAL): "sitofp {0} {1} to double", (TRUTH, REAL): "uitofp {0} {1} to double",
+    (REAL, TRUTH): "fcmp une double {1}, 0.0", (REAL, WHOLE): "fptosi double {1} to i64",
+}  # fmt: skip
+_INTRINSICS = {"abs": "fabs", "sqrt_": "sqrt", "floor_": "floor", "fma_": "fma"}
 
 Functions = dict[str, Callable[..., int]]
 _engines: list[Any] = []  # they own the loaded code, for the life of the process
@@ -60,143 +65,245 @@ _names = itertools.count()
 _said: set[str] = set()
 
 
-class NotNativeError(RuntimeError):
-    """numba or llvmlite do not behave as this module expects; numba's own call still serves."""
-
-
 def load_functions(text: str, letters: Mapping[str, str]) -> Functions:
     """The functions of a generated module that `letters` names, by their argument letters.
 
     They come from the disk where they were compiled before, else they are compiled and kept there; on a full disk they
-    are compiled and not kept. Where object code does not serve, numba calls them; a warning says why, once.
+    are compiled and not kept.
     """
     key = json.dumps([dict(letters), text], sort_keys=True)
     with _loading:
         if key not in _loaded:
-            _loaded[key] = _native_functions(text, letters) or {
-                name: _called_by_numba(function, letters[name])
-                for name, function in _module(text).items()
-                if name in letters
-            }
+            _loaded[key] = _functions(text, letters)
         return _loaded[key]
 
 
-def _native_functions(text: str, letters: Mapping[str, str]) -> Functions | None:
-    """From object code; None, with a warning, where numba or llvmlite are not as this module knows them."""
-    if os.environ.get("WORKBENCH_ENGINE") == "numba":
-        return None
-    try:
-        said = json.dumps(["zip", dict(host()), dict(letters), text], sort_keys=True)  # the form of the file, too
-        path = cache_folder() / f"{hashlib.sha256(said.encode()).hexdigest()[:24]}.kernel"
-        codes = kept = _read(path)
-        if codes is None or codes.keys() != letters.keys():
-            module = _module(text)
-            codes = {name: _compiled(module[name], types, FULL in text) for name, types in letters.items()}
-        functions = {name: _load(codes[name], types) for name, types in letters.items()}
-        if codes is not kept:
-            _write(path, codes)
-        return functions
-    except Exception as error:  # whatever a private interface does once it has changed
-        from importlib.metadata import version
+def _functions(text: str, letters: Mapping[str, str]) -> Functions:
+    said = json.dumps([_own_text(), dict(host()), dict(letters), text], sort_keys=True)
+    path = cache_folder() / f"{hashlib.sha256(said.encode()).hexdigest()[:24]}.kernel"
+    code = _read(path)
+    if code is None:
+        _say(logging.INFO, "compiling the simulation for this computer (once; some seconds) ...")
+        code = _compiled(text, letters)
+        _write(path, code)
+    return _load(code, letters)
 
-        _say(
-            logging.WARNING,
-            f"kernels cannot be kept as object code with numba {version('numba')} and llvmlite {version('llvmlite')} "
-            f"({type(error).__name__}: {error}); numba compiles them in every process instead: the results are the "
-            "same, each start takes some seconds more",
-        )
-        return None
+
+@cache
+def _own_text() -> str:
+    return Path(__file__).read_text(encoding="utf-8")
 
 
 def _say(level: int, sentence: str) -> None:
     """Once in a process."""
-    first = sentence.partition(" with numba")[0]
-    if first not in _said:
-        _said.add(first)
+    if sentence not in _said:
+        _said.add(sentence)
         log.log(level, sentence)
 
 
-def _module(text: str) -> dict[str, Any]:
-    """The names of a generated module, its functions not compiled yet."""
-    _say(logging.INFO, "compiling the simulation for this computer (once; some seconds) ...")
-    module: dict[str, Any] = {"__name__": "workbench_kernel"}
-    exec(compile(text, "<generated kernel>", "exec"), module)
-    return module
+def _compiled(text: str, letters: Mapping[str, str]) -> bytes:
+    """Object code of a module, in the widest registers that there are where it says FULL."""
+    target = _target(FULL in text)
+    return bytes(target.emit_object(_optimised(text, letters, target)))
 
 
-def _compiled(function: Any, letters: str, full: bool = False) -> bytes:
-    """Object code of a function that numba has jitted without its runtime (`_nrt=False`); its one symbol is `entry`.
-
-    full: in the widest registers that there are. NotNativeError where numba passes arguments in another way than
-    `_load` does, or where the code would call into Python or numba.
-    """
+def _optimised(text: str, letters: Mapping[str, str], target: Any) -> Any:
     import llvmlite.binding as llvm
-    from numba import config
 
-    # Numba does not know that arrays lie apart, and would take narrow registers.
-    usual, config.LOOP_VECTORIZE = config.LOOP_VECTORIZE, 0
-    try:
-        function.compile(_signature(letters))
-    finally:
-        config.LOOP_VECTORIZE = usual
-    (compiled,) = function.overloads.values()
-    native = compiled.fndesc.llvm_func_name
-    module = llvm.parse_assembly(_apart(compiled.library.get_llvm_str(), native))
-    _check_convention(module.get_function(native), letters)
-    # The library holds the wrappers for Python as well; without anyone who calls them they go.
-    for item in itertools.chain(module.functions, module.global_variables):
-        if not item.is_declaration:
-            item.linkage = "external" if item.name == native else "internal"
-    target = _target(full)
+    module = llvm.parse_assembly(_llvm(text, letters))
     options = llvm.PipelineTuningOptions(speed_level=3)
     options.loop_vectorization = True
     builder = llvm.create_pass_builder(target, options)
     builder.getModulePassManager().run(module, builder)
-    missing = {f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")} - OUTSIDE
-    if missing:
-        raise NotNativeError(f"generated code calls {', '.join(sorted(missing))}, which is not free of Python")
-    module.get_function(native).name = "entry"
-    return bytes(target.emit_object(module))
+    return module
 
 
-def _signature(letters: str) -> str:
-    return f"int64({', '.join(TYPES[letter] for letter in letters)})"
+def _llvm(text: str, letters: Mapping[str, str]) -> str:
+    """The text of a module, as LLVM's."""
+    functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
+    return "\n".join(
+        [
+            *(f"declare double @llvm.{name}.f64({', '.join([REAL] * (1 + 2 * (name == 'fma')))})"
+              for name in _INTRINSICS.values()),
+            *(_Function(node, letters.get(node.name)).text for node in functions),
+        ]
+    )  # fmt: skip
 
 
-def _apart(text: str, name: str) -> str:
-    """LLVM text with the arrays of function `name` declared not to overlap.
+class _Function:
+    """One function as LLVM's text.
 
-    numba does not say so, and LLVM then vectorises a loop over lanes only behind a check at run time, if at all.
+    A variable is a place in memory, which LLVM turns into registers; one that is first a truth value and then a number,
+    or the other way round, is two. Values are pairs of LLVM's type and name.
     """
-    lines = text.split("\n")
-    for i, line in enumerate(lines):
-        if line.startswith("define") and f"@{name}(" in line:
-            lines[i] = re.sub(r"ptr ([^%]*)(%arg\.\w+\.4)\b", r"ptr noalias \1\2", line)
-    return "\n".join(lines)
+
+    def __init__(self, node: ast.FunctionDef, letters: str | None) -> None:
+        self._lines: list[str] = []
+        self._types: dict[str, str] = {}  # of each variable, now
+        self._places: dict[str, str] = {}  # name -> type
+        self._ends: list[str] = []  # of the loops around
+        self._names = itertools.count()
+        result = REAL if letters is None else WHOLE
+        self._result, arguments = result, list[str]()
+        for argument, letter in zip(node.args.args, letters or "f" * len(node.args.args), strict=True):
+            name = argument.arg
+            if letter == "a":
+                arguments += [f"ptr noalias %{name}", f"i64 %{name}.size"]
+            else:
+                kind = REAL if letter == "f" else WHOLE
+                arguments.append(f"{kind} %{name}")
+                self._keep(name, (kind, f"%{name}"))
+        self._do(node.body)
+        internal, inlined = ("internal ", "alwaysinline ") if letters is None else ("", "")
+        places = [f"%{name} = alloca {kind}" for name, kind in self._places.items()]
+        head = f"define {internal}{result} @{node.name}({', '.join(arguments)}) {inlined}nounwind {{"
+        self.text = "\n".join([head, *places, *self._lines, "unreachable", "}"])
+
+    def _put(self, line: str) -> None:
+        self._lines.append(line)
+
+    def _new(self, kind: str, what: str) -> tuple[str, str]:
+        name = f"%.{next(self._names)}"
+        self._put(f"{name} = {what}")
+        return kind, name
+
+    def _label(self) -> str:
+        return f".{next(self._names)}"
+
+    def _begin(self, label: str) -> None:
+        self._put(f"{label}:")
+
+    def _go(self, label: str) -> None:
+        self._put(f"br label %{label}")
+
+    def _as(self, kind: str, value: tuple[str, str]) -> str:
+        """The name of a value in another type."""
+        return value[1] if value[0] == kind else self._new(kind, _CAST[value[0], kind].format(*value))[1]
+
+    def _keep(self, name: str, value: tuple[str, str]) -> None:
+        kind = self._types.get(name, value[0])
+        if {kind, value[0]} == {TRUTH, REAL}:
+            kind = value[0]
+        if (value[0], kind) == (REAL, WHOLE):
+            raise TypeError(f"{name} is a whole number first, and then none")
+        self._types[name] = self._places[f"{name}.{kind}"] = kind
+        self._put(f"store {kind} {self._as(kind, value)}, ptr %{name}.{kind}")
+
+    def _known(self, name: str) -> tuple[str, str]:
+        kind = self._types[name]
+        return self._new(kind, f"load {kind}, ptr %{name}.{kind}")
+
+    def _element(self, array: str, index: ast.expr) -> str:
+        _, at = self._value(index)
+        return self._new("ptr", f"getelementptr inbounds double, ptr %{array}, i64 {at}")[1]
+
+    def _combined(self, operator: object, a: tuple[str, str], b: tuple[str, str]) -> tuple[str, str]:
+        real, whole = _ARITHMETIC[type(operator)]
+        if whole and a[0] == b[0] != REAL:
+            return self._new(a[0], f"{whole} {a[0]} {a[1]}, {b[1]}")
+        return self._new(REAL, f"{real} double {self._as(REAL, a)}, {self._as(REAL, b)}")
+
+    def _value(self, node: ast.expr) -> tuple[str, str]:
+        match node:
+            case ast.Constant(value=int(number)):
+                return WHOLE, str(number)
+            case ast.Constant(value=float(number)):
+                return REAL, f"0x{struct.pack('>d', number).hex()}"
+            case ast.Name(id=name):
+                return self._known(name)
+            case ast.Subscript(value=ast.Attribute(value=ast.Name(id=array))):  # array.shape[0]
+                return WHOLE, f"%{array}.size"
+            case ast.Subscript(value=ast.Name(id=array), slice=index):
+                return self._new(REAL, f"load double, ptr {self._element(array, index)}")
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return self._new(REAL, f"fneg double {self._as(REAL, self._value(operand))}")
+            case ast.BinOp(left=left, op=operator, right=right) | ast.BoolOp(values=[left, right], op=operator) if (
+                type(operator) in _ARITHMETIC
+            ):
+                return self._combined(operator, self._value(left), self._value(right))
+            case ast.Compare(left=left, ops=[operator], comparators=[right]) if type(operator) in _COMPARED:
+                a, b = self._value(left), self._value(right)
+                real, whole = _COMPARED[type(operator)]
+                if a[0] == b[0] == WHOLE:
+                    return self._new(TRUTH, f"icmp {whole} i64 {a[1]}, {b[1]}")
+                return self._new(TRUTH, f"fcmp {real} double {self._as(REAL, a)}, {self._as(REAL, b)}")
+            case ast.Call(func=ast.Name(id=name), args=arguments):
+                return self._called(name, [self._value(argument) for argument in arguments])
+        raise TypeError(f"no part of a kernel: {ast.unparse(node)}")
+
+    def _called(self, name: str, values: Sequence[tuple[str, str]]) -> tuple[str, str]:
+        if name == "int":
+            return WHOLE, self._as(WHOLE, values[0])
+        if name == "number":
+            return self._new(REAL, f"bitcast i64 {values[0][1]} to double")
+        if name == "select":
+            flag, *values = self._as(TRUTH, values[0]), *values[1:]
+        reals = [self._as(REAL, value) for value in values]
+        if name == "bits":
+            return self._new(WHOLE, f"bitcast double {reals[0]} to i64")
+        if name == "max":  # as Python's: the first one, unless the second is greater
+            _, flag = self._new(TRUTH, f"fcmp ogt double {reals[1]}, {reals[0]}")
+            reals.reverse()
+        if name in ("select", "max"):
+            return self._new(REAL, f"select i1 {flag}, double {reals[0]}, double {reals[1]}")
+        function = f"llvm.{_INTRINSICS[name]}.f64" if name in _INTRINSICS else name
+        return self._new(REAL, f"call double @{function}({', '.join(f'double {real}' for real in reals)})")
+
+    def _do(self, body: Sequence[ast.stmt]) -> None:
+        for node in body:
+            match node:
+                case ast.Expr(value=ast.Constant()):  # a docstring
+                    pass
+                case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                    self._keep(name, self._value(value))
+                case ast.Assign(targets=[ast.Subscript(value=ast.Name(id=array), slice=index)], value=value):
+                    real = self._as(REAL, self._value(value))
+                    self._put(f"store double {real}, ptr {self._element(array, index)}")
+                case ast.AugAssign(target=ast.Name(id=name), op=operator, value=value):
+                    self._keep(name, self._combined(operator, self._known(name), self._value(value)))
+                case ast.Return(value=ast.expr() as value):
+                    self._put(f"ret {self._result} {self._as(self._result, self._value(value))}")
+                    self._begin(self._label())
+                case ast.Break():
+                    self._go(self._ends[-1])
+                    self._begin(self._label())
+                case ast.If(test=test, body=inner, orelse=[]):
+                    then, after = self._label(), self._label()
+                    self._put(f"br i1 {self._value(test)[1]}, label %{then}, label %{after}")
+                    self._begin(then)
+                    self._do(inner)
+                    self._go(after)
+                    self._begin(after)
+                case ast.While(test=ast.Constant(value=True), body=inner):
+                    self._loop(inner)
+                case ast.For(target=ast.Name(id=name), iter=ast.Call(args=[count]), body=inner):
+                    self._loop(inner, name, self._value(count)[1])
+                case _:
+                    raise TypeError(f"no part of a kernel: {ast.unparse(node)}")
+
+    def _loop(self, body: Sequence[ast.stmt], name: str = "", count: str = "") -> None:
+        """For ever, or with a variable from 0 to below count."""
+        head, inner, after = self._label(), self._label(), self._label()
+        following = f"{name}{head}"  # the variable's own value may be another one after the body
+        if name:
+            self._keep(following, (WHOLE, "0"))
+        self._go(head)
+        self._begin(head)
+        if name:
+            now = self._known(following)
+            self._put(f"br i1 {self._new(TRUTH, f'icmp slt i64 {now[1]}, {count}')[1]}, label %{inner}, label %{after}")
+            self._begin(inner)
+            self._keep(name, now)
+            self._keep(following, self._new(WHOLE, f"add nsw i64 {now[1]}, 1"))
+        self._ends.append(after)
+        self._do(body)
+        self._ends.pop()
+        self._go(head)
+        self._begin(after)
 
 
-def _check_convention(function: Any, letters: str) -> None:
-    """NotNativeError where a function's result or arguments are not those that `_load` passes.
-
-    Where `_apart` found no arrays to declare apart, the code is right and slower; that is logged.
-    """
-    types = [str(argument.type) for argument in function.arguments]
-    names = [re.sub(r"^arg\.[A-Za-z_]\w*\.?", "arg.", argument.name) for argument in function.arguments]
-    members = [member for letter in letters for member in _MEMBERS[letter]]
-    known_types = ["ptr", "ptr", *(kind for _, kind in members)]
-    known_names = ["retptr", "excinfo", *(f"arg.{name}" for name, _ in members)]
-    result = str(function.global_value_type).partition("(")[0].strip()
-    if (result, types, names) != ("i32", known_types, known_names):
-        convention = ", ".join(f"{kind} {name}" for kind, name in zip(types, names, strict=True))
-        raise NotNativeError(f"numba's calling convention is another one: {result} ({convention})")
-    data = [argument for argument in function.arguments if re.fullmatch(r"arg\.\w+\.4", argument.name)]
-    if not all(b"noalias" in argument.attributes for argument in data):
-        log.warning("LLVM's text has changed: loops over lanes are not vectorised, and simulations take longer")
-
-
-def _load(code: bytes, letters: str) -> Callable[..., int]:
-    """The function behind object code of `_compiled`, by numba's calling convention: result, exception, then arrays as
-    their seven members, numbers as they are. It lets go of the interpreter lock while it runs."""
+def _load(code: bytes, letters: Mapping[str, str]) -> Functions:
+    """The functions behind object code of `_compiled`. They let go of the interpreter lock while they run."""
     import llvmlite.binding as llvm
 
     llvm.load_library_permanently("")  # the process itself: its C library
@@ -206,36 +313,22 @@ def _load(code: bytes, letters: str) -> Callable[..., int]:
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     _engines.append(engine)
-    flat = [_CTYPES[kind] for letter in letters for _, kind in _MEMBERS[letter]]
-    prototype = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, *flat)
-    function = prototype(engine.get_function_address("entry"))
+    return {name: _called(engine.get_function_address(name), types) for name, types in letters.items()}
+
+
+def _called(address: int, letters: str) -> Callable[..., int]:
+    prototype = ctypes.CFUNCTYPE(ctypes.c_int64, *(kind for letter in letters for kind in _CTYPES[letter]))
+    function = prototype(address)
 
     def call(*arguments: Any) -> int:
-        result, exception = ctypes.c_int64(0), ctypes.c_void_p(None)
         values: list[Any] = []
         for letter, argument in zip(letters, arguments, strict=True):
             if letter == "a":
                 _check(argument)
-                values += (None, None, argument.size, 8, argument.ctypes.data, argument.size, 8)
+                values += (argument.ctypes.data, argument.size)
             else:
                 values.append(float(argument) if letter == "f" else int(argument))
-        status = function(ctypes.addressof(result), ctypes.addressof(exception), *values)
-        if status != 0:
-            raise RuntimeError(f"a kernel ended with status {status}")
-        return result.value
-
-    return call
-
-
-def _called_by_numba(function: Any, letters: str) -> Callable[..., int]:
-    """The same function called by numba itself: right with any numba, and compiled in every process."""
-    function.compile(_signature(letters))
-
-    def call(*arguments: Any) -> int:
-        for letter, argument in zip(letters, arguments, strict=True):
-            if letter == "a":
-                _check(argument)
-        return int(function(*arguments))
+        return int(function(*values))
 
     return call
 
@@ -254,7 +347,7 @@ def host() -> Mapping[str, str]:
 
     features = llvm.get_host_cpu_features().flatten()
     triple = llvm.get_process_triple()
-    return {"cpu": llvm.get_host_cpu_name(), "features": features, "triple": triple, "numba": version("numba")}
+    return {"cpu": llvm.get_host_cpu_name(), "features": features, "triple": triple, "llvmlite": version("llvmlite")}
 
 
 def _target(full: bool = False) -> Any:
@@ -311,14 +404,13 @@ def _serves(folder: Path) -> bool:
         return True
 
 
-def _write(path: Path, codes: Mapping[str, bytes]) -> None:
-    """The functions' codes as one file, whole or not at all."""
+def _write(path: Path, code: bytes) -> None:
+    """A file with a kernel's code, whole or not at all."""
     with contextlib.suppress(OSError):
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
         try:
             with os.fdopen(handle, "wb") as file, zipfile.ZipFile(file, "w") as kept:
-                for name, code in codes.items():
-                    kept.writestr(zipfile.ZipInfo(name), code)  # without a date: the same codes are the same bytes
+                kept.writestr(zipfile.ZipInfo("code"), code)  # without a date: the same code is the same bytes
             os.replace(temporary, path)
         except BaseException:
             with contextlib.suppress(OSError):
@@ -326,8 +418,8 @@ def _write(path: Path, codes: Mapping[str, bytes]) -> None:
             raise
 
 
-def _read(path: Path) -> dict[str, bytes] | None:
-    """The codes in a file; None where it is not there, not whole (a full disk, a careless hand) or no regular file of
+def _read(path: Path) -> bytes | None:
+    """The code in a file; None where it is not there, not whole (a full disk, a careless hand) or no regular file of
     this user's; a pipe under that name is not waited for."""
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
     try:
@@ -337,6 +429,6 @@ def _read(path: Path) -> dict[str, bytes] | None:
             if not (own and stat.S_ISREG(status.st_mode) and status.st_size <= _MOST_BYTES):
                 return None
             with zipfile.ZipFile(io.BytesIO(file.read())) as kept:
-                return {name: kept.read(name) for name in kept.namelist()}
-    except (OSError, zipfile.BadZipFile):
+                return kept.read("code")
+    except (OSError, KeyError, zipfile.BadZipFile):
         return None

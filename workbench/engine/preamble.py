@@ -1,64 +1,12 @@
 """Branch-free elementary functions; their text opens every generated kernel.
 
-numba turns `a if c else b` into a branch and a call of the C library into a barrier
-to vectorisation; `select` and these polynomials keep a lane loop vectorisable.
+A branch, or a call of the C library, is a barrier to vectorisation; `select` and these polynomials keep a lane loop
+vectorisable. `select`, `fma_`, `bits`, `number`, `abs`, `sqrt_` and `floor_` are the compiler's own (`native`).
 """
 
 from __future__ import annotations
 
-PREAMBLE = '''
-import math
-
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
-
-
-@intrinsic
-def select(context, condition, a, b):
-    """a where the condition holds, b elsewhere, without a branch."""
-
-    def generate(context, builder, signature, args):
-        flag = args[0]
-        if flag.type != ir.IntType(1):
-            flag = builder.trunc(flag, ir.IntType(1))
-        return builder.select(flag, args[1], args[2])
-
-    return types.float64(types.boolean, types.float64, types.float64), generate
-
-
-@intrinsic
-def fma_(context, a, b, c):
-    """a b + c with one rounding, the same whatever the compiler makes of its surroundings."""
-
-    def generate(context, builder, signature, args):
-        return builder.fma(*args)
-
-    return types.float64(types.float64, types.float64, types.float64), generate
-
-
-@intrinsic
-def bits(context, number):
-    """A float's 64 bits as an integer."""
-
-    def generate(context, builder, signature, args):
-        return builder.bitcast(args[0], ir.IntType(64))
-
-    return types.int64(types.float64), generate
-
-
-@intrinsic
-def number(context, bits):
-    """The float that 64 bits stand for."""
-
-    def generate(context, builder, signature, args):
-        return builder.bitcast(args[0], ir.DoubleType())
-
-    return types.float64(types.int64), generate
-
-
-@njit(forceinline=True, error_model="numpy")
-def atan_(x):
+PREAMBLE = '''def atan_(x):
     """atan within 3e-16: three ranges, one division, a polynomial in pairs so that little waits for little.
 
     z (1 + s Q(s)), s = z^2 up to tan(pi/8)^2: minimax by Remez' points at 40 digits, 1.3e-18.
@@ -86,13 +34,11 @@ def atan_(x):
     return select(x < 0.0, -r, r)
 
 
-@njit(forceinline=True, error_model="numpy")
 def nearest_(x):
     """The nearest whole number, for |x| < 2^51: the mantissa has no room for more."""
     return (x + 6755399441055744.0) - 6755399441055744.0
 
 
-@njit(forceinline=True, error_model="numpy")
 def sine_of_rest(n, x):
     """(-1)^m sin(x - n pi) for n = m or m + 1/2, |x - n pi| <= pi/2; pi in four parts, coefficients of SLEEF's sin."""
     r = x - n * 3.1415926218032836914
@@ -112,27 +58,23 @@ def sine_of_rest(n, x):
     return r + r * (s * p)
 
 
-@njit(forceinline=True, error_model="numpy")
 def sign_of_turn(m):
     """(-1)^m for a whole number m."""
     return 1.0 - 2.0 * abs(m - 2.0 * nearest_(m * 0.5))
 
 
-@njit(forceinline=True, error_model="numpy")
 def sin_(x):
     """sin(x), within 3e-16 for |x| < 1e6."""
     m = nearest_(x * 0.3183098861837906715)
     return sign_of_turn(m) * sine_of_rest(m, x)
 
 
-@njit(forceinline=True, error_model="numpy")
 def cos_(x):
     """cos(x), within 3e-16 for |x| < 1e6: sin(x + pi/2), the quarter turn taken into the reduction."""
     m = nearest_(x * 0.3183098861837906715 + 0.5)
     return sign_of_turn(m) * sine_of_rest(m - 0.5, x)
 
 
-@njit(forceinline=True, error_model="numpy")
 def exp_(x):
     """exp(x), within 4e-16 relative; 0 below -708, exp(709) above 709."""
     y = select(x > 709.0, 709.0, select(x < -708.0, -708.0, x))
@@ -153,14 +95,4 @@ def exp_(x):
     p = p * r + 0.5
     power = number(bits(n + 6755399441056767.0) << 52)  # 2^n: n + 1023 moved to the exponent's place
     return select(x < -708.0, 0.0, power * (p * (r * r) + r + 1.0))
-
-
-@njit(forceinline=True, error_model="numpy")
-def sqrt_(x):
-    return math.sqrt(x)
-
-
-@njit(forceinline=True, error_model="numpy")
-def floor_(x):
-    return math.floor(x)
 '''

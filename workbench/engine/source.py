@@ -115,10 +115,9 @@ class KernelText:
             *(f"{INDENT * 2}{self.at('c', row)} = {n}" for n, row in self.rows.items()),
             f"{INDENT}return 0",
         ]
-        jit = '@njit(nogil=True, error_model="numpy", _nrt=False)'
         body = [f"def run({', '.join(arguments)}):", *self.lines]
         said = f"# Generated: {name}, {FULL}." if self.lanes >= 8 else f"# Generated: {name}."
-        text = "\n".join([said, PREAMBLE, jit, *prepare, "", "", jit, *body, ""])
+        text = "\n".join([said, PREAMBLE, *prepare, "", "", *body, ""])
         functions = load_functions(text, {"prepare": "aa", "run": "".join(arguments.values())})
         return Kernel(self.lanes, self.parameters, max(1, len(self.rows)), functions["prepare"], functions["run"])
 

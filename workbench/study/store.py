@@ -62,7 +62,7 @@ from workbench.study.rows import (
 from workbench.study.run import StudyResult, run_specs
 from workbench.study.scenario import Scenario
 
-_LIBRARIES = ("numpy", "numba", "scipy", "ruckig", "pyarrow", "plotly")
+_LIBRARIES = ("numpy", "llvmlite", "scipy", "ruckig", "pyarrow", "plotly")
 
 
 def manifest(study: Study, rows: Sequence[Row], folder: Path) -> dict[str, Any]:
