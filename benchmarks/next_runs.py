@@ -1,8 +1,9 @@
 """`python -m benchmarks.next_runs FOLDER --seed 9811`: whether the recommended run settles what a campaign leaves open.
 
 Short campaigns of one listed cause are drawn. Where the diagnosis leaves the true cause and another one open and states
-that a run would decide, that run is simulated on the same true machine and the campaign is diagnosed with it, and again
-with the best plain run of the menu that takes no longer in its place. Settled: the true cause alone, nothing open.
+that a run decides, with a probability from ASKED on, that run is simulated on the same true machine and the campaign is
+diagnosed with it, and again with the best plain run of the menu that takes no longer in its place. Settled: the true
+cause alone, nothing open.
 """
 
 from __future__ import annotations
@@ -27,9 +28,10 @@ from workbench.blind.make import mapped
 from workbench.blind.run import save
 from workbench.blind.seal import Order
 from workbench.diagnose.diagnose import Diagnosis, diagnose
-from workbench.diagnose.isolation.next_run import APART
+from workbench.diagnose.isolation.next_run import SURE
 from workbench.logs import read_campaign
 
+ASKED = 0.5  # probability to decide, as stated, from which on a run is simulated
 FAMILY = ("hoist_practice", "axis_std", "hoist_small", "axis_rates", "hoist_middle", "axis_encoder")
 
 
@@ -47,15 +49,17 @@ def main() -> None:
         for line in over(partial(asked, given.folder, given.runs), orders):
             print(line, flush=True)
     rows = [json.loads(file.read_text(encoding="utf-8")) for file in sorted(given.folder.glob("*.json"))]
-    questions = [row for row in rows if "designed" in row]
-    for run in ("designed", "plain"):
-        ends = [row[run] for row in questions]
-        print(
-            f"{run}: {sum(end['settled'] for end in ends)} of {len(ends)} questions settled, "
-            f"{sum(end['right'] for end in ends)} named right; separation "
-            f"{np.median([end['separation'] for end in ends] or [np.nan]):.1f} at the median"
-        )
-    print(f"chance stated, mean {np.mean([row['decides'] for row in questions] or [np.nan]):.2f}")
+    for least in (SURE, ASKED):
+        questions = [row for row in rows if "designed" in row and row["decides"] >= least]
+        stated = np.mean([row["decides"] for row in questions] or [np.nan])
+        print(f"probability stated {least:g} and more, {stated:.2f} on the mean")
+        for run in ("designed", "plain"):
+            ends = [row[run] for row in questions]
+            print(
+                f"{run}: {sum(end['settled'] for end in ends)} of {len(ends)} questions settled, "
+                f"{sum(end['right'] for end in ends)} named right; separation "
+                f"{np.median([end['separation'] for end in ends] or [np.nan]):.1f} at the median"
+            )
 
 
 def drawn(seed: int, number: int, family: str) -> Order:
@@ -86,7 +90,7 @@ def _asked(folder: Path, runs: int, order: Order) -> dict[str, Any]:
     if more is None:
         return row
     row |= {"now": more.now, "decides": more.decides, "why": more.why}
-    if more.separation <= APART or more.plain is None or more.planned is None or true not in more.why:
+    if more.decides < ASKED or more.plain is None or more.planned is None or true not in more.why:
         return row  # no run decides, or the true cause is not among those that are open
     plain = more.plain.motion | {"payload_kg": more.plain.payload_kg, "signals": more.signals}
     for name, run, apart in (("designed", more.record, more.separation), ("plain", plain, more.menu)):

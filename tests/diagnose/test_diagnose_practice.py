@@ -81,7 +81,7 @@ def test_fast_runs_ask_for_the_slow_one_that_tells_the_laws_over_speed_apart(sha
     asked = np.abs(diagnosis.next_run.planned.run["speed_motor_rad_s"])
     seen = max(float(np.max(np.abs(run["speed_motor_rad_s"]))) for run in fast)
     assert float(np.median(asked[asked > 0.01 * seen])) < 0.5 * seen  # slow for most of the way
-    assert diagnosis.next_run.separation > 3.0 > diagnosis.next_run.now
+    assert diagnosis.next_run.separation > APART > diagnosis.next_run.now
     assert set(diagnosis.verdict.alike) == {"friction_quadratic", "motor_fan"}  # at one speed no log tells them surely
     predicted = {row.effects for row in diagnosis.candidates if row.held_out_rms is not None}
     assert {(name,) for name in diagnosis.verdict.alike} < predicted  # as the answer, whose share stands beside theirs

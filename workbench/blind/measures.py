@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.diagnose.isolation.next_run import APART, WORTH
+from workbench.diagnose.isolation.next_run import SURE
 
 Z_95 = 1.959963984540054  # two-sided, normal
 Row = Mapping[str, Any]
@@ -158,7 +158,7 @@ def place_right(row: Row) -> bool:
 def next_run_decides(row: Row) -> bool:
     """Whether the answer leaves hypotheses open and says that the run that it recommends tells them apart."""
     run = row.get("next_run")
-    return run is not None and bool(run["separation"] > APART and run["separation"] > run["now"] + WORTH)
+    return run is not None and run["decides"] >= SURE
 
 
 def has_event(row: Row) -> bool:

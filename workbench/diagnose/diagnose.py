@@ -26,12 +26,12 @@ from workbench.diagnose.gap import (
     shrink_of,
     stretch_of,
 )
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult, searched
-from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.diagnose.isolability import Isolability, isolability
-from workbench.diagnose.isolation.next_run import APART, NextRun, next_run
+from workbench.diagnose.isolation.next_run import APART, LIKELY, NextRun, next_run
 from workbench.diagnose.location.where import Where, where_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.progress import Progress, Stage, Tell
@@ -251,7 +251,7 @@ def diagnose(
     *,
     baseline: str = "tolerances",
     candidates: Sequence[str] | None = None,
-    most_effects: int = MOST_EFFECTS,
+    most_effects: int = settings.MOST_EFFECTS,
     seed: int = 0,
     band_hz: float | None = None,
     study: bool = True,
@@ -309,7 +309,8 @@ def diagnose(
     apart = isolability(problem, search)
     also, as_good = alike(judged, problem.active.kind), alternatives(judged, problem.active.kind)
     asked = _open(judged, as_good)
-    more = next_run(problem, search, asked)
+    evidence = {(): settings.calibration()["threshold"]} | {w.names: w.evidence for w in judged.weighed}
+    more = next_run(problem, search, asked, evidence)
     if judged.word == "unknown" and more is None:
         more = next_run(problem, search, unlisted_likely(judged), settled=APART)
     # Where nothing is open, only what the runs do not vary would tell the answer from its runners-up.
@@ -440,5 +441,5 @@ def _open(judged: Judged, also: Sequence[Names]) -> list[Names]:
     """The hypotheses that the campaign does not decide between, the answer first; no gap is that of no effect."""
     first: list[Names] = [judged.names] if judged.word != "unknown" else []
     rest = list(also)
-    rest += [row.effects for row in judged.ranking if row.effects and row.probability > 0.1]
+    rest += [row.effects for row in judged.ranking if row.effects and row.probability > LIKELY]
     return list(dict.fromkeys([*first, *rest]))

@@ -316,9 +316,10 @@ def shrink_of(
     better = unknown.machines if unknown is not None else _machines(problem, keys, names, folds.after.settings)
     speed = _speed(problem, plain), _speed(problem, better)
     sentences, cut = [], [problem.runs[j].name for j in in_parts(problem)]
-    if counting(problem) == 1:
+    if (few := counting(problem)) <= 2:
+        only, each = ("One run", "it") if few == 1 else ("Two runs", "each")
         sentences.append(
-            "One run only: four blocks of it were held out in turn, which says less than other runs would."
+            f"{only} only: four blocks of {each} were held out in turn, which says less than other runs would."
         )
     elif cut:
         sentences.append(

@@ -400,7 +400,7 @@ def next_run_table(d: Diagnosis) -> Table:
         Column("apart\nnow"): _of("now", 1.0, 2),
         Column("apart\nwith it"): _of("separation", 1.0, 2),
         Column("a plain run\nas long"): _of("menu", 1.0, 2),
-        Column("decides\n20 to 1", "%"): _of("decides", 100.0, 2),
+        Column("decides", "%"): _of("decides", 100.0, 2),
     }
     return table_of([] if d.next_run is None else [d.next_run], cells, said.next_run())
 

@@ -56,12 +56,13 @@ def folds_by_run(problem: Problem) -> np.ndarray:
 
 
 def in_parts(problem: Problem) -> list[int]:
-    """The runs that no others can foretell: the only one of which anything counts, or one that makes nearly all of the
-    way forward, or back: no other tells friction from an offset of the sensor there."""
+    """The runs that no others can foretell: where two at most count, for one alone tells little of what it does not
+    vary; and one that makes nearly all of the way forward, or back: no other tells friction from an offset of the
+    sensor there."""
     counted, ways = np.unique(problem.run_of_row), problem.ways
     own = ways > FORETOLD * np.sum(ways, axis=0)  # what stands still goes both ways, by noise
     most = ways > (1.0 - FORETOLD) * np.sum(ways, axis=1, keepdims=True)
-    return [int(j) for j in counted if len(counted) == 1 or np.any(own[:, j] & most[:, j])]
+    return [int(j) for j in counted if len(counted) <= 2 or np.any(own[:, j] & most[:, j])]
 
 
 def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:

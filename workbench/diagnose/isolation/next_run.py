@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby, product
+from itertools import groupby
 from statistics import NormalDist
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from workbench.core.numbers import figures
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import nested, same_but_freer
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters, bounds_of
@@ -20,14 +21,15 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection, columns_signed, linear_gain, start_of
 from workbench.diagnose.isolation.lines import Ahead, Line, OnMenu, least_of, on_campaign, on_menu
-from workbench.diagnose.isolation.planned import Planned, drawn, menu, planned_as, seen_in, varied
+from workbench.diagnose.isolation.planned import Design, Planned, drawn, menu, planned_as, repeated, seen_in, varied
 from workbench.machines import kind_of
 
-APART = 3.0  # standard deviations: then a run decides
 CLOSER = 0.1  # of a tolerance: a value that was measured for the question
-WORTH = 1.0  # more than now: less is not worth a run
-DECIDED = math.log(20.0)  # of likelihoods: twenty to one
-DRAWN, GENERATIONS = 8, 3  # motions that are simulated at once, and how often
+LIKELY = 0.1  # probability from which on a hypothesis is open
+SURE = 0.9  # probability from which on a run is said to decide
+APART = NormalDist().inv_cdf(SURE) + math.sqrt(NormalDist().inv_cdf(SURE) ** 2 + settings.DECISIVE)  # deviations: so
+TIMES = (2, 3, 4)  # a run of the menu over, in one run
+DRAWN, GENERATIONS = 20, 4  # motions that are simulated at once, and how often
 BETTER = 1.03  # than the best before, to be taken
 RIVALS = 3  # that the leading hypothesis is held against
 
@@ -37,8 +39,8 @@ class NextRun:
     """The run that would decide between the open hypotheses.
 
     separation: distance of their predictions with this run, in standard deviations; now: without it; menu: with the
-    best plain run that takes no longer, `plain`. decides: the probability that it makes the likelihoods differ by more
-    than DECIDED. rivals: of the first hypothesis.
+    best plain run that takes no longer, `plain`. decides: the probability that only one is open then. rivals: of the
+    first hypothesis.
     """
 
     why: str
@@ -62,74 +64,133 @@ class NextRun:
 
 @dataclass(frozen=True)
 class Offer:
-    """One entry of the menu: a run and what is logged beside the motors. shown: what it shows of each pair."""
+    """One entry of the menu: a run and what is logged beside the motors. separation: in standard deviations, beyond
+    what is ignored; whole: with that. shown: what it shows of each pair. design: of a run that is none of the menu."""
 
     planned: Planned
     signals: tuple[str, ...]
     separation: float
+    whole: float
     shown: Sequence[Compared] = ()
+    design: Design | None = None
 
 
 @dataclass(frozen=True)
 class Compared:
-    """What the data of a run, or of the campaign, show of a true hypothesis and a rival.
+    """What the data of a run, or of the campaign, show of a true hypothesis and a rival, by their numbers.
 
     triangles: of each channel R of the QR decomposition of [the rival's Jacobian, its own values, the true prediction
     less the rival's], all that least squares ask of their rows. least: of each one the chi^2 that is ignored.
     own_hold: the rival's.
     """
 
+    true: int
+    rival: int
     triangles: tuple[Array, ...]
     least: tuple[float, ...]
     own_hold: Array
 
 
+@dataclass(frozen=True)
+class Question:
+    """Which hypothesis holds, the first one or another.
+
+    known: what the campaign shows. favoured: it favours the first one; asked is whether a rival could predict what that
+    one does. now: how far it sets them apart, in standard deviations, beyond what is ignored and whole. lead: the
+    evidence that the first one has more than its best rival; behind: that with which this one would be open no longer.
+    """
+
+    problem: Problem
+    fits: Sequence[Fitted]
+    known: Sequence[Compared]
+    favoured: bool
+    now: tuple[float, float]
+    lead: float
+    behind: float
+
+    @classmethod
+    def of(
+        cls, problem: Problem, fits: Sequence[Fitted], campaign: Sequence[Line], favoured: bool,
+        evidence: Mapping[Names, float],
+    ) -> Question:  # fmt: skip
+        known, first = compared(campaign, favoured), fits[0].effects
+        best = max((fit.effects for fit in fits[1:]), key=lambda names: evidence.get(names, -math.inf))
+        lead = evidence[first] - evidence[best] if {first, best} <= set(evidence) else 0.0
+        behind = settings.DECISIVE
+        if len(first) != len(best):
+            behind = 2.0 * settings.calibration()["temperature"] * math.log(1.0 / LIKELY - 1.0)
+        return cls(problem, fits, known, favoured, _apart(problem, fits, known), lead, behind)
+
+    def offer(self, trial: Sequence[OnMenu], run: int, planned: Planned, signals: tuple[str, ...]) -> Offer:
+        """One planned run. trial: the hypotheses on several."""
+        shown = compared([of_run(run, signals) for of_run in trial], self.favoured)
+        return Offer(planned, signals, *_apart(self.problem, self.fits, self.known, shown), shown)
+
+    def chance(self, offer: Offer) -> float:
+        """The probability that a run decides, by the evidence; and whether another hypothesis could predict as much as
+        the one that is left, as is asked then of as many effects."""
+        open_still = NormalDist(offer.separation**2, 2.0 * max(offer.whole, 1e-9)).cdf(APART**2)
+        more, spread = (b**2 - a**2 for a, b in zip(self.now, (offer.separation, offer.whole), strict=True))
+        by_evidence = chance_to_decide(more, spread, self.now[0], self.lead, self.behind)
+        if self.favoured:
+            return 1.0 - open_still
+        return min(by_evidence, 1.0 - open_still) if self.behind == settings.DECISIVE else by_evidence
+
+
 def next_run(
-    problem: Problem, search: SearchResult, open_effects: Sequence[Fitted | str | Names], settled: float = math.inf
+    problem: Problem,
+    search: SearchResult,
+    open_effects: Sequence[Fitted | str | Names],
+    evidence: Mapping[Names, float] | None = None,
+    settled: float = math.inf,
 ) -> NextRun | None:
     """The cheapest run that separates the first open hypothesis from the others, or else the best one.
 
     For each planned run the predictions of the hypotheses are compared after base parameters and effects were
-    refitted to all data within the tolerances. Differences below `least_of` the noise are ignored. Rivals that the
-    campaign sets `settled` standard deviations apart already are left out. None if no rival is left, or if no run would
-    set those that are so far apart.
+    refitted to all data within the tolerances. Differences below `least_of` the noise are ignored. With `settled` the
+    campaign favours the first one: asked is whether a rival could predict what that one does, and rivals that the
+    campaign sets so many standard deviations off it already are left out. None if no rival is left, or if no run would
+    set those that are so far off.
     """
     fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None]
-    campaign = [on_campaign(problem, fit) for fit in fits]
-    rivals = range(1, len(fits))
-    near = [k for k in rivals if _apart(problem, [fits[0], fits[k]], compared([campaign[0], campaign[k]])) <= settled]
+    campaign, favoured = [on_campaign(problem, fit) for fit in fits], settled < math.inf
+
+    def asked(*which: int) -> Question:
+        kept = (0, *which)
+        return Question.of(problem, [fits[k] for k in kept], [campaign[k] for k in kept], favoured, evidence or {})
+
+    near = [k for k in range(1, len(fits)) if asked(k).now[0] <= settled][:RIVALS]
     planned = sorted(menu(problem), key=lambda one: one.duration_s) if near else []
     if not planned:
         return None
-    kept = [0, *near[:RIVALS]]
-    fits, campaign = [fits[k] for k in kept], [campaign[k] for k in kept]
-    logged = tuple(s for s in kind_of(problem.machine).to_log if all(s in run for run in problem.runs))
     by_length = [list(alike) for _, alike in groupby(planned, key=lambda one: one.duration_s)]
+    logged = tuple(s for s in kind_of(problem.machine).to_log if all(s in run for run in problem.runs))
     trials: list[list[OnMenu]] = []  # of the runs of each length the hypotheses
     while True:
-        known = compared(campaign[: len(fits)])
-        now = _apart(problem, fits, known)
-        offers: list[Offer] = []
-        for signals, length in product(_choices(problem, logged), range(len(by_length))):
-            if any(_decides(offer, now) for offer in offers):
+        question, tried = asked(*near), list[tuple[Offer, Offer]]()
+        for signals in _choices(problem, logged):
+            offers = list[Offer]()
+            for length, alike in enumerate(by_length):
+                if length == len(trials):
+                    trials.append(_ahead(problem, alike, question.fits))
+                trial = trials[length][: len(question.fits)]
+                offers += [question.offer(trial, k, one, signals) for k, one in enumerate(alike)]
+                if any(question.chance(offer) >= SURE for offer in offers):
+                    break
+            tried.append(_longer(question, _designed(question, _stated(question, choose(offers, question.chance)))))
+            if question.chance(tried[-1][0]) >= SURE:
                 break
-            if length == len(trials):
-                trials.append(_ahead(problem, by_length[length], fits))
-            for k, candidate in enumerate(by_length[length]):
-                shown = compared([of_run(k, signals) for of_run in trials[length][: len(fits)]])
-                offers.append(Offer(candidate, signals, _apart(problem, fits, known, shown)))
-        plain = choose(offers, now)
-        best = _designed(problem, fits, known, plain) if plain.separation > now else plain
-        best, plain = (_stated(problem, fits, known, offer) for offer in (best, plain))
-        if settled == math.inf or best.separation > settled:
+        best = choose([one for one, _ in tried], question.chance)
+        usual = next(plain for one, plain in tried if one is best)
+        if best.separation > settled or not favoured:
             break
-        if len(fits) == 2:
+        if len(near) == 1:
             return None
-        fits = fits[:2]  # not all of them, perhaps the best one
+        near = near[:1]  # not all of them, perhaps the best one
     return NextRun(
-        _why(problem, fits, known, best, now, settled), best.planned.payload_kg, best.planned.words, best.signals,
-        best.separation, now, plain.separation, chance_to_decide(best.separation, now), best.planned, plain.planned,
-        tuple(fit.effects for fit in fits[1:]),
+        _why(question, best), best.planned.payload_kg, best.planned.words, best.signals, best.separation,
+        question.now[0], usual.separation, question.chance(best), best.planned, usual.planned,
+        tuple(fit.effects for fit in question.fits[1:]),
     )  # fmt: skip
 
 
@@ -139,53 +200,90 @@ def _ahead(problem: Problem, planned: Sequence[Planned], fits: Sequence[Fitted])
     return [on_menu(problem, ahead, fit) for fit in fits]
 
 
-def _stated(problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared], offer: Offer) -> Offer:
+def _stated(question: Question, offer: Offer) -> Offer:
     """An offer with the separation that each hypothesis gives with base signatures of its own."""
-    own = [_ahead(problem, [offer.planned], [fit])[0] for fit in fits]
-    shown = compared([of_run(0, offer.signals) for of_run in own])
-    return replace(offer, separation=_apart(problem, fits, known, shown), shown=shown)
+    own = [_ahead(question.problem, [offer.planned], [fit])[0] for fit in question.fits]
+    return replace(question.offer(own, 0, offer.planned, offer.signals), design=offer.design)
 
 
-def chance_to_decide(separation: float, now: float = 0.0) -> float:
-    """The probability that a run makes the log-likelihoods of two hypotheses differ by more than DECIDED for the true
-    one, which sets them `separation` standard deviations apart where the campaign has them `now` apart: what it adds is
-    normal with mean d²/2 and variance d²."""
-    d = math.sqrt(max(separation**2 - now**2, 0.0))
-    return NormalDist().cdf((0.5 * d**2 - DECIDED) / d) if d > 0.0 else 0.0
+def chance_to_decide(
+    more: float, spread: float, now: float = 0.0, lead: float = 0.0, behind: float = settings.DECISIVE
+) -> float:
+    """The probability that the true one of two hypotheses leads by `behind`, as evidence, with a run that sets them
+    apart by `more` squared standard deviations; `spread`: with what is ignored, whose noise counts as well.
+
+        P = p F((more + lead - behind) / 2 e) + (1 - p) F((more - lead - behind) / 2 e),    p = 1 / (1 + exp(-lead / 2))
+
+    e^2 = spread. lead: what the first one leads by already. Where the campaign sets them APART (now) and the evidence
+    does not, what a machine's model may be off counts for more than noise: a run adds as much less.
+    """
+    if now >= APART:
+        more, spread = (part * min(abs(lead) / now**2, 1.0) for part in (more, spread))
+    if more <= 0.0:
+        return 0.0
+    first = 1.0 / (1.0 + math.exp(-0.5 * max(lead, -100.0)))
+    gained = NormalDist(more, 2.0 * math.sqrt(max(spread, more)))
+    return 1.0 - first * gained.cdf(behind - lead) - (1.0 - first) * gained.cdf(behind + lead)
 
 
-def _designed(problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared], plain: Offer) -> Offer:
+def _designed(question: Question, plain: Offer) -> tuple[Offer, Offer]:
     """A motion no longer than the plain one that sets the hypotheses further apart, found by a seeded random search and
-    by varying the best; the plain one where that finds none."""
-    rng, seen, best, design = np.random.default_rng(0), seen_in(problem), plain, None
-    for _ in range(GENERATIONS):
-        tried = drawn(problem, 4 * DRAWN, rng) if design is None else varied(problem, design, 4 * DRAWN, rng)
-        able = [(one, run) for one in tried if (run := planned_as(problem, seen, one, plain.planned.duration_s))][
+    by varying the best, or the plain one where that finds none; and the plain one."""
+    problem, rng = question.problem, np.random.default_rng(0)
+    seen, best = seen_in(problem), plain
+    for _ in range(GENERATIONS if plain.separation > question.now[0] else 0):
+        design, many = best.design, 4 * DRAWN
+        fresh = drawn(problem, many, rng) if design is None else varied(problem, design, many, rng)
+        able = [(one, run) for one in fresh if (run := planned_as(problem, seen, one, plain.planned.duration_s))][
             :DRAWN
         ]
         if not able:
             break
-        trial = _ahead(problem, [run for _, run in able], fits)
+        trial = _ahead(problem, [run for _, run in able], question.fits)
         for k, (one, run) in enumerate(able):
-            apart = _apart(problem, fits, known, compared([of_run(k, plain.signals) for of_run in trial]))
-            if apart > BETTER * best.separation:
-                best, design = Offer(run, plain.signals, apart), one
-    return best
+            offer = replace(question.offer(trial, k, run, plain.signals), design=one)
+            if offer.separation > BETTER * best.separation:
+                best = offer
+    own = plain if best is plain else _stated(question, best)
+    return max(plain, own, key=lambda one: one.separation), plain
 
 
-def choose(offers: Sequence[Offer], now: float) -> Offer:
+def _longer(question: Question, pair: tuple[Offer, Offer]) -> tuple[Offer, Offer]:
+    """A run that does not decide, and the plain one, as often over as it takes to; once if TIMES do not do."""
+    once, plain = pair
+
+    def again(offer: Offer, times: int) -> Offer:
+        problem, run = question.problem, None
+        if offer.design is None:
+            run = repeated(problem, offer.planned, times)
+        else:
+            design, longest = replace(offer.design, legs=offer.design.legs * times), times * plain.planned.duration_s
+            run = planned_as(problem, seen_in(problem), design, longest)
+        return _stated(question, replace(offer, planned=run)) if run else offer
+
+    for times in TIMES:
+        if question.chance(once) >= SURE or once.separation <= question.now[0]:
+            break
+        far = [
+            math.sqrt(a**2 + times * max(b**2 - a**2, 0.0))
+            for a, b in zip(question.now, (once.separation, once.whole), strict=True)
+        ]
+        if question.chance(replace(once, separation=far[0], whole=far[1])) >= SURE:
+            longer = again(once, times)
+            if question.chance(longer) >= SURE:
+                return longer, longer if once is plain else again(plain, times)
+    return pair
+
+
+def choose(offers: Sequence[Offer], chance: Callable[[Offer], float]) -> Offer:
     """The cheapest offer that decides: fewest signals, then the shortest run; else the largest separation."""
-    enough = [offer for offer in offers if _decides(offer, now)]
+    enough = [offer for offer in offers if chance(offer) >= SURE]
     if enough:
         return min(enough, key=lambda o: (len(o.signals), o.planned.duration_s, -o.separation))
     most = max(offer.separation for offer in offers)
     return min(
         (o for o in offers if o.separation >= 0.95 * most), key=lambda o: (len(o.signals), o.planned.duration_s)
     )  # fmt: skip
-
-
-def _decides(offer: Offer, now: float) -> bool:
-    return offer.separation > APART and offer.separation > now + WORTH
 
 
 def _choices(problem: Problem, logged: tuple[str, ...]) -> list[tuple[str, ...]]:
@@ -223,24 +321,24 @@ def _fit_of(problem: Problem, search: SearchResult, hypothesis: Fitted | str | N
     return Fitted(names, free, z, residual, jacobian, chi2, near.prior, 1, False)
 
 
-def _pairs(hypotheses: int) -> list[tuple[int, int]]:
-    """(true, rival): the first one with each other, whichever of the two is true."""
-    return [pair for k in range(1, hypotheses) for pair in ((0, k), (k, 0))]
-
-
-def compared(lines: Sequence[Line]) -> list[Compared]:
-    """Hypotheses on the same data, of each pair of `_pairs`."""
+def compared(lines: Sequence[Line], favoured: bool = False) -> list[Compared]:
+    """The first hypothesis with each other one on the same data, whichever of the two is true; or with the first one
+    true, which the data in hand favour."""
     found = []
-    for mine, its in ((lines[true], lines[rival]) for true, rival in _pairs(len(lines))):
+    for true, rival in ((t, r) for k in range(1, len(lines)) for t, r in ((0, k), (k, 0))[: 1 if favoured else 2]):
+        mine, its = lines[true], lines[rival]
         rows = math.sqrt(its.share) * np.column_stack([its.jacobian, its.own, mine.residual - its.residual])
         channels = [rows[its.channel == channel] for channel in np.unique(its.channel)]
         triangles = tuple(np.asarray(np.linalg.qr(some, mode="r")) for some in channels)
-        found.append(Compared(triangles, tuple(its.least**2 * its.share * len(r) for r in channels), its.own_hold))
+        least = tuple(its.least**2 * its.share * len(r) for r in channels)
+        found.append(Compared(true, rival, triangles, least, its.own_hold))
     return found
 
 
-def _apart(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared], closer: str = "") -> float:
-    """Standard deviations between the first hypothesis and its nearest rival, whichever of the two is true; but a rival
+def _apart(
+    problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared], closer: str = ""
+) -> tuple[float, float]:
+    """`distances` between the first hypothesis and its nearest rival, as `compared`; but a rival
     with an effect more, or with a freer law that contains the other's, predicts whatever the other does: there the
     question is whether its amount is none, or the same both ways."""
     kind = problem.active.kind
@@ -252,14 +350,14 @@ def _apart(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared], 
             return same_but_freer(freer, simpler, kind) and nested(freer, simpler, kind)
         return bool(more) and not less
 
-    pairs = zip(_pairs(len(fits)), zip(*data, strict=True), strict=True)
-    asked = ((fits[true], fits[rival], shown) for (true, rival), shown in pairs)
-    return min((separation(*of, closer) for of in asked if not contains(of[1], of[0])), default=math.inf)
+    asked = [(fits[shown[0].true], fits[shown[0].rival], shown) for shown in zip(*data, strict=True)]
+    return min((distances(*of, closer) for of in asked if not contains(of[1], of[0])), default=(math.inf, math.inf))
 
 
-def separation(true: Fitted, rival: Fitted, data: Sequence[Compared], closer: str = "") -> float:
-    """Standard deviations between the data of the true hypothesis and the rival that is refitted to them. closer: the
-    symbol of a base parameter that is known to CLOSER of its tolerance, at its true value."""
+def distances(true: Fitted, rival: Fitted, data: Sequence[Compared], closer: str = "") -> tuple[float, float]:
+    """Standard deviations between the data of the true hypothesis and the rival that is refitted to them, beyond what
+    is ignored and whole. closer: the symbol of a base parameter that is known to CLOSER of its tolerance, at its true
+    value."""
     _, _, std = bounds_of(rival.free)
     values, at = len(std), len(std)
     size, off, prior = values + sum(len(shown.own_hold) for shown in data), rival.z.copy(), true.prior
@@ -287,8 +385,8 @@ def separation(true: Fitted, rival: Fitted, data: Sequence[Compared], closer: st
     size_of = np.maximum(np.linalg.norm(every[:, :-1], axis=0), 1e-300)
     step = np.linalg.lstsq(every[:, :-1] / size_of, every[:, -1], rcond=1e-10)[0] / size_of
     left = [float(np.sum((of_one @ np.append(step, -1.0)) ** 2)) for of_one in rows]
-    total = left[0] - prior + sum(max(a - b, 0.0) for a, b in zip(left[1:], least, strict=True))
-    return math.sqrt(max(total, 0.0))
+    beyond = sum(max(a - b, 0.0) for a, b in zip(left[1:], least, strict=True))
+    return math.sqrt(max(left[0] - prior + beyond, 0.0)), math.sqrt(max(sum(left) - prior, 0.0))
 
 
 def _place_of(fit: Fitted, symbol: str) -> int | None:
@@ -302,7 +400,7 @@ def _place_of(fit: Fitted, symbol: str) -> int | None:
 def _closer(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared], run: str = "that run") -> str:
     """What would set hypotheses apart that no run does: one base parameter whose value were known more closely."""
     keys = {key: one.symbol for key, one in base_parameters(problem.machine, problem.runs).items() if one.std == 1.0}
-    apart = {key: _apart(problem, fits, *data, closer=symbol) for key, symbol in keys.items()}
+    apart = {key: _apart(problem, fits, *data, closer=symbol)[0] for key, symbol in keys.items()}
     key = max(apart, key=lambda key: apart[key], default="")
     if not key or apart[key] < APART:
         return "No single value of the machine, known more closely, would either."
@@ -312,9 +410,8 @@ def _closer(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared],
     )
 
 
-def _why(
-    problem: Problem, fits: Sequence[Fitted], known: Sequence[Compared], best: Offer, now: float, settled: float
-) -> str:
+def _why(question: Question, best: Offer) -> str:
+    problem, fits, now = question.problem, question.fits, question.now[0]
     names = [" and ".join(fit.effects) or "a machine without an effect" for fit in fits]
     rivals = names[1] if len(names) == 2 else f"{', '.join(names[1:-1])} and from {names[-1]}"
     load = f"a run with {best.planned.payload_kg:g} kg" if kind_of(problem.machine).payload else "a run"
@@ -323,24 +420,23 @@ def _why(
     begin = f"The campaign sets {names[0]} apart from {rivals} by {now:.1f} standard deviations"
     if now < 0.05:
         begin = f"The campaign does not set {names[0]} apart from {rivals}"
-    if settled < math.inf:  # the likelihoods are apart: they are as good as the model is exact
+    if question.favoured:  # the likelihoods are apart: they are as good as the model is exact
         begin = (
             f"The runs favour {names[0]} over {rivals}, but set them apart by only {now:.1f} standard deviations where "
             f"differences below {figures(least * problem.noise, 2)} {kind_of(problem.machine).drive.unit} rms, "
             f"{figures(least, 2)} of the noise, count for nothing"
         )
-    if _decides(best, now):
-        apart = f"{best.separation:.1f} standard deviations"
-        sure = f"{100.0 * chance_to_decide(best.separation, now):.0f} %"
-        return (
-            f"{begin}; {load}, {best.planned.words}{signals}, would do so by {apart}, and decide twenty to one with a "
-            f"probability of {sure}."
-        )
     run, nothing = f"{load}, {best.planned.words}{signals},", best.separation < 0.05
-    closer = _closer(problem, fits, known, best.shown, run=run if nothing else "that run")
+    by, chance = f"{best.separation:.1f} standard deviations", question.chance(best)
+    decides = f"decide with a probability of {100.0 * chance:.0f} %"
+    if chance >= SURE:
+        return f"{begin}; {run} would do so by {by}, and {decides}."
+    if now >= APART:
+        return (
+            f"{begin} of the noise: what the model may be off leaves them open, and a run is likely to do so, too. The "
+            f"best, {run} would set them apart by {by}, and {decides}."
+        )
+    closer = _closer(problem, fits, question.known, best.shown, run=run if nothing else "that run")
     if nothing:
         return f"{begin}, and no run on the menu would. {closer}"
-    return (
-        f"{begin}; no run on the menu decides. The best, {run} would set them apart by {best.separation:.1f} standard "
-        f"deviations. {closer}"
-    )
+    return f"{begin}; no run on the menu decides. The best, {run} would set them apart by {by}, and {decides}. {closer}"

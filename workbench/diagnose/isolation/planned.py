@@ -80,6 +80,15 @@ def menu(problem: Problem) -> list[Planned]:
     return runs
 
 
+def repeated(problem: Problem, planned: Planned, times: int) -> Planned:
+    """A run of the menu several times over, in one run."""
+    words = f"{planned.words}, {times} times"
+    steps = planned.steps * times
+    return _planned(
+        problem, seen_in(problem), planned.limits.speed_m_s, steps, planned.payload_kg, planned.start_position, words
+    )
+
+
 @dataclass(frozen=True)
 class Design:
     """A motion by its numbers: legs of (place, 0 to 1 of the range seen; share of the fastest speed; hold, s)."""
