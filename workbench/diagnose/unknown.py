@@ -15,18 +15,20 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
+from scipy.special import ndtri
 
 from workbench.core.names import powers
 from workbench.core.numbers import figures, with_error
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
-from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out
+from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, foretold, held_out
 from workbench.diagnose.hypotheses.problem import Problem, counting
 from workbench.diagnose.law import Law, find_law
 from workbench.diagnose.machines import corrected_machine, machine_of, refitted_machine
 from workbench.diagnose.tables import Curve, Tables, variables_of, with_table
 from workbench.diagnose.verdict.answer import percent_of
+from workbench.diagnose.verdict.judge import SIGNIFICANT
 from workbench.machines import Axis, Hoist, kind_of
 
 
@@ -194,8 +196,9 @@ def _tabled(problem: Problem, fitted: Fitted, place: str) -> Explained:
     # What the stiff machine promised, the driven one has to keep.
     kept = _share(problem, alone.rms(problem.inputs), unseen.rms(problem.inputs))
     first = replace(best.curve, explains=min(kept, _share(problem, before, best.rms)))
-    if first.explains < USEFUL:
-        return _in_vain(problem, fitted, alone, first)
+    by_chance = foretold(problem, alone, unseen) < -float(ndtri(SIGNIFICANT / len(tried)))
+    if first.explains < USEFUL or by_chance:
+        return _in_vain(problem, fitted, alone, first, by_chance)
     others = [table.curve() for table in tried if table is not best.tried and table.fit.explains > SHOWN]
     curves = (first, *others)
     sentences = _sentences(problem, curves, kept, before, best.rms, unseen.rms(problem.inputs))
@@ -208,15 +211,17 @@ def _share(problem: Problem, before: float, after: float) -> float:
     return (before**2 - after**2) / gap if gap > 0.0 else 0.0
 
 
-def _in_vain(problem: Problem, fitted: Fitted, alone: HeldOut, best: Curve) -> Explained:
-    """The result without a useful table: the base parameters' fit as it is."""
+def _in_vain(problem: Problem, fitted: Fitted, alone: HeldOut, best: Curve, by_chance: bool = False) -> Explained:
+    """The result without a useful table: the base parameters' fit as it is. What a curve takes by chance explains
+    nothing."""
     keys, before = base_parameters(problem.machine, problem.runs), fitted.rms(problem.inputs)
     machines = tuple(refitted_machine(problem, keys, setting) for setting in alone.settings)
     sentence = (
         f"No table over speed, place, load or time explains what is left: the best, over {over_what(best.over)}, "
-        f"takes {100.0 * max(best.explains, 0.0):.0f} % of the gap's energy away on {_left_out(problem)}. "
-        "The corrected machine holds no table."
+        f"takes {100.0 * max(best.explains, 0.0):.0f} % of the gap's energy away on {_left_out(problem)}"
+        f"{', which may be chance' if by_chance and best.explains > 0.0 else ''}. The corrected machine holds no table."
     )
+    best = replace(best, explains=0.0) if by_chance else best
     return Explained((best,), (sentence,), fitted, before, before, alone, machines)
 
 
