@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -18,6 +19,7 @@ from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
 from workbench.core.run import Array, Run
+from workbench.diagnose.hypotheses.evidence import Score
 from workbench.diagnose.hypotheses.fit import fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     GAIN,
@@ -488,6 +490,32 @@ def test_friction_near_one_that_was_tried_is_not_offered_again(hoist: Problem, m
         search._offer_standstill(base)
         assert len(begun) == offers
     assert begun[-1] == pytest.approx(3.0 * turns)
+
+
+def test_what_a_search_took_for_model_error_is_sought_again_beside_the_leading_hypothesis(
+    hoist: Problem, monkeypatch: pytest.MonkeyPatch
+):
+    """With the model error that the leading one leaves, whose whole is raised to its default, not what is near
+    standstill: a ripple had passed for 16 times the default there, where 4 were left and twice as much is taken."""
+    sought: list[tuple[tuple[float, float], list[str]]] = []
+
+    def signatures(self: Search, effects: Sequence[Effect], at: Any) -> list[Any]:
+        sought.append((self.problem.errors.sizes, [effect.id for effect in effects]))
+        return []
+
+    posed = copy(hoist)
+    posed.thin, posed.errors = False, hoist.errors.sized((1.0, 16.0))
+    search = Search(posed, [find(name, "hoist") for name in ("friction_viscous", "torque_ripple", "wire_mass")])
+    leading: Any = SimpleNamespace(names=("friction_viscous",), fit=None, score=Score(0.0, (0.5, 8.0), 0.0))
+    result: Any = SimpleNamespace(problem=posed, fits={})
+    monkeypatch.setattr(Search, "leading", lambda self, result: leading)
+    monkeypatch.setattr(Search, "_again", lambda self, fit: fit)
+    monkeypatch.setattr(Search, "_signatures", signatures)
+    monkeypatch.setattr(Search, "_promised", lambda self, at, signatures: {})
+    assert search.exact(result, 2) is result and search.exact(result, 1) is result
+    assert sought == [((1.0, 8.0), ["torque_ripple", "wire_mass"])]
+    leading.score = Score(0.0, (2.0, 8.0), 0.0)
+    assert search.exact(result, 2) is result and len(sought) == 1
 
 
 def test_no_fit_is_made_twice_from_one_start(monkeypatch: pytest.MonkeyPatch):

@@ -283,16 +283,17 @@ class Search:
             self._offer_standstill(result.base)
             self._fit_simpler_laws(result, size + 1)
             result = self._found(result.base, result.within_tolerances, result.signatures)
-            leading = next((w for w in self.weighed(result) if not w.rival), None)
+            leading = self.leading(result)
             if leading is None or len(leading.names) <= size:
                 break
         return result
 
     def exact(self, result: SearchResult, most: int) -> SearchResult:
-        """The result with what counts refitted at every sample of the logs. most: effects at once."""
-        if not self.problem.thin:
-            return result
-        return self._beside_waves(self._refitted(result, self.problem.exact()), most)
+        """The result with what counts refitted at every sample of the logs, and what may be beside the leading
+        hypothesis. most: effects at once."""
+        if self.problem.thin:
+            result = self._refitted(result, self.problem.exact())
+        return self._beside_the_leading(result, most)
 
     def _at(self, result: SearchResult) -> Search:
         """This search, to go on from a result."""
@@ -325,32 +326,48 @@ class Search:
             fits={names: again(fit) if names in counts else weighed(fit) for names, fit in result.fits.items()},
         )
 
-    def _beside_waves(self, result: SearchResult, most: int) -> SearchResult:
-        """The result with the waves of a motor's turn sought beside the leading hypothesis at every sample of the logs:
-        between the samples simulated such a turn may pass, and its wave looks like a slower one, or like none. Where
-        one leads, what counts is refitted with the sizes of the model error that it leaves, none below its default."""
-        search = self._at(result)
-        search.scanned = ()
-        leading = next((w for w in search.weighed(result) if not w.rival), None)
+    def _beside_the_leading(self, result: SearchResult, most: int) -> SearchResult:
+        """The result with a further effect sought beside the leading hypothesis, where the search may have missed it;
+        if one leads, what counts is refitted with the sizes of the model error that it leaves, none below its default.
+
+        Any, where the leading hypothesis leaves less of a model error than the search has taken it for: a ripple may
+        have passed for what is near standstill. And the waves of a motor's turn, where not every sample was simulated:
+        between samples such a turn may pass, and its wave looks like a slower one, or like none."""
+        search, told = self._at(result), result
+        leading = search.leading(result)
         if leading is None or len(leading.names) >= most:
             return result
-        turning = [e for e in self.effects.values() if any(r.scan == "order" for r in self._ranges(e))]
-        signatures = search._signatures([e for e in turning if self._new_to(leading.names, e.id)], leading.fit)
-        waves: set[Names] = set()
-        for name, promise in search._promised(leading.fit, signatures).items():
-            if search._worth(leading.fit, promise) > price(self.problem) - SLACK:
-                names = tuple(sorted((*leading.names, name)))
-                search.fits.pop(names, None)
-                search._try(names, lambda promise=promise: search._fit_with(leading.fit, promise))  # type: ignore[misc]
-                search._finish(result.base, [names])
-                waves.add(names)
-        result = search._found(result.base, result.within_tolerances, result.signatures)
-        leading = next(w for w in search.weighed(result) if not w.rival)
-        if leading.names not in waves:
+        size, standstill = _left_by(leading)
+        sizes = size, standstill * STEP if standstill > 1.0 else standstill  # as in `sizes_needed`
+        sought = [e for e in self.effects.values() if self._new_to(leading.names, e.id)]
+        if any(left < taken for left, taken in zip(sizes, self.problem.errors.sizes, strict=True)):
+            search.problem = result.problem.with_model_error(sizes)
+        else:
+            sought = [e for e in sought if self.problem.thin and any(r.scan == "order" for r in self._ranges(e))]
+        if not sought:
             return result
-        size, standstill = leading.score.sizes
-        sizes = max(size, 1.0), max(min(size, 1.0) * standstill, 1.0)
-        return search._refitted(result, search.problem.with_model_error(sizes))
+        fit, search.scanned = search._again(leading.fit), ()
+        promises = search._promised(fit, search._signatures(sought, fit))
+        further = {
+            tuple(sorted((*leading.names, name))): promise
+            for name, promise in promises.items()
+            if search._worth(fit, promise) > price(self.problem) - SLACK
+        }
+        if not further:
+            return result
+        if search.problem is not result.problem:
+            told = search._refitted(result, search.problem)
+            search = search._at(told)
+        for names, promise in further.items():
+            search.fits.pop(names, None)
+            search._try(names, lambda promise=promise: search._fit_with(fit, promise))  # type: ignore[misc]
+            search._finish(told.base, [names])
+        search._offer_standstill(told.base)
+        told = search._found(told.base, told.within_tolerances, told.signatures)
+        leading = search.leading(told)
+        if leading is None or leading.names not in further:
+            return result
+        return search._refitted(told, search.problem.with_model_error(_left_by(leading)))
 
     def leaders_again(self, found: Sequence[Fitted]) -> list[Fitted]:
         """The likeliest of the fits of a search with other sizes, refitted with these."""
@@ -638,6 +655,10 @@ class Search:
         """All fits so far, as the verdict weighs them."""
         return weigh(self.problem, result.base, result.within_tolerances, self.fits, self.rivals)[0]
 
+    def leading(self, result: SearchResult) -> Weighed | None:
+        """The listed hypothesis with most evidence so far."""
+        return next((w for w in self.weighed(result) if not w.rival), None)
+
     def _fit_simpler_laws(self, result: SearchResult, size: int) -> None:
         """Refit the leading hypotheses of `size` effects with the simpler law in the place of each freer one."""
         own, count = len(self.held), self.count
@@ -803,6 +824,12 @@ class Search:
             return max(gain, 0.0), -fit.objective
 
         return worth(one) > worth(other)
+
+
+def _left_by(w: Weighed) -> Sizes:
+    """The sizes of the model error that a hypothesis leaves, as a whole no less than the default."""
+    size, standstill = w.score.sizes
+    return max(size, 1.0), max(min(size, 1.0) * standstill, 1.0)
 
 
 def _ahead(run: Run, late_s: float, plant: Plant) -> Run:
