@@ -243,8 +243,8 @@ def test_a_plain_run_that_does_not_decide_is_driven_as_often_over_as_it_takes(he
     long = 2.5 * one.duration_s
     plain = Offer(one, (), question.now[0] + 1.0, question.now[1] + 1.0)
     asked = SimpleNamespace(
-        problem=problem, fits=fits, now=question.now, offer=question.offer,
-        chance=lambda this: float(this.planned.duration_s > long or (this.planned is one and this != plain)),
+        problem=problem, fits=fits, now=question.now, offer=question.offer, chance_over=lambda *given: 1.0,
+        chance=lambda this: float(this.planned.duration_s > long),
     )  # fmt: skip
     best, usual = _longer(asked, (plain, plain))  # type: ignore[arg-type]
     longer = best.planned

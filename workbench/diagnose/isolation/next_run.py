@@ -136,6 +136,12 @@ class Question:
             return 1.0 - open_still
         return min(by_evidence, 1.0 - open_still) if self.behind == settings.DECISIVE else by_evidence
 
+    def chance_over(self, offer: Offer, times: int) -> float:
+        """The same of a run that is driven several times over, each as good as the first."""
+        one = zip(self.now, (offer.separation, offer.whole), strict=True)
+        apart, whole = (math.sqrt(a**2 + times * max(b**2 - a**2, 0.0)) for a, b in one)
+        return self.chance(replace(offer, separation=apart, whole=whole))
+
 
 def next_run(
     problem: Problem,
@@ -177,11 +183,15 @@ def next_run(
                 offers += [question.offer(trial, k, one, signals) for k, one in enumerate(alike)]
                 if any(question.chance(offer) >= SURE for offer in offers):
                     break
-            tried.append(_longer(question, _designed(question, _stated(question, choose(offers, question.chance)))))
+            plain = _stated(question, choose(offers, question.chance))
+            hopeful = question.chance_over(plain, TIMES[-1]) >= SURE
+            tried.append(_longer(question, _designed(question, plain)) if hopeful else (plain, plain))
             if question.chance(tried[-1][0]) >= SURE:
                 break
         best = choose([one for one, _ in tried], question.chance)
         usual = next(plain for one, plain in tried if one is best)
+        if best is usual and question.chance(best) < SURE:
+            best, usual = _longer(question, _designed(question, usual))
         if best.separation > settled or not favoured:
             break
         if len(near) == 1:
@@ -264,11 +274,7 @@ def _longer(question: Question, pair: tuple[Offer, Offer]) -> tuple[Offer, Offer
     for times in TIMES:
         if question.chance(once) >= SURE or once.separation <= question.now[0]:
             break
-        far = [
-            math.sqrt(a**2 + times * max(b**2 - a**2, 0.0))
-            for a, b in zip(question.now, (once.separation, once.whole), strict=True)
-        ]
-        if question.chance(replace(once, separation=far[0], whole=far[1])) >= SURE:
+        if question.chance_over(once, times) >= SURE:
             longer = again(once, times)
             if question.chance(longer) >= SURE:
                 return longer, longer if once is plain else again(plain, times)

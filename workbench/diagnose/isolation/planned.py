@@ -146,7 +146,8 @@ def planned_as(problem: Problem, seen: Seen, design: Design, longest_s: float) -
         return None
     unit = kind_of(problem.machine).moved.speed_unit
     speeds = sorted({abs(s.speed_m_s) for s in steps if s.speed_m_s})
-    said = f"designed: {sum(1 for s in steps if s.speed_m_s)} legs at {' and '.join(f'{v:.2g}' for v in speeds)} {unit}"
+    count = sum(1 for s in steps if s.speed_m_s)
+    said = f"designed: {count} leg{'s' if count > 1 else ''} at {' and '.join(f'{v:.2g}' for v in speeds)} {unit}"
     try:
         planned = _planned(problem, seen, seen.speed, steps, design.payload_kg, begin, said)
     except InputError:
