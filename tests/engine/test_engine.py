@@ -164,6 +164,18 @@ def test_a_lane_that_fails_does_not_spoil_its_neighbours():
     assert np.array_equal(spoilt[:, :, others], whole[:, :, others])
 
 
+def test_what_has_all_but_vanished_is_zero_and_not_a_number_that_processors_are_slow_with():
+    plant = PLANTS["axis-rotary"]
+    p = {"M": 1.0, "B": 300.0, "F_f": 0.0, "F_b": 0.0, "v_s": 1e-4, "G": 0.0, "C": 0.0}
+    times = np.linspace(0.0, 2.0, 201)[:, None]
+    parameters = np.array([[p[name]] for name in plant.parameters])
+    out = kernels.replay(plant, parameters, times, 0.0 * times, np.array([[0.0], [1.0]]), np.array([[1.0]]))
+    speed = np.abs(out[:, 1, 0])
+    assert np.all((speed == 0.0) | (speed > 1e-140))
+    assert 0.0 < speed[20] < 1e-3
+    assert speed[-1] == 0.0
+
+
 def test_parameters_of_another_number_of_rows_are_refused():
     """Compiled code would read beyond them."""
     p = values()

@@ -30,7 +30,6 @@ from workbench.effects.registry import UserFile, add
 from workbench.machines import kind_of
 from workbench.machines.files import machine_text
 from workbench.simulate.driven import InverseSimulation, changed
-from workbench.simulate.lowpass import lowpass
 from workbench.symbolic import expr
 
 MOST_TERMS = 4
@@ -231,11 +230,11 @@ def columns(
     functions = {name: getattr(expr, name) for name in ("absolute", "clip", "cos", "sin", "exp")}
     codes = [compile(text, "<term>", "eval") for term in terms for text in term.texts(term.code)]
     torque, tension = [], []
-    for (s, p), run, rows in zip(rides, problem.runs, problem.rows, strict=True):
+    for j, ((s, p), run) in enumerate(zip(rides, problem.runs, strict=True)):
         forces = np.empty((len(run.time_s), len(codes)))
         for k, code in enumerate(codes):
             forces[:, k] = eval(code, {"__builtins__": {}, "s": s, "p": p, **functions})
-        smooth = lowpass(run.time_s, forces, problem.band_hz)[rows]
+        smooth = problem.smooth_at(j)(forces)
         torque.append(gain * lever_of(problem.machine, acts_on) * smooth)
         if problem.has_tension:
             share = kind_of(problem.machine).ports[acts_on].share

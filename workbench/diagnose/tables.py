@@ -30,7 +30,6 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.machines import refitted_machine
 from workbench.machines import Axis, Hoist, Table, kind_of, with_correction
 from workbench.simulate.driven import changed, sensor
-from workbench.simulate.lowpass import lowpass
 
 TURN = 2.0 * math.pi
 POINTS, POINTS_OF_A_TURN = 17, 16
@@ -113,11 +112,11 @@ def columns_of(problem: Problem, rides: Sequence[Ride], variable: Table, at: Arr
     """(samples, 2 points) the change of the prediction by a level of one: first all forward, then all backward."""
     input_gain = gain * lever_of(problem.machine, variable.acts_on)
     torque, tension = [], []
-    for run, ride, rows in zip(problem.runs, rides, problem.rows, strict=True):
+    for j, ride in enumerate(rides):
         way = ride.way[variable.acts_on]
         hats = hats_of(ride.at[variable.over], at, variable.turn)
         levels = np.hstack([hats * np.maximum(way, 0.0)[:, None], hats * np.minimum(way, 0.0)[:, None]])
-        smooth = lowpass(run.time_s, levels, problem.band_hz)[rows]
+        smooth = problem.smooth_at(j)(levels)
         torque.append(input_gain * smooth)
         if problem.has_tension:
             share = kind_of(problem.machine).ports[variable.acts_on].share

@@ -32,6 +32,7 @@ from workbench.symbolic.emit import Printer
 from workbench.symbolic.expr import Expr, Scalar, symbol
 
 INDENT = "    "
+VANISHED = 1e-120  # of a state, 1e-16 of it is none: processors take many times as long for numbers near 1e-308
 LAG = ("lag_left", "lag_start", "lag_slope")  # what a lagging drive's step needs, by symbol
 
 
@@ -171,7 +172,7 @@ def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, 
     k.add(4, f"for l in range({L}):", f"{INDENT}largest = max(largest, worst[l])")
     k.add(4, "steps += 1", "if largest > tolerance and m < most:", f"{INDENT}break")
     k.add(3, "if largest <= tolerance or m >= most:", f"{INDENT}break", "m *= 2")
-    k.add(2, f"for j in range({n * L}):", f"{INDENT}state[j] = work[j]")
+    k.add(2, f"for j in range({n * L}):", f"{INDENT}state[j] = (work[j] + {VANISHED}) - {VANISHED}")
     k.add(2, "if m > 1 and largest < 0.1 * tolerance:", f"{INDENT}m //= 2")
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -31,7 +31,7 @@ from workbench.simulate.plant_model import PlantModel, plant_model
 TOLERANCE = 1e-4
 ALONE = 4  # lanes of a kernel cost about as much as one set of parameters alone
 MOTIONS_KEPT = 4  # of each run, behind a late sensor
-FEW_STEPS = 16  # between two thinned samples: more follow the noise of a speed at rest
+FEW_STEPS = 16  # between two thinned samples, or where nothing strikes: more follow the noise of a speed at rest
 SMOOTH = 0.25  # of the sampling rate of thinned times: the band that a motion keeps there
 
 
@@ -132,7 +132,7 @@ class InverseSimulation:
     def required(self, tables: Sequence[Array], thin: bool = False) -> list[Array]:
         """As `predict`, of each run's table (symbols, sets): (n, 1 + other states, sets) of each run. thin: at the
         times `self.times` only, n of them, under the motion without what those cannot show."""
-        needed = int(np.max(self.parts_needed(tables)))
+        needed = next((k for k, enough in enumerate(self._enough(tables)) if np.all(enough)), len(self.parts))
         model = self.models[needed] if needed < len(self.models) else self.model
         rows = [self.row_of[name] for name in model.names]
         own = [table[rows] for table in tables]
@@ -215,6 +215,7 @@ class InverseSimulation:
         scales: Array,
     ) -> Array:
         sets, n = len(which), len(self.plant.positions)
+        few = bool(self.models) and model.effects.memory == self.models[0].effects.memory
         lanes = self._lanes(sets) if self.models else None  # of a whole model `kernels` makes the lanes full
         full = np.minimum(np.arange(max(sets, lanes or 0)), sets - 1)  # spare lanes repeat the last set
 
@@ -238,19 +239,20 @@ class InverseSimulation:
             tolerance=TOLERANCE,
             threads=1,
             lanes=lanes,
-            most_steps=FEW_STEPS if thin else MOST_STEPS,
+            most_steps=FEW_STEPS if thin or few else MOST_STEPS,
         )
         return out[..., :sets]
 
     def parts_needed(self, tables: Sequence[Array]) -> np.ndarray:
         """(sets,) which of `parts` has all that is at work in a set, in any run; len(parts) for the whole."""
-        needed = np.full(tables[0].shape[1], len(self.parts))
-        for k in reversed(range(len(self.parts))):
-            rows = [self.row_of[symbol] for symbol in self.parts[k].off]
-            off = np.array(list(self.parts[k].off.values()))[:, None]
-            idle = np.all([np.all(table[rows] == off, axis=0) for table in tables], axis=0)
-            needed[idle] = k
-        return needed
+        enough = [*self._enough(tables), np.ones(tables[0].shape[1], dtype=bool)]
+        return np.argmax(enough, axis=0)
+
+    def _enough(self, tables: Sequence[Array]) -> Iterator[np.ndarray]:
+        """Of each of `parts`: (sets,) whether it has all that is at work."""
+        for part in self.parts:
+            rows, off = [self.row_of[symbol] for symbol in part.off], np.array(list(part.off.values()))[:, None]
+            yield np.all([np.all(table[rows] == off, axis=0) for table in tables], axis=0)
 
     def _motions_behind(self, j: int, table: Array, thin: bool) -> tuple[list[Motion], list[int]]:
         """The true motions of run j, which differ where sets differ in the sensor's delay, and each set's."""

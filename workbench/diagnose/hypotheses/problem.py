@@ -254,7 +254,7 @@ class Problem:
         gain, offset, tension_gain = np.array([self._sensed(s) for s in settings]).T
         torque, tension = [], []
         for j, required in enumerate(self.bench.required(tables, thin)):
-            rows, smooth = self.rows[j], self._smooth_at(j, thin)
+            rows, smooth = self.rows[j], self.smooth_at(j, thin)
             logged = smooth(self._logged(j, required[:, 0], tables[j], thin)) * gain + offset
             torque.append(self.bench.measured[j][rows, None] - logged)
             if self.has_tension:
@@ -275,7 +275,7 @@ class Problem:
             logged[:, i] = logged_input(self.active, time, required[:, i], vars(self._parameters(table, int(i))))
         return logged
 
-    def _smooth_at(self, j: int, thin: bool) -> LowpassAt:
+    def smooth_at(self, j: int, thin: bool = False) -> LowpassAt:
         """The low-pass of run j at its rows."""
         known = self._smooth.get((j, thin))
         if known is None or known[0] is not self.rows[j]:
