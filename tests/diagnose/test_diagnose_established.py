@@ -560,6 +560,21 @@ def test_a_spring_over_the_place_is_no_ripple(shared_data: Path, tmp_path: Path)
     assert judged_to_help(search).word == "unknown"
 
 
+def test_a_torque_sensor_that_wanders_has_no_offset(shared_data: Path, tmp_path: Path):
+    """Its mean takes a third of what a walk of 10 N leaves of EMPS; each half run has an offset of its own."""
+    emps_in(tmp_path, shared_data, HELD)
+    found = of_recorded(tmp_path, "sensor_walk", (9984, 2), tmp_path / "bent", ["torque_offset"])
+    assert found.verdict.word == "unknown", found.verdict.sentence
+
+
+def test_a_torque_sensor_that_wanders_below_what_the_machine_leaves_is_no_machine_without_a_gap(
+    shared_data: Path, tmp_path: Path
+):
+    """No run foretells another one's walk, so no law of a variable takes any of it."""
+    found = of_recorded(shared_data / "real" / "geared_pendulum", "sensor_walk", (9987, 3), tmp_path, ["torque_offset"])
+    assert found.verdict.word == "unknown", found.verdict.sentence
+
+
 def _bend(campaign: Path, bend: str, seed: tuple[int, int], folder: Path) -> None:
     known = recording(campaign)
     made = bent(bend, seed, known)
@@ -628,18 +643,30 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     def worth(problem: object, base: object, cause: object, less: Any = None) -> tuple[float, str]:
         return worths[names if less is None else less.effects], "speed"
 
-    monkeypatch.setattr(judge, "significance", lambda *fits: 9.0)
+    monkeypatch.setattr(judge, "significance", lambda *fits, by_runs_alone=False: 9.0)
     monkeypatch.setattr(judge, "worth", worth)
     assert deserved(cast(Any, search), both)
     worths[tuple(name for name in names if name != idle)] = -1.0  # what is left without the idle one is as good
     assert not deserved(cast(Any, search), both)
 
 
-@pytest.mark.parametrize(("deviations", "named"), [(-0.5, False), (0.8, False), (2.6, True)])
-def test_no_cause_is_named_for_what_left_out_runs_gain_by_chance(
-    deviations: float, named: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("deviations", "by_runs", "named"),
+    [
+        (-0.5, -0.5, False),
+        (0.8, 0.8, False),
+        (2.6, 2.6, True),
+        (2.6, -0.3, True),  # the tolerances tell of it
+        (3.6, -2.3, False),
+    ],
+)
+def test_no_cause_is_named_for_what_left_out_runs_gain_by_chance_or_lose(
+    deviations: float, by_runs: float, named: bool, monkeypatch: pytest.MonkeyPatch
 ):
-    """A dead band of a hoist's log came as a drift of friction that left-out runs gained 0.8 deviations by."""
-    monkeypatch.setattr(judge, "significance", lambda *fits: deviations)
+    """A dead band of a hoist's log came as a drift of friction that left-out runs gained 0.8 deviations by; a bent
+    sensor of a motor bench as an offset that they lost 2.3 by."""
+    monkeypatch.setattr(
+        judge, "significance", lambda *fits, by_runs_alone=False: by_runs if by_runs_alone else deviations
+    )
     search = SimpleNamespace(problem=None, base=None, within_tolerances=None, fits={("drift",): None})
     assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=("drift",), fit=None))) == named

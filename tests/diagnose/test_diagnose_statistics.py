@@ -34,7 +34,7 @@ from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem, counting
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.hypotheses.settings import FORETOLD
+from workbench.diagnose.hypotheses.settings import BY_CHANCE, FORETOLD
 from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
 from workbench.diagnose.verdict.answer import Left
@@ -45,6 +45,7 @@ from workbench.diagnose.verdict.unknown_cause import (
     signs_of,
     sudden_share,
     tolerance_excess,
+    wandering_share,
 )
 from workbench.effects import Effect, find, library_effects, ranges_of
 from workbench.logs import Campaign, read_campaign
@@ -329,6 +330,17 @@ def test_neither_noise_nor_what_wanders_a_little_lasts(problem: Problem):
     assert lasting_share(problem, wandering) < 0.1
 
 
+def test_an_offset_of_each_half_run_wanders_and_what_hangs_together_for_less_does_not(problem: Problem):
+    rng, n = np.random.default_rng(1), problem.samples
+    noise = 0.1 * rng.normal(size=n)
+    walk = np.cumsum(rng.normal(size=n)) / math.sqrt(n)
+    assert wandering_share(problem, walk + noise) > 0.5
+    assert wandering_share(problem, noise) == wandering_share(problem, np.zeros(n)) == 0.0
+    slow = np.convolve(rng.normal(size=n), np.ones(20) / 20.0, mode="same")
+    assert wandering_share(problem, slow) < 0.05
+    assert wandering_share(problem, of_rows(problem, "speed")) < 0.05
+
+
 # A wrong answer that leaves no residual stretches the base parameters' tolerances; a true one does not.
 
 
@@ -426,6 +438,16 @@ def test_a_hoist_that_leaves_much_is_held_to_its_tolerances_unless_the_cause_tak
 
     assert stretched(1.0) > 2.0
     assert stretched(30.0) == 0.0
+
+
+def test_tolerances_that_a_cause_relieves_are_not_stretched_by_chance_though_it_may_not_be_named():
+    """A motor bench was called one without a gap, four deviations off its tolerances, for its offset had no gain."""
+    problem, held = answered({"payload_mass_error": {"payload_scale": 1.06}}, [], {})
+    score: Any = SimpleNamespace(excess=1.0)
+    alone, relieved = (
+        signs_of(problem, held, held, score, Left(0.0, 0.0, False), 0.0, known)["prior"] for known in (False, True)
+    )
+    assert relieved - alone == pytest.approx(BY_CHANCE[False] - BY_CHANCE[True])
 
 
 def test_a_cause_that_takes_nothing_and_relieves_nothing_is_not_named():

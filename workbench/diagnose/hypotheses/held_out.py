@@ -260,7 +260,7 @@ def _own_step(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
     return moved
 
 
-def significance(problem: Problem, without: Fitted, fit: Fitted) -> float:
+def significance(problem: Problem, without: Fitted, fit: Fitted, *, by_runs_alone: bool = False) -> float:
     """By how much a fit predicts left-out folds better than another one, in standard deviations of that.
 
         gain = sum_i (u_i^2 - w_i^2) / c + P_0 - P,    variance = V / c^2 + P_0 - P
@@ -275,14 +275,14 @@ def significance(problem: Problem, without: Fitted, fit: Fitted) -> float:
     of Statistics 11, 1983). So much less do they pull the base parameters off nominal: P_0 and P are those at the least
     chi^2 / c + P. Where the machine leaves more than its own model error, what hangs together may be another cause's,
     which bends base parameters, too: c is 1. No fold leaves a tolerance out: by chance alone P_0 - P is the square of a
-    standard normal value, so it counts as many deviations as its root.
+    standard normal value, so it counts as many deviations as its root. by_runs_alone: without the tolerances.
     """
     folds = folds_by_run(problem)
     u, w = problem.errors.whiten(np.stack([held_out(problem, one, folds).residual for one in (without, fit)], axis=1)).T
     product = np.bincount(stretches(problem), (u - w) * w)
     variance, white = 4.0 * float(product @ product), max(4.0 * float(np.sum((u - w) ** 2)), 1e-300)
     wider = max(variance / white, 1.0) if max(problem.errors.sizes) <= 1.0 else 1.0
-    prior = _strain(problem, without, wider) - _strain(problem, fit, wider)
+    prior = 0.0 if by_runs_alone else _strain(problem, without, wider) - _strain(problem, fit, wider)
     return (float(u @ u - w @ w) / wider + prior) / math.sqrt(max(variance / wider**2 + max(prior, 0.0), 1e-300))
 
 

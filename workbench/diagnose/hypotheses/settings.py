@@ -33,7 +33,7 @@ HALF = 0.5  # of the best one's evidence: what a part of it needs; of the energy
 
 # An unknown cause
 BY_CHANCE = {False: 2.0, True: 1.0}  # standard deviations by which tolerances are stretched by chance: more without a
-# cause that explains anything than with one, for of all causes weighed one would have relieved them
+# cause that explains anything than with one, for of all causes weighed one would have relieved them, named or not
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
 OWN = 0.02  # of the largest input: what an axis may leave itself at speed; the EMPS axis leaves 0.008 to 0.016
 OWN_LAW = 1.0  # % of the input's rms: what an axis may leave of a law of one variable; simulated ones leave 0.24

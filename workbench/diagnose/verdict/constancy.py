@@ -9,9 +9,11 @@ direction and the time, over which an amount is constant but a remainder may go,
 time; there r is what g leaves of a variable that is not its own. f and g are free functions of w (piecewise linear,
 smoothed; g one each way), fitted to the other runs; B z, the base parameters, are projected out. A true cause has one
 amount and takes all that is in its own variables: f and g gain nothing that matters, whatever else is left in r. Where
-the tolerances tell more of it than the residual, for base parameters could take it up, what it takes is |p|^2. A mimic
-leaves a curve over its own variable, or acts in some of the runs only (parameter constancy; G. C. Chow, Econometrica
-28, 1960; A. Zeileis, K. Hornik, Statistica Neerlandica 61, 2007).
+the tolerances tell more of it than the residual, for base parameters could take it up, what it takes is |p|^2. What
+acts everywhere has its amount in each half of each run, too: what wanders has another one, which no other run
+foretells, so there f is fitted to the half itself. A mimic leaves a curve over its own variable, or acts in some of the
+runs only (parameter constancy; G. C. Chow, Econometrica 28, 1960; A. Zeileis, K. Hornik, Statistica Neerlandica 61,
+2007).
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import PLAY
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
+from workbench.diagnose.hypotheses.held_out import STRETCHES, stretches
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.profiles import OnTop, basis, hats, spacing, variables
 from workbench.diagnose.location.where import free_of
@@ -95,6 +98,21 @@ def constancies(problem: Problem, base: Fitted, near: Fitted, fit: Fitted) -> tu
             if of_load:
                 rest = (changing - chance) / max(energy - noise, LEAST * energy)
             tested.append(Constancy(name, variable.name, (changing - chance) / own, rest))
+        if regime == "all":  # it acts in each half of each run
+            changing = by_halves(problem, rows, left) - settings.FORETOLD * energy
+            tested.append(Constancy(name, "halves_of_each_run", changing / own))
         if tested:
             found.append(max(tested, key=lambda one: max(one.share / settings.VARIES, one.rest / settings.RESTS)))
     return tuple(found)
+
+
+def by_halves(problem: Problem, part: Array, left: Array) -> float:
+    """The energy that another amount of a part in each half of each run takes off what is left, (inputs,) both, beyond
+    chance: what hangs together for no longer than a stretch differs as much from stretch to stretch of a half."""
+    which, weight = stretches(problem)[: problem.inputs], spacing(problem)
+    taken, count = [], []
+    for pieces in (which // (STRETCHES // 2), which):
+        along, size = (np.bincount(pieces, weight * part * rows) for rows in (left, part))
+        taken.append(float(np.sum(along**2 / np.maximum(size, 1e-300))))
+        count.append(int(np.count_nonzero(size)))
+    return max(taken[0] - (taken[1] - taken[0]) * count[0] / max(count[1] - count[0], 1), 0.0)

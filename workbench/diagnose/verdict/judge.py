@@ -111,7 +111,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
 
     def ranked(held: Fitted, score: Score, stands: bool) -> tuple[Left, dict[str, float], tuple[Hypothesis, ...]]:
         left, share = left_of(problem, near, held, floor)
-        signs = signs_of(problem, search.base, held, score, left, share)
+        signs = signs_of(problem, search.base, held, score, left, share, bool(barred))
         if stands:
             signs["left"] = 0.0  # what an established cause leaves is a remainder
         return left, signs, rank(counted, signs, settings.calibration(), groups)
@@ -166,7 +166,8 @@ def unlisted(
 
 def judged_to_help(search: SearchResult) -> Judged:
     """The verdict. A cause is not named if held-out runs and tolerances speak against it, nor beside others if what it
-    gains there is not significant; nor does such a one speak for an unknown cause."""
+    gains there is not significant; nor does such a one speak for an unknown cause, but by the tolerances that it
+    relieves."""
     barred, deserving = list[Names](), set[Names]()
     while True:
         judged = judge(search, barred)
@@ -181,15 +182,19 @@ def judged_to_help(search: SearchResult) -> Judged:
 
 def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
-    does; and with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better
-    than with a free law of one variable in its place (`worth`)."""
-    problem, base = search.problem, search.base
+    does, and the runs by themselves not significantly worse; and with each one of several than without it, at
+    SIGNIFICANT for all that they were chosen from, and better than with a free law of one variable in its place
+    (`worth`)."""
+    problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
         less.append(without(search, w.fit, name))
         if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
             return False
-    if significance(problem, search.within_tolerances, w.fit) <= -float(ndtri(SIGNIFICANT)):
+    by_chance = -float(ndtri(SIGNIFICANT))
+    if significance(problem, near, w.fit) <= by_chance:
+        return False
+    if significance(problem, near, w.fit, by_runs_alone=True) <= -by_chance:
         return False
     least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
     return all(significance(problem, rest, w.fit) > least for rest in sorted(less, key=lambda rest: rest.objective))

@@ -1,9 +1,10 @@
 """What speaks for a cause that no hypothesis holds: a residual with structure, and tolerances stretched beyond chance.
 
 Every real machine leaves a residual that no lumped model has: resonances, a controller's cycle, slow wear. A cause
-shows as a residual that repeats in the same state of the machine, as an impact within a few moments, or as friction
-that changes its level at one moment of a run and keeps it. And a wrong hypothesis may leave no residual at all, because
-the base parameters absorb the rest: then only their distance from nominal counts against it.
+shows as a residual that repeats in the same state of the machine, as an impact within a few moments, as friction that
+changes its level at one moment of a run and keeps it, or as an offset that wanders from one half run to the next. And a
+wrong hypothesis may leave no residual at all, because the base parameters absorb the rest: then only their distance
+from nominal counts against it.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of, logarithmic_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Projection
+from workbench.diagnose.location.profiles import spacing
 from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.verdict.answer import Left
+from workbench.diagnose.verdict.constancy import by_halves
 from workbench.logs.doubts import dead_band
 from workbench.machines import kind_of
 
@@ -36,10 +39,13 @@ HEAVIEST = 12.0  # logarithm of the tolerances' weight: nothing is left of any d
 HALVED = 40  # times
 
 
-def signs_of(problem: Problem, base: Fitted, held: Fitted, score: Score, left: Left, share: float) -> dict[str, float]:
+def signs_of(
+    problem: Problem, base: Fitted, held: Fitted, score: Score, left: Left, share: float, relieved: bool = False
+) -> dict[str, float]:
     """What speaks for a cause that no hypothesis holds, each 0 where nothing does.
 
-    base: the fit without effects; held: that of the answer, which explains `share` of the gap's energy.
+    base: the fit without effects; held: that of the answer, which explains `share` of the gap's energy. relieved:
+    whether a cause takes the stretch off the tolerances that is not to be named.
     left: the logarithm of the model error that it needs, over the default, in full where it leaves FORETOLD of that
     energy, less where less; or what speaks from a log that keeps its values (`kept_percent`). prior: the distance of
     the base parameters from nominal beyond chance and beyond what an inexact effect explains, in standard deviations
@@ -59,7 +65,7 @@ def signs_of(problem: Problem, base: Fitted, held: Fitted, score: Score, left: L
         "left": max(
             open_share * _unexplained(problem, held, left, score.excess), AGAIN * beyond(kept_percent(problem))
         ),
-        "prior": max(tolerance_excess(problem, held, bent) - settings.BY_CHANCE[bool(held.effects)], 0.0),
+        "prior": max(tolerance_excess(problem, held, bent) - settings.BY_CHANCE[relieved or bool(held.effects)], 0.0),
     }
 
 
@@ -68,8 +74,8 @@ def _unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> f
 
     An axis has ripple and resonances, and friction near standstill, that no cause explains. There the residual at speed
     counts above OWN of the largest input, a part within a few moments above OWN_SUDDEN. And what follows a law of one
-    variable on runs that the law was not fitted to (`laws_left`), or sets in and stays, counts where it is more than
-    OWN_LAW of the input's rms: a random model error does neither.
+    variable on runs that the law was not fitted to (`laws_left`), or sets in and stays, or wanders, counts where it is
+    more than OWN_LAW of the input's rms: a random model error does none of these.
     """
     many = max(math.log(excess), 0.0)
     if kind_of(problem.machine).floor == "sensors":
@@ -80,7 +86,7 @@ def _unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> f
     beyond_own = min(max(left.rms * math.sqrt(at_speed) / (settings.OWN * largest) - 1.0, 0.0), 1.0)
     sudden = left.rms * math.sqrt(sudden_share(problem, held.residual)) / (settings.OWN_SUDDEN * largest)
     by_law = [law.share for law in laws_left(problem, held) if law.interval[0] > settings.FORETOLD]
-    lawful = max([lasting_share(problem, held.residual), *by_law])
+    lawful = max([lasting_share(problem, held.residual), wandering_share(problem, held.residual), *by_law])
     again = max(left.percent_of_input * math.sqrt(lawful), sudden * settings.OWN_LAW)
     return max(many * beyond_own, AGAIN * beyond(again))
 
@@ -133,6 +139,14 @@ def lasting_share(problem: Problem, residual: Array) -> float:
         taken += float(np.max(changed))
     energy = float(residual[: problem.inputs] @ residual[: problem.inputs])
     share = taken / energy if energy > 0.0 else 0.0
+    return max((share - LASTING) / (1.0 - LASTING), 0.0)
+
+
+def wandering_share(problem: Problem, residual: Array) -> float:
+    """Of the energy of the input's residual (samples,), 0 to 1: what an offset takes off it that is another one in each
+    half of each run, beyond chance and LASTING."""
+    rows = residual[: problem.inputs]
+    share = by_halves(problem, np.ones(problem.inputs), rows) / max(float(spacing(problem) @ rows**2), 1e-300)
     return max((share - LASTING) / (1.0 - LASTING), 0.0)
 
 
