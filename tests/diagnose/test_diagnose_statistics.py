@@ -440,6 +440,20 @@ def test_a_hoist_that_leaves_much_is_held_to_its_tolerances_unless_the_cause_tak
     assert stretched(30.0) == 0.0
 
 
+@pytest.mark.parametrize(("gain", "told"), [(0.0, 0.0), (0.04, 2.0)])
+def test_a_law_that_holds_on_other_runs_is_a_gap_of_a_hoist_below_its_model_error(gain: float, told: float):
+    """A gain of the torque sensor by direction: base values take the most of it, and what stays goes with the load."""
+    runs = [
+        replace(run, signals={**run.signals, "torque_motor_nm": run["torque_motor_nm"] * ways})
+        for run in hoist_runs(default_hoist(), seed=4)
+        for ways in (1.0 + gain * (run["speed_motor_rad_s"] > 0.0),)
+    ]
+    problem = Problem(default_hoist(), runs)
+    free = list(base_parameters(problem.machine, problem.runs).values())
+    near, score = fit_hypothesis(problem, (), free, np.zeros(len(free)), 60), cast(Any, SimpleNamespace(excess=1.0))
+    assert signs_of(problem, near, near, score, Left(0.0, 0.0, False), 0.0)["left"] == told
+
+
 def test_tolerances_that_a_cause_relieves_are_not_stretched_by_chance_though_it_may_not_be_named():
     """A motor bench was called one without a gap, four deviations off its tolerances, for its offset had no gain."""
     problem, held = answered({"payload_mass_error": {"payload_scale": 1.06}}, [], {})

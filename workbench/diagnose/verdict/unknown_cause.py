@@ -19,7 +19,7 @@ from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import PLAY, Score
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of, logarithmic_of
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.location.profiles import spacing
 from workbench.diagnose.location.where import laws_left
@@ -70,7 +70,8 @@ def signs_of(
 
 
 def _unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> float:
-    """The evidence in the remaining residual: the logarithm of the model error's excess, scaled by its relevance.
+    """The evidence in the remaining residual: the logarithm of the model error's excess, scaled by its relevance; of a
+    hoist, which leaves no law itself, or that of a law of one variable that holds on other runs (`laws_left`).
 
     An axis has ripple and resonances, and friction near standstill, that no cause explains. There the residual at speed
     counts above OWN of the largest input, a part within a few moments above OWN_SUDDEN. And what follows a law of one
@@ -78,15 +79,18 @@ def _unexplained(problem: Problem, held: Fitted, left: Left, excess: float) -> f
     more than OWN_LAW of the input's rms: a random model error does none of these.
     """
     many = max(math.log(excess), 0.0)
+    laws = [law for law in laws_left(problem, held) if law.interval[0] > settings.FORETOLD]
     if kind_of(problem.machine).floor == "sensors":
-        return many * min((left.percent_of_input / settings.RELEVANT_PERCENT) ** 2, 1.0)
+        by_law = max((100.0 * rms(law.part) / max(input_rms(problem), 1e-300) for law in laws), default=0.0)
+        size, law = (min((x / settings.RELEVANT_PERCENT) ** 2, 1.0) for x in (left.percent_of_input, by_law))
+        return max(many * size, AGAIN * law)
     largest = max(float(np.max(np.abs(u))) for u in problem.bench.measured)
     energy, inputs = held.residual[: problem.inputs] ** 2, slice(0, problem.inputs)
     at_speed = float(problem.errors.at_speed[inputs] @ energy) / max(float(np.sum(energy)), 1e-300)
     beyond_own = min(max(left.rms * math.sqrt(at_speed) / (settings.OWN * largest) - 1.0, 0.0), 1.0)
     sudden = left.rms * math.sqrt(sudden_share(problem, held.residual)) / (settings.OWN_SUDDEN * largest)
-    by_law = [law.share for law in laws_left(problem, held) if law.interval[0] > settings.FORETOLD]
-    lawful = max([lasting_share(problem, held.residual), wandering_share(problem, held.residual), *by_law])
+    shares = [law.share for law in laws]
+    lawful = max([lasting_share(problem, held.residual), wandering_share(problem, held.residual), *shares])
     again = max(left.percent_of_input * math.sqrt(lawful), sudden * settings.OWN_LAW)
     return max(many * beyond_own, AGAIN * beyond(again))
 
