@@ -117,7 +117,7 @@ REFUSED: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
     ),
     "payload of another run": (
         lambda c: changed(c, ("full",), lambda run: replace(run, payload_kg=4500.0)),
-        "is payload_kg wrong? Mend it, or leave out: --runs empty,half",
+        "is payload_kg wrong? Mend it, or take the others alone (empty,half)",
     ),
     "half a second": (lambda c: cut(c, 0.5), "empty lasts 0.49 s"),
     "a few seconds": (lambda c: replace(cut(c, 6.0), runs=cut(c, 6.0).runs[:1]), "run moves for"),
@@ -134,7 +134,7 @@ ON_AXIS: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
         lambda c: scaled(c, ("lift", "again"), position_m=1e3), "is force_n or the motion in another unit",
     ),
     "two masses": (
-        lambda c: scaled(c, ("again",), force_n=2.0), "is it of another machine? Mend it, or leave out: --runs lift",
+        lambda c: scaled(c, ("again",), force_n=2.0), "another machine? Mend it, or take the others alone (lift)",
     ),
     "frozen force": (
         lambda c: changed(c, ("again",), _frozen), "force_n is 12 throughout while the machine moves",

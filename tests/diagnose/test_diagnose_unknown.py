@@ -218,9 +218,9 @@ def test_an_axis_is_explained_over_its_position_by_one_run_too(names: tuple[str,
     assert corrected.measured_correction is not None
 
 
-@pytest.mark.parametrize(("names", "seed"), [(("a", "b"), 1), (("a", "b"), 4), (("a", "b", "c"), 5)])
-def test_a_table_whose_gain_is_chance_is_dropped(names: tuple[str, ...], seed: int):
-    """A sensor that wanders in each run otherwise; of the tables tried one takes 10 to 17 % of it on left-out runs."""
+@pytest.mark.parametrize("seed", [5, 6, 7, 14])
+def test_a_table_whose_gain_is_chance_is_dropped(seed: int):
+    """A sensor that wanders in each run otherwise; of the tables tried one takes 17 to 24 % of it on left-out runs."""
     random = np.random.default_rng(seed)
 
     def wandering(position: Array, speed: Array) -> Array:
@@ -230,7 +230,7 @@ def test_a_table_whose_gain_is_chance_is_dropped(names: tuple[str, ...], seed: i
         ]
         return np.asarray(np.sum(waves, axis=0))
 
-    problem = Problem(LinearAxis.model_validate(AXIS), axis_runs(wandering, names))
+    problem = Problem(LinearAxis.model_validate(AXIS), axis_runs(wandering, ("a", "b", "c")))
     base = base_fit(problem, bounded=True)
     explanation = explain(problem, base)
     assert explanation.fitted is base and "which may be chance" in explanation.sentences[0]

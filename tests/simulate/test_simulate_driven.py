@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -99,33 +98,6 @@ def test_sets_of_which_each_needs_another_part_are_simulated_with_all_of_it(runs
         sets.append([changed(p, {r.symbol: r.start for r in ranges}) for p in bench.base])
     for (apart,), (together,) in zip([bench.predict([one])[0] for one in sets], bench.predict(sets), strict=True):
         assert together[0] == pytest.approx(apart[0], abs=1e-4 * np.max(np.abs(apart[0])))
-
-
-def test_the_noise_of_a_speed_at_rest_takes_few_steps_and_changes_next_to_nothing(monkeypatch):
-    time, rng = np.arange(0.0, 4.0, 1e-3), np.random.default_rng(1)
-    speed = 0.2 * np.clip(3.0 * np.sin(2.0 * math.pi * time / 2.0), -1.0, 1.0) * (time % 2.0 < 1.7)
-    speed += 2e-4 * rng.standard_normal(len(time))
-    signals = {"force_n": 0.0 * time, "velocity_m_s": speed, "position_m": np.cumsum(speed) * 1e-3}
-    machine, run = linear_axis(), Run("noisy", time, signals, 0.0, 0.0)
-    steps: list[int] = []
-    integrated = kernels._integrated
-
-    def counted(kernel: Any, *arguments: Any, **named: Any) -> Array:
-        def run_of(*values: Any) -> int:
-            steps.append(kernel.run(*values))
-            return steps[-1]
-
-        return integrated(replace(kernel, run=run_of), *arguments, **named)
-
-    monkeypatch.setattr(kernels, "_integrated", counted)
-    bench = InverseSimulation(machine, [run], 50.0, searchable(machine, [run]), parts(machine, [run]))
-    sets = [[changed(p, {"presliding__distance_m": 1e-7}) for p in bench.base]]
-    few = bench.predict(sets)[0][0][0]
-    monkeypatch.setattr("workbench.simulate.driven.FEW_STEPS", kernels.MOST_STEPS)
-    many = bench.predict(sets)[0][0][0]
-    assert steps[0] < 0.8 * steps[1]
-    apart = lowpass(time, few - many, 50.0)
-    assert np.sqrt(np.mean(apart**2)) < 2e-3 * bench.base[0].F_f
 
 
 def test_a_machine_with_effects_has_one_kernel_of_each_form_however_many_runs_it_is_replayed_on(runs, monkeypatch):

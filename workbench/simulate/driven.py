@@ -31,7 +31,7 @@ from workbench.simulate.plant_model import PlantModel, plant_model
 TOLERANCE = 1e-4
 ALONE = 4  # lanes of a kernel cost about as much as one set of parameters alone
 MOTIONS_KEPT = 4  # of each run, behind a late sensor
-FEW_STEPS = 16  # between two thinned samples, or where nothing strikes: more follow the noise of a speed at rest
+FEW_STEPS = 16  # between two thinned samples: more follow the noise of a speed at rest
 SMOOTH = 0.25  # of the sampling rate of thinned times: the band that a motion keeps there
 
 
@@ -215,7 +215,6 @@ class InverseSimulation:
         scales: Array,
     ) -> Array:
         sets, n = len(which), len(self.plant.positions)
-        few = bool(self.models) and model.effects.memory == self.models[0].effects.memory
         lanes = self._lanes(sets) if self.models else None  # of a whole model `kernels` makes the lanes full
         full = np.minimum(np.arange(max(sets, lanes or 0)), sets - 1)  # spare lanes repeat the last set
 
@@ -239,7 +238,7 @@ class InverseSimulation:
             tolerance=TOLERANCE,
             threads=1,
             lanes=lanes,
-            most_steps=FEW_STEPS if thin or few else MOST_STEPS,
+            most_steps=FEW_STEPS if thin else MOST_STEPS,
         )
         return out[..., :sets]
 

@@ -367,7 +367,13 @@ class Search:
         leading = search.leading(told)
         if leading is None or leading.names not in further:
             return result
-        return search._refitted(told, search.problem.with_model_error(_left_by(leading)))
+        for _ in range(MOST_SIZES):
+            if leading is None or (sizes := _left_by(leading)) == told.problem.errors.sizes:
+                break
+            told = search._refitted(told, told.problem.with_model_error(sizes))
+            search = search._at(told)
+            leading = search.leading(told)
+        return told
 
     def leaders_again(self, found: Sequence[Fitted]) -> list[Fitted]:
         """The likeliest of the fits of a search with other sizes, refitted with these."""

@@ -290,7 +290,7 @@ def _machine_faults(bench: InverseSimulation, rigid: Sequence[Rigid], warnings: 
         )
         if one_machine:
             rest = [run.name for run in bench.runs if run.name not in dict(odd)]
-            yield f"{said} Mend {'it' if len(odd) == 1 else 'them'}, or leave out: --runs {','.join(rest)}", None
+            yield f"{said} Mend {'it' if len(odd) == 1 else 'them'}, or take the others alone ({','.join(rest)})", None
         warnings.append(f"{said[0].upper()}{said[1:]}")
     for attribute, what, odd_ratio in (("inertia", "inertia", ODD_INERTIA), ("hold", "load", ODD_LOAD)):
         known = [value for r in rigid if (value := getattr(r, attribute)) is not None]
