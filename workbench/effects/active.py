@@ -170,8 +170,7 @@ def parts(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
 @cache
 def _families(kind: str, effects: tuple[Effect, ...]) -> tuple[tuple[Effect, ...], ...]:
     """Of effects in the plant, the smallest first: what is linear in its amounts, with the traces that every machine of
-    the kind has; with them all that is a force or a torque and keeps no state; with the first all that
-    keeps one; all."""
+    the kind has; these and all that is a force or a torque and keeps no state; these and all that keeps one; all."""
     traces = {trace.effect for trace in KINDS[kind].nuisances if trace.fitted}
     forces = {port.place for port in KINDS[kind].ports.values()}
 
@@ -183,8 +182,8 @@ def _families(kind: str, effects: tuple[Effect, ...]) -> tuple[tuple[Effect, ...
         return not effect.memory and effect.place_on(kind) in forces
 
     first = tuple(effect for effect in effects if linear(effect))
-    kept = [lambda effect: False, forceful, lambda effect: bool(effect.memory)]
-    return *(tuple(effect for effect in effects if effect in first or more(effect)) for more in kept), effects
+    beside = [lambda effect: False, forceful, lambda effect: bool(effect.memory)]
+    return *(tuple(effect for effect in effects if effect in first or more(effect)) for more in beside), effects
 
 
 def idle_sensors(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Mapping[str, float]:

@@ -313,10 +313,10 @@ def _load(code: bytes, letters: Mapping[str, str]) -> Functions:
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     _engines.append(engine)
-    return {name: _called(engine.get_function_address(name), types) for name, types in letters.items()}
+    return {name: _callable(engine.get_function_address(name), types) for name, types in letters.items()}
 
 
-def _called(address: int, letters: str) -> Callable[..., int]:
+def _callable(address: int, letters: str) -> Callable[..., int]:
     prototype = ctypes.CFUNCTYPE(ctypes.c_int64, *(kind for letter in letters for kind in _CTYPES[letter]))
     function = prototype(address)
 
