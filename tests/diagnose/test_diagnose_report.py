@@ -152,6 +152,8 @@ def test_the_probabilities_of_the_candidates_add_up_to_no_more_than_one():
     rows = tuple(dataclasses.replace(d.candidates[0], effects=names) for names in (("friction_viscous",), *twins))
     told = dataclasses.replace(d, candidates=rows, verdict=dataclasses.replace(d.verdict, ranking=ranking))
     assert [row[1] for row in diagnosis.candidates_table(told).rows] == ["50 %", "40 %", "(same)"]
+    none = dataclasses.replace(d, candidates=(dataclasses.replace(d.candidates[0], merit=-0.3),))
+    assert diagnosis.candidates_table(none).rows[0][5] == "0"  # no signed zero
 
 
 def test_what_is_said_of_an_unknown_cause_holds_where_an_unlisted_effect_is_it_and_on_either_ground():

@@ -310,7 +310,7 @@ def candidates_table(d: Diagnosis, most: int | None = None, *, brief: bool = Fal
         Column("explains"): lambda c: NOTHING if no_gap or c.explained is None else percent_of(c.explained),
         Column("residual", unit_of(d)): _of("residual_rms"),
         Column("held out", unit_of(d)): _of("held_out_rms"),
-        Column("merit"): lambda c: f"{c.merit:.0f}" if c.fitted and math.isfinite(c.merit) else NOTHING,
+        Column("merit"): lambda c: f"{c.merit:z.0f}" if c.fitted and math.isfinite(c.merit) else NOTHING,
     }
     if not brief:
         cells[words("parameters ± standard error")] = _parameters
