@@ -17,6 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 from tests.support.effect_machines import linear_axis, rotary_axis
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
 from workbench.core.errors import InputError
+from workbench.core.numbers import figures
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.hypotheses import search
@@ -28,6 +29,7 @@ from workbench.diagnose.readiness.checks import check_runs
 from workbench.effects import Effect, effects_for, find, forget_users, load_effects, ranges_of
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, default_hoist, with_values
+from workbench.view import diagnosis
 from workbench.view.diagnosis_json import to_json
 
 Values = Mapping[str, float]
@@ -244,6 +246,27 @@ def test_a_cause_taken_out_of_the_library_is_unknown(kind: str):
     assert d.verdict.word == "unknown", d.verdict.sentence
     assert d.unknown is not None and d.unknown.curves[0].over.startswith(("position", "angle"))
     assert d.shrink.after < 0.5 * d.shrink.before
+
+
+def test_what_is_left_is_one_number_in_sentence_table_and_json_where_runs_have_different_rates():
+    """Rms over the time of all runs, and beyond noise on held-out runs: a run logged six times as often has no more."""
+    name = "friction_position_dependent"
+    runs = list(runs_of(with_effects(nominal("axis-linear"), {name: TRUTHS["axis-linear"][name]})))
+    for j in range(1, len(runs)):
+        signals = {key: values[::6] for key, values in runs[j].signals.items()}
+        runs[j] = replace(runs[j], time_s=runs[j].time_s[::6], signals=signals)
+    campaign = Campaign("made", Path("made"), nominal("axis-linear"), tuple(runs))
+    d = diagnose(campaign, candidates=["friction_viscous", "torque_filter"], most_effects=1, study=False)
+    assert d.verdict.word == "unknown", d.verdict.sentence
+    refitted, _ = d.replayed()
+    moving = [np.count_nonzero(run.balance.moving) * run.simulated.sample_time_s for run in refitted.runs]
+    by_time = math.sqrt(np.average([run.residual_rms_moving**2 for run in refitted.runs], weights=moving))
+    assert d.gap.residual_rms == pytest.approx(by_time, rel=1e-9)
+    assert d.gap.residual_rms == pytest.approx(d.search.within_tolerances.rms(d.search.problem.inputs), rel=0.05)
+    beyond = math.sqrt(d.shrink.before**2 - d.shrink.noise**2)
+    (reason,) = (r for r in to_json(d)["reasons"] if r["kind"] == "leaves_much")
+    assert reason["value"] == pytest.approx(beyond, rel=1e-4)
+    assert f"leaves {figures(beyond, 2)} N," in diagnosis.said.reason(d.verdict.reasons[0], "N")
 
 
 def test_a_third_cause_is_found_by_going_on_from_two():

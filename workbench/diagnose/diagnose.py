@@ -59,6 +59,7 @@ from workbench.diagnose.verdict.judge import (
     steps,
     unlisted_likely,
 )
+from workbench.diagnose.verdict.unknown_cause import beyond_noise
 from workbench.effects import Effect, effects_for
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist
@@ -363,6 +364,13 @@ def diagnose(
             campaign.machine, corrected, refitted=refitted, runs=campaign.runs, scenario=scenario
         )
     tabled, own = corrected.measured_correction is not None, tuple(unknown.effects) if unknown else ()
+    without = beyond_noise(problem, shrink.before, shrink.noise)
+    reasons = tuple(
+        replace(reason, value=without.rms, percent=without.percent_of_input)
+        if reason.kind is ReasonKind.LEAVES_MUCH
+        else reason
+        for reason in judged.reasons
+    )
     sentence = sentence_of(judged, shrink, remainder, also, tabled, own, gap)
     verdict = Verdict(
         judged.word,
@@ -370,7 +378,7 @@ def diagnose(
         judged.ranking,
         also,
         sentence,
-        judged.reasons,
+        reasons,
         0.0 if judged.word == "no_gap" else 1.0 - remainder.share,
         Left(remainder.rms, remainder.percent_of_input, remainder.relevant),
         steps(judged, problem.inputs),

@@ -383,7 +383,7 @@ def _machines(
 def _speed(problem: Problem, machines: Sequence[Hoist | Axis | None]) -> float:
     """The rms speed error of the held-out runs in open-loop replay, per cent of the campaign's speed scale; NaN if no
     run can be replayed. Runs of which nothing counts have none."""
-    squares: list[tuple[float, int]] = []
+    squares: list[tuple[float, float]] = []
     for j, run in enumerate(problem.runs):
         if not len(problem.rows[j]) or (machine := machines[j]) is None:
             continue
@@ -391,9 +391,9 @@ def _speed(problem: Problem, machines: Sequence[Hoist | Axis | None]) -> float:
         (states,) = simulate_replays(bench)
         error = 100.0 * rms(states[:, len(bench.plant.positions)] - bench.motions[0].speed) / problem.bench.scale
         if math.isfinite(error):
-            squares.append((error**2 * len(run.time_s), len(run.time_s)))
-    total = sum(n for _, n in squares)
-    return math.sqrt(sum(s for s, _ in squares) / total) if total else math.nan
+            squares.append((error**2, len(run.time_s) * run.sample_time_s))
+    total = sum(time for _, time in squares)
+    return math.sqrt(sum(square * time for square, time in squares) / total) if total else math.nan
 
 
 def for_run(setting: Setting, j: int) -> dict[str, float]:

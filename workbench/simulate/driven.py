@@ -370,10 +370,11 @@ def speed_scale(machine: Hoist | Axis, runs: Sequence[Run], motions: Sequence[Mo
     return max(float(np.max(np.abs(m.speed))) for m in motions) or sizes_of(machine, runs).speed
 
 
-def pooled_rms(parts: Sequence[Array]) -> float:
-    """Root mean square over all samples of all parts."""
+def pooled_rms(parts: Sequence[Array], steps_s: Sequence[float] = ()) -> float:
+    """Root mean square over the time of all parts, whose samples lie steps_s apart; without it, over all samples."""
     together = np.concatenate(parts)
-    return float(np.sqrt(np.mean(together**2))) if len(together) else float("nan")
+    time = np.repeat(steps_s or np.ones(len(parts)), [len(part) for part in parts])
+    return float(np.sqrt(np.average(together**2, weights=time))) if len(together) else float("nan")
 
 
 def changed(p: SimpleNamespace, changes: Mapping[str, float]) -> SimpleNamespace:

@@ -47,7 +47,7 @@ class Replay(Brief):
 
 @dataclass(frozen=True, repr=False)
 class ReplayResult(Shown):
-    """All runs, the figures over all samples of all runs, and the machine that was replayed."""
+    """All runs, the figures over the time of all runs, and the machine that was replayed."""
 
     runs: tuple[Replay, ...]
     speed_rmse_percent: float
@@ -72,8 +72,8 @@ def replay_runs(
     balances, states, starts = bench.balances(), simulate_replays(bench), bench.starts()
     replays, driven = [], bench.plant.speeds[0]
 
-    def percent(errors: Sequence[Array]) -> float:
-        return 100.0 * pooled_rms(errors) / bench.scale
+    def percent(errors: Sequence[Array], steps_s: Sequence[float] = ()) -> float:
+        return 100.0 * pooled_rms(errors, steps_s) / bench.scale
 
     for j, (run, balance) in enumerate(zip(bench.runs, balances, strict=True)):
         simulated = simulated_run(bench.plant, run, states[j])
@@ -91,14 +91,15 @@ def replay_runs(
                 pooled_rms([balance.residual[balance.moving]]),
             )
         )
-    residual = pooled_rms([b.residual[b.inside] for b in balances])
+    steps = [run.sample_time_s for run in bench.runs]
+    residual = pooled_rms([b.residual[b.inside] for b in balances], steps)
     return ReplayResult(
         tuple(replays),
-        percent([r.simulated[driven] - r.balance.motion.speed for r in replays]),
-        percent([r.restarted - r.balance.motion.speed for r in replays]),
+        percent([r.simulated[driven] - r.balance.motion.speed for r in replays], steps),
+        percent([r.restarted - r.balance.motion.speed for r in replays], steps),
         residual,
-        pooled_rms([b.residual[b.moving] for b in balances]),
-        100.0 * residual / pooled_rms([b.measured[b.inside] for b in balances]),
+        pooled_rms([b.residual[b.moving] for b in balances], steps),
+        100.0 * residual / pooled_rms([b.measured[b.inside] for b in balances], steps),
         float(np.sqrt(np.mean([b.noise_rms**2 for b in balances]))),
         bench.band_hz,
         machine,

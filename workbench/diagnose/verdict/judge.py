@@ -36,7 +36,7 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
 from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.free_law import worth
-from workbench.diagnose.verdict.unknown_cause import cancellation, input_rms, kept_percent, signs_of
+from workbench.diagnose.verdict.unknown_cause import beyond_noise, cancellation, kept_percent, signs_of
 
 SAME = 0.5  # evidence between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
@@ -305,11 +305,9 @@ def floor_of(problem: Problem) -> float:
 
 def left_of(problem: Problem, near: Fitted, held: Fitted, floor: float) -> tuple[Left, float]:
     """The residual of a fit beyond the floor, and the share of the gap's energy that the fit explains."""
-    rms = math.sqrt(max(held.rms(problem.inputs) ** 2 - floor**2, 0.0))
-    percent = 100.0 * rms / max(input_rms(problem), 1e-300)
-    gap = near.rms(problem.inputs) ** 2 - floor**2
-    share = 1.0 - rms**2 / gap if gap > 0.0 and held.effects else 0.0
-    return Left(rms, percent, percent > settings.RELEVANT_PERCENT), min(max(share, 0.0), 1.0)
+    left, gap = beyond_noise(problem, held.rms(problem.inputs), floor), near.rms(problem.inputs) ** 2 - floor**2
+    share = 1.0 - left.rms**2 / gap if gap > 0.0 and held.effects else 0.0
+    return left, min(max(share, 0.0), 1.0)
 
 
 def _reasons(
@@ -327,7 +325,7 @@ def _reasons(
     if rival is not None:
         reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=rival.names))
     if signs["left"] > 0.5:
-        reasons.append(Reason(ReasonKind.LEAVES_MUCH, value=left.rms, percent=left.percent_of_input))
+        reasons.append(Reason(ReasonKind.LEAVES_MUCH))  # by how much is said of held-out runs, in the end
     if signs["prior"] > 1.5:
         names = judged.names if judged else ()
         reasons.append(Reason(ReasonKind.STRETCHES_TOLERANCES, effects=names, value=signs["prior"]))

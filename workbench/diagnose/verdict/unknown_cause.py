@@ -112,6 +112,13 @@ def input_rms(problem: Problem) -> float:
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
+def beyond_noise(problem: Problem, residual_rms: float, noise: float) -> Left:
+    """What a residual leaves beyond the noise, or the floor that is allowed for."""
+    rms = math.sqrt(max(residual_rms**2 - noise**2, 0.0))
+    percent = 100.0 * rms / max(input_rms(problem), 1e-300)
+    return Left(rms, percent, percent > settings.RELEVANT_PERCENT)
+
+
 def sudden_share(problem: Problem, residual: Array) -> float:
     """Of the energy of the input's residual (samples,), 0 to 1: what the loudest MOMENTS of its rows hold beyond LOUD,
     of those at speed. Near standstill a machine is loud for a moment at each reversal, by its friction."""
