@@ -35,7 +35,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
-from workbench.diagnose.hypotheses.search import Search
+from workbench.diagnose.hypotheses.search import Search, SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, signatures_of, stepped_aside
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
@@ -201,6 +201,28 @@ def test_the_jacobian_is_the_slope(hoist: Problem):
     some, part = hoist.evaluate(free, z, only=[3, 1])
     assert part == pytest.approx(jacobian[:, [3, 1]], abs=1e-5 * float(np.max(size)))
     assert some == pytest.approx(base, abs=0.02 * hoist.noise)  # lanes that differ in time take other steps
+
+
+WAVES = ("order", "waves", "frequency")
+TURNING = [case for case in EVERY if any(r.scan in WAVES for r in cast(Effect, case.values[1]).parameters)]
+
+
+@pytest.mark.parametrize(("machine", "effect"), TURNING)
+def test_the_slope_by_a_wave_is_that_at_the_point_though_it_turns_over_the_whole_way(machine: Any, effect: Effect):
+    """A thousandth more waves turn the last of some hundred by half a radian: the slope there is another one."""
+    runs = axis_runs(machine) if isinstance(machine, Axis) else hoist_runs(machine)
+    problem, ranges = Problem(machine, runs).exact(), ranges_of(effect, machine, runs)
+    (wave,) = (r for r in ranges if r.scan in WAVES)
+    at: dict[str, float | tuple[float, ...]] = {r.symbol: (0.5,) * len(runs) if r.per_run else r.start for r in ranges}
+    free, start = effect_parameters(
+        effect, ranges, {**at, wave.symbol: wave.tries[-1] if wave.tries else 0.5 * wave.highest}
+    )
+    z = np.array(start)
+    place = [isinstance(one, Scalar) and one.symbol == wave.symbol for one in free for _ in range(one.size)].index(True)
+    slope = problem.evaluate(free, z, only=[place])[1][:, 0]
+    ends = [setting_of(free, z + h * np.eye(len(z))[place]) for h in (1e-6, -1e-6)]
+    more, less = problem.differences(setting_of(free, z), ends)[1]
+    assert np.linalg.norm(slope - (more - less) / 2e-6) < 0.02 * np.linalg.norm(slope)
 
 
 def test_where_every_sample_counts_it_does_for_each_setting(hoist: Problem):
@@ -457,7 +479,7 @@ def test_what_cannot_lead_is_not_fitted_to_its_end(hoist: Problem, monkeypatch: 
     def fitted(objective: float) -> Any:
         return SimpleNamespace(objective=objective, settled=False)
 
-    gone_on: list[float | str] = []
+    gone_on: list[Any] = []
     monkeypatch.setattr(search, "_again", lambda fit: gone_on.append(fit.objective))
     monkeypatch.setattr(search, "_without", lambda pair, name: gone_on.append(name))
     monkeypatch.setattr(search, "_try", lambda names, fit: fit())
@@ -469,7 +491,7 @@ def test_what_cannot_lead_is_not_fitted_to_its_end(hoist: Problem, monkeypatch: 
     assert gone_on == [10.0, 75.0]
     search.fits["a",] = fitted(14.0)
     search._drop(fitted(100.0))
-    assert gone_on[2:4] == ["a", "b"]
+    assert gone_on[2:4] == [("a",), ("b",)]
 
 
 def test_friction_near_one_that_was_tried_is_not_offered_again(hoist: Problem, monkeypatch: pytest.MonkeyPatch):
@@ -516,6 +538,28 @@ def test_what_a_search_took_for_model_error_is_sought_again_beside_the_leading_h
     assert sought == [((1.0, 8.0), ["torque_ripple", "wire_mass"])]
     leading.score = Score(0.0, (2.0, 8.0), 0.0)
     assert search.exact(result, 2) is result and len(sought) == 1
+
+
+def test_a_pair_does_not_lead_by_a_part_that_was_never_fitted_alone(hoist: Problem):
+    """A ripple that was found beside an offset alone, which is none: from there it fits as well without that."""
+    true = {"amplitude_nm": 20.0, "order_per_turn": 0.5, "phase_rad": 0.4}
+    problem = Problem(default_hoist(), hoist_runs(with_effects(default_hoist(), {"torque_ripple": true})))
+    search = Search(problem, [find(name, "hoist") for name in ("torque_offset", "torque_ripple")])
+    base, names = search.base_fit(), list[str]()
+    free, start, fits = list[FreeParameter](search.held), [0.0] * search.count, {}
+    for name, at in (("torque_offset", {"offset_nm": 3.0}), ("torque_ripple", {**true, "amplitude_nm": 15.0})):
+        ranges = ranges_of(find(name, "hoist"), problem.machine, problem.runs)
+        values = {r.symbol: (at[r.name],) * len(problem.runs) if r.per_run else at[r.name] for r in ranges}
+        more, z = effect_parameters(find(name, "hoist"), ranges, values)
+        free, start, names = [*free, *more], [*start, *z], [*names, name]
+        fits[tuple(names)] = search._fit(tuple(names), free, np.array(start))
+    search.fits, result = dict(fits), SearchResult(problem, base, base, fits, {}, [])
+    leading, found = search.leading(result), search._leaving_out(result)
+    assert leading is not None and leading.names == ("torque_offset", "torque_ripple")
+    alone = search.leading(found)
+    assert alone is not None and alone.names == ("torque_ripple",)
+    assert alone.fit.objective < leading.fit.objective + 10.0 < 0.5 * base.objective
+    assert search._leaving_out(found).fits == found.fits
 
 
 def test_no_fit_is_made_twice_from_one_start(monkeypatch: pytest.MonkeyPatch):

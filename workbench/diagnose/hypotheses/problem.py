@@ -75,6 +75,9 @@ class Problem:
         self._idle = idle_sensors(machine, runs)
         ranges = [r for effect in effects_for(kind.name).values() for r in ranges_of(effect, machine, runs)]
         self._turning = {r.symbol for r in ranges if r.scan == "order"}
+        way = max(float(np.max(np.abs(motion.position))) for motion in self.bench.motions)
+        turned = {"order": way, "waves": 2.0 * math.pi * way, "frequency": max(run.duration_s for run in runs)}
+        self._turned = {r.symbol: turned[r.scan] for r in ranges if r.scan in turned}  # rad, by 1 of the value
         self._smooth: dict[tuple[int, bool], tuple[np.ndarray, LowpassAt]] = {}
         self.band_hz = self.bench.band_hz
         self.rows: list[np.ndarray] = []
@@ -228,11 +231,14 @@ class Problem:
         return base, change.T / steps[which]
 
     def _steps(self, parameter: FreeParameter) -> Array:
-        """Of each z of a parameter, for derivatives."""
+        """Of each z of a parameter, for derivatives. What turns a wave over all of the way, or of the time, turns it at
+        the end by no more than a phase's own step does."""
         if isinstance(parameter, Scalar) and parameter.symbol in (LOG_TIMING, self.late):
             return np.array(
                 [max(LATE_STEP * self.runs[0].sample_time_s, LATE_OF_BAND / self.band_hz) / parameter.scale]
             )
+        if isinstance(parameter, Scalar) and parameter.symbol in self._turned:
+            return np.array([STEP / max(self._turned[parameter.symbol] * parameter.origin, 1.0)])
         return np.full(parameter.size, STEP)
 
     def _group(self, settings: Sequence[Setting], known: Array | None = None) -> Array:

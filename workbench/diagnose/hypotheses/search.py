@@ -35,7 +35,7 @@ from workbench.diagnose.hypotheses.evidence import (
     score_of,
     weigh,
 )
-from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, parameters_of, stepped
+from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, parameters_of, parts_of, stepped
 from workbench.diagnose.hypotheses.free_parameters import (
     LOG_TIMING,
     FreeParameter,
@@ -293,7 +293,20 @@ class Search:
         hypothesis. most: effects at once."""
         if self.problem.thin:
             result = self._refitted(result, self.problem.exact())
-        return self._beside_the_leading(result, most)
+        return self._leaving_out(self._beside_the_leading(result, most))
+
+    def _leaving_out(self, result: SearchResult) -> SearchResult:
+        """The result with the leading hypothesis refitted without each of its effects, from where it is, as long as
+        another one leads then: a part of it may have been fitted to a poorer minimum, or not at all."""
+        search, before = self._at(result), None
+        while (w := search.leading(result)) is not None and len(w.names) > 1 and w.names != before:
+            before = w.names
+            for kept in combinations(w.fit.effects, len(before) - 1):
+                names = tuple(sorted(kept))
+                search._try(names, lambda fit=w.fit, kept=kept: search._without(fit, kept))  # type: ignore[misc]
+                search._finish(result.base, [names])
+            result = search._found(result.base, result.within_tolerances, result.signatures)
+        return result
 
     def _at(self, result: SearchResult) -> Search:
         """This search, to go on from a result."""
@@ -691,14 +704,18 @@ class Search:
         if any(fit.objective < self.fits[pair].objective for names, fit in self.fits.items() if len(names) < len(pair)):
             return  # fewer effects explain more
         for left in pair:
-            self._try((left,), lambda n=left: self._without(self.fits[pair], n))  # type: ignore[misc]
+            self._try((left,), lambda n=left: self._without(self.fits[pair], (n,)))  # type: ignore[misc]
         self._finish(base, [(left,) for left in pair])
 
-    def _without(self, pair: Fitted, left: str) -> Fitted:
-        """The pair's fit with only the effect `left` in it."""
-        mine, z = parameters_of(pair, (left,), self.count)
-        free = [*pair.free[: len(self.held)], *mine]
-        return self._fit((left,), free, np.concatenate([pair.z[: self.count], z]), FIRST_ROUND)
+    def _without(self, fit: Fitted, kept: Names) -> Fitted:
+        """A fit with only the effects `kept` in it, from where it is: its own parameters take up what they can of the
+        others' parts."""
+        out = tuple(name for name in fit.effects if name not in kept)
+        free = (*fit.free[: len(self.held)], *parameters_of(fit, kept, self.count)[0])
+        stays = np.repeat([one in free for one in fit.free], [one.size for one in fit.free])
+        at = replace(fit, effects=kept, free=free, z=fit.z[stays], jacobian=fit.jacobian[:, stays])
+        beside = stepped_aside(self.problem, at, -parts_of(self.problem, fit, [out])[0])
+        return self._fit_from(kept, free, at.z, beside, [])
 
     def _joint(self, result: SearchResult, least: float) -> None:
         """Pairs of effects that promise more together than the best single effect, and `least` of what it leaves,
