@@ -152,6 +152,15 @@ def test_every_option_named_in_the_text_is_one_of_some_command(page: Path):
     assert named - options - {"--help", "--version"} == set()
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_without_what_it_needs_says_what_is_missing(name: str, commands: Commands):
+    command = command_of(name)
+    for part in parts_of(command):
+        if any(parameter.required for parameter in part.params):
+            ended = commands(name, *([part.name] if isinstance(command, click.Group) else []))
+            assert ended.status == 2 and "Error: Missing " in ended.err
+
+
 def test_a_command_line_is_found_and_what_is_wrong_with_it_is_seen():
     text = "a\n\n    workbench study x\n\n`workbench app` b\n\n```sh\nworkbench replay C\n```\n\nworkbench is no line\n"
     assert sorted(command_lines(text)) == ["workbench app", "workbench replay C", "workbench study x"]

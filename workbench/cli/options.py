@@ -85,19 +85,15 @@ def _param(parameter: inspect.Parameter, hint: Any, said_of: str) -> click.Param
     kind = click.Path(path_type=Path) if kind is Path else kind
     needed = parameter.default is inspect.Parameter.empty
     default = None if needed else parameter.default
+    more |= {"required": True} if needed else {"default": default}  # a default of None is one, and nothing were missing
     if parameter.kind is not inspect.Parameter.KEYWORD_ONLY:
-        return click.Argument(
-            [parameter.name], type=kind, nargs=-1 if several else 1, required=needed, default=default, **more
-        )  # fmt: skip
+        return click.Argument([parameter.name], type=kind, nargs=-1 if several else 1, **more)
     name = next((word for word in words if word.startswith("--")), f"--{parameter.name.replace('_', '-')}")
     text = said_of or next(word for word in words if not word.startswith("--"))
     if kind is bool:
         return click.Option([name, parameter.name], is_flag=True, help=text)
     shown = default not in (None, (), "")
-    return click.Option(
-        [name, parameter.name], type=kind, multiple=several, required=needed, default=default, show_default=shown,
-        help=text, **more,
-    )  # fmt: skip
+    return click.Option([name, parameter.name], type=kind, multiple=several, show_default=shown, help=text, **more)
 
 
 def _load(context: click.Context, option: click.Parameter, files: tuple[Path, ...]) -> None:
