@@ -105,6 +105,11 @@ def test_several_mistakes_are_listed_in_one_line_and_at_most_five():
     assert said.endswith("more problems)")
 
 
+def test_the_valid_keys_of_a_block_are_listed_once():
+    said = refusal("name: lift\npayloads_kg: [0]\nzzz: 1\n")
+    assert said.count("unknown key") == 2 and said.count("valid: ") == 1
+
+
 def test_with_values_checks_like_a_file():
     with pytest.raises(InputError, match=r"carriage.mass_kg: -3.0, expected a number greater than 0"):
         with_values(default_hoist(), {"carriage.mass_kg": -3.0})

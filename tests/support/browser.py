@@ -100,7 +100,7 @@ def dashboard(home: Path, words: Sequence[str] = APP) -> Iterator[str]:
         process.terminate()
         process.wait(30)
         said = log.read_text()
-    assert "Traceback" not in said, said
+    assert "Traceback" not in said and "Warning" not in said and "warning" not in said, said
 
 
 def _free_port() -> int:

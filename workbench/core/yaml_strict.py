@@ -318,12 +318,16 @@ def problem_lines(
     details = sorted(error.errors(include_url=False), key=lambda detail: detail["type"] != "extra_forbidden")
     shown: dict[tuple[Place, str], None] = {}
     more: set[tuple[Place, str]] = set()
+    lists = set[str]()  # of valid keys: one that has been said is not said again
     for detail in details:
         place = _place_in(data, detail["loc"], missing=detail["type"] == "missing")
         if len(shown) == MAX_PROBLEMS:
             more.add((place, detail["type"]))
             continue
-        shown[(place, _sentence(model, place, detail, beside or (lambda p: _present(data, p[:-1]))))] = None
+        text = _sentence(model, place, detail, beside or (lambda p: _present(data, p[:-1])))
+        said, _, valid = text.partition("; valid: ")
+        shown[(place, said if valid in lists else text)] = None
+        lists.add(valid)
     problems = list(shown)
     if more:
         place, text = problems[-1]

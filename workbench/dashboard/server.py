@@ -155,7 +155,11 @@ def warm() -> None:
         except Exception:  # what fails here fails again, and is shown, on the page
             logging.getLogger(__name__).exception("loading ahead of time failed")
 
-    threading.Thread(target=load, name="warm", daemon=True).start()
+    thread = threading.Thread(target=load, name="warm", daemon=True)
+    # Streamlit warns of its spinner, which has no page yet, and says that this is to be ignored.
+    of_streamlit = logging.getLogger("streamlit.runtime.scriptrunner_utils.script_run_context")
+    of_streamlit.addFilter(lambda _: threading.current_thread() is not thread)
+    thread.start()
 
 
 def main(port: str, address: str, *hosts: str) -> None:

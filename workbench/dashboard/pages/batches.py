@@ -193,4 +193,4 @@ def _numbers(result: StudyResult) -> None:
             where.append(f"{metric.heading.lower()}: {run_in_words(known[worst], axes)}")
     if cards:
         widgets.numbers(cards)
-        st.caption(plain(f"The worst of all runs. {'; '.join(where)}."))
+        st.caption(plain(f"The worst of all runs: {'; '.join(where)}."))
