@@ -113,6 +113,25 @@ def test_the_page_says_the_answer_first_and_then_each_step(kind: str, tmp_path: 
     assert not re.search(r"\b(nan|inf|None)\b", read)
 
 
+def test_a_page_of_a_machine_that_holds_no_table_speaks_of_no_correction_nor_of_a_share_that_no_table_takes():
+    d = made_diagnosis("unknown")
+    assert d.unknown is not None
+    in_vain = dataclasses.replace(d.unknown, curves=(dataclasses.replace(d.unknown.curves[0], explains=0.0),))
+    told = dataclasses.replace(d, corrected=d.refitted, unknown=in_vain, replays=None)
+    corrected, none = ({name: str(section) for name, section in diagnosis.sections_of(x).items()} for x in (d, told))
+    for words in ("After: the corrected machine", "before and after its correction"):
+        assert words in corrected["shrink"] and words not in none["shrink"]
+    assert "Yellow: the gap" in none["shrink"]
+    assert "explains" in corrected["unknown"].partition("Figure(")[2]
+    assert "explains" not in none["unknown"].partition("Figure(")[2]
+
+
+def test_every_lag_of_an_autocorrelation_lies_inside_its_panel():
+    test = ResidualTest("half", np.array([0.1, 0.2]), *3 * [np.array([0.3, 0.2])], 0.5, {})
+    (low, high) = diagnosis.draw.autocorrelations([test]).layout.xaxis.range
+    assert low == 0.0 and high > 0.2
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_parts_of_the_residual_add_up(kind: str):
     *parts, together = made_diagnosis(kind).table("parts").rows

@@ -412,7 +412,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
     """The sections of the page by name, in their order, numbered. The runs are replayed for the figures."""
     v, i, s, where, unknown = d.verdict, d.isolability, d.shrink, d.where, d.unknown
     w, ways = words_of(d.campaign.machine), direction_names(d.campaign.machine)
-    runs, gap = draw.series_of(d), v.word != "no_gap"
+    runs, gap, corrected = draw.series_of(d), v.word != "no_gap", d.corrected != d.refitted
     profiles = sorted(filter(draw.worth_a_panel, where.profiles if where else ()), key=lambda p: -p.explains)
     against = "What speaks for a cause that the library does not list:" if v.word == "unknown" else (
         "What speaks against it:")  # fmt: skip
@@ -448,8 +448,8 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
     parts["shrink"] = Section(
         "7. Residual on held-out runs", [shrink_sentence(d), *s.sentences], (), [shrink_table(d), parts_table(d)],
         [(bars, "Each run predicted by a fit to the others."),
-         (draw.residuals(runs, s.unit, d.gap.noise_rms), said.residuals(gap)),
-         (draw.speeds(runs, w.scale), said.speeds(gap, w))],
+         (draw.residuals(runs, s.unit, d.gap.noise_rms), said.residuals(gap, corrected)),
+         (draw.speeds(runs, w.scale), said.speeds(corrected, w))],
     )  # fmt: skip
     if d.residual_tests:
         drawn = [(draw.autocorrelations(d.residual_tests), said.autocorrelation())]

@@ -110,7 +110,7 @@ def autocorrelations(tests: Sequence[ResidualTest]) -> Figure:
         drawn.append([Line("autocorrelation", x, y, stem), *bounds])
     names = [test.run for test in tests]
     figure = run_panels("Autocorrelation of what is left", "autocorrelation", names, drawn, x_title="lag (s)")
-    return figure.update_xaxes(rangemode="tozero")
+    return figure.update_xaxes(range=[0.0, max(test.lags_s[-1] + 0.5 * test.lags_s[0] for test in tests)])
 
 
 def inputs(runs: Sequence[RunSeries], unit: str) -> Figure:
@@ -206,7 +206,7 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
                 fillcolor=style.FAINT, line={"shape": "hv", "color": style.GREY, "width": 1.2}, **bars, **panel,
             )  # fmt: skip
             title = "one wave's share of the energy" if k % COLUMNS == 0 else ""
-            figure.update_xaxes(type="log", dtick=1, **panel)
+            figure.update_xaxes(type="log", dtick="D2", **panel)
             figure.update_yaxes(range=[0.0, 1.15 * most], ticksuffix=" %", title_text=title, **panel, secondary_y=False)
             continue
         middle = (profile.edges[1:] + profile.edges[:-1]) / 2.0
@@ -237,10 +237,9 @@ def curves(
     it is called, its unit). units: of each curve's force (N) or torque (N m).
     """
     names = [words.get(curve.over, (curve.over, "")) for curve in shown]
-    heads = [
-        f"<b>{name}</b><br>explains {whole_percent(c.explains)}" for (name, _), c in zip(names, shown, strict=True)
-    ]
-    figure = _panels("The unknown cause: force against the motion", heads, 2, 300, 0.1)
+    explains = [f"<br>explains {whole_percent(curve.explains)}" if curve.explains > 0.0 else "" for curve in shown]
+    heads = [f"<b>{name}</b>{said}" for (name, _), said in zip(names, explains, strict=True)]
+    figure = _panels("The unknown cause: what acts against the motion", heads, 2, 300, 0.1)
     for k, (curve, (name, unit), of) in enumerate(zip(shown, names, units, strict=True)):
         panel = {"row": k // 2 + 1, "col": k % 2 + 1}
         both = ((curve.forward, curve.std_forward), (curve.backward, curve.std_backward))
