@@ -132,6 +132,18 @@ def test_every_lag_of_an_autocorrelation_lies_inside_its_panel():
     assert low == 0.0 and high > 0.2
 
 
+def test_a_spectrum_of_less_than_a_decade_has_several_frequencies_written_out():
+    (profile, *_) = made_diagnosis("named").where.profiles  # type: ignore[union-attr]
+    edges = np.array([0.3, 0.8, 2.0])
+    nothing = np.full(2, np.nan)
+    spectrum = dataclasses.replace(
+        profile, edges=edges, share=np.array([0.2, 0.1]), mean_forward=nothing, mean_backward=nothing
+    )
+    axis = diagnosis.draw.profiles([spectrum], "N m", ("forward", "backward")).layout.xaxis
+    inside = [text for at, text in zip(axis.tickvals, axis.ticktext, strict=True) if edges[0] <= at <= edges[-1]]
+    assert inside == ["0.5", "1", "2"]
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_parts_of_the_residual_add_up(kind: str):
     *parts, together = made_diagnosis(kind).table("parts").rows

@@ -206,7 +206,9 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
                 fillcolor=style.FAINT, line={"shape": "hv", "color": style.GREY, "width": 1.2}, **bars, **panel,
             )  # fmt: skip
             title = "one wave's share of the energy" if k % COLUMNS == 0 else ""
-            figure.update_xaxes(type="log", dtick="D2", **panel)
+            wide = profile.edges[-1] > 30.0 * profile.edges[0]
+            ticks = [float(f"{n}e{k}") for k in range(-4, 5) for n in ((1,) if wide else (1, 2, 5))]
+            figure.update_xaxes(type="log", tickvals=ticks, ticktext=[f"{at:g}" for at in ticks], **panel)
             figure.update_yaxes(range=[0.0, 1.15 * most], ticksuffix=" %", title_text=title, **panel, secondary_y=False)
             continue
         middle = (profile.edges[1:] + profile.edges[:-1]) / 2.0
