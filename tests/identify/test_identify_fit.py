@@ -401,7 +401,7 @@ def test_a_value_far_off_or_a_residual_above_the_noise_leads_to_diagnose(campaig
     far = replace(identified, fit=replace(identified.fit, value=tuple(value)))
     assert far.fit.tolerances_off()[0] == pytest.approx(7.0)
     assert sentences(far)[-1] == (
-        "A value is 7 tolerances off: the model may lack something; `workbench diagnose` names what."
+        "A value is 7.0 tolerances off: the model may lack something; `workbench diagnose` names what."
     )
     above = replace(identified, after=replace(identified.after, residual_rms_moving=2.0 * identified.after.noise_rms))
     assert sentences(above)[-1].startswith("The residual while moving is 2.0 times the noise: the model may lack")

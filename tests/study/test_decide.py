@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.scenario_text import GOOD, write
 from workbench.core.errors import InputError
 from workbench.machines import default_hoist, load_of, with_values
 from workbench.references import LimitPair, Limits
@@ -424,6 +425,13 @@ def test_what_goes_beyond_a_limit_that_is_set_is_what_its_set_point_does_in_the_
     (said,) = beyond_its_limits(own)
     told = [tuple(map(float, pair)) for pair in re.findall(r"speed from ([\d.]+) to ([\d.]+) m/s", said)]
     assert {("9000kg_ruckig_equal_time", *pair) for pair in told} == beyond
+
+
+def test_figures_on_another_wire_are_said_to_be_of_the_file_s_own_values_where_it_sweeps_some(tmp_path: Path):
+    """The gain to take is another one of the sweep: figures without it looked like those of the one taken."""
+    sweep = "sweep: {controller.kp_nm_s_per_rad: [20.0, 45.0]}\n"
+    for text, where in ((GOOD, "at 9000 kg, "), (GOOD + sweep, "at 9000 kg and the file's own values, ")):
+        assert where in (on_another_damping(load_study(write(tmp_path, text))) or "")
 
 
 @pytest.mark.parametrize("payload", [0.0, 9000.0])

@@ -39,7 +39,7 @@ from workbench.view.loop import load_for
 from workbench.view.page import Section, save_page
 from workbench.view.panels import PASSES, STRAIGHT, straightened, thin
 from workbench.view.study import conclusions, figures_of, what_was_run, write_study_report
-from workbench.view.study_figures import plane
+from workbench.view.study_figures import peak_torque_over_payload, plane
 from workbench.view.style import GROUND, LINES, SPARE, line, on_dark
 
 if TYPE_CHECKING:
@@ -169,6 +169,13 @@ def test_a_result_of_an_older_version_without_the_newer_metrics_still_has_a_repo
     old = tuple(replace(row, metrics={k: v for k, v in row.metrics.items() if k in kept}) for row in result.rows)
     write_study_report(replace(result, rows=old), tmp_path / "old.html")
     assert "knee" in Written((tmp_path / "old.html").read_text(encoding="utf-8")).words
+
+
+def test_the_names_of_the_limits_over_payload_stand_where_the_peaks_are_least():
+    figure = peak_torque_over_payload(np.array([0.0, 9000.0]), {"trapezoid": np.array([340.0, 490.0])}, 480.0, 768.0)
+    assert {(note.text, note.x, note.xanchor) for note in figure.layout.annotations} >= {
+        ("nominal 480 N m", 0, "left"), ("limit 768 N m", 0, "left"),
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -263,11 +263,13 @@ def on_another_damping(study: Study) -> str | None:
     judged, pairs = metrics_of(before), [known[reference] for reference in told if reference in known][:2]
     metrics = [judged.by_name[judged.peak], judged.by_name[swing]]
     moved = max(abs(b[m.name] / a[m.name] - 1.0) for a, b in pairs for m in metrics if a[m.name])
+    varied = study.scenario.sweep or study.scenario.sample
     swept = ", ".join(field_label(column).of(value) for column, value in own[0].assigned.items())
+    swept = swept or ("the file's own values" if varied else "")
     where = " and ".join(part for part in (f"{own[0].payload_kg:g} kg" if load.hangs else "", swept) if part)
     ratio = replace(load, damping_time_s=time_s).damping
     figures = [(words_of(a.reference), [(m, m.text(b[m.name]), m.text(a[m.name])) for m in metrics]) for a, b in pairs]
-    chosen = first and len(own) > 1 and not study.scenario.sweep and not study.scenario.sample
+    chosen = first and len(own) > 1 and not varied
     return said.damping(
         load, ratio, 100.0 * moved < HARDLY, study.scenario.plant == "lumped", damped if rings else "", where, figures,
         first.words if first and chosen else "", then.words if then else "none",

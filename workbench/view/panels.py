@@ -78,12 +78,12 @@ class Panels:
         })  # fmt: skip
         self.in_legend.add(name)
 
-    def level(self, row: int, column: int, y: float, text: str = "", dash: str = "4px,3px") -> None:
-        """A horizontal line over the whole width, such as a limit."""
+    def level(self, row: int, column: int, y: float, text: str = "", dash: str = "4px,3px", left: bool = False) -> None:
+        """A horizontal line over the whole width, such as a limit. left: where its text stands, else right."""
         place, line = self.axes(row, column, "x"), {"color": GREY, "width": 1.2, "dash": dash}
         self.shapes.append({"type": "line", "x0": 0, "x1": 1, "y0": y, "y1": y, "line": line, **place})
         if text:
-            self.words(text, 1, y, "right", "bottom", place, color=GREY)
+            self.words(text, 0 if left else 1, y, "left" if left else "right", "bottom", place, color=GREY)
 
     def shade(
         self, row: int, column: int, start: float, end: float, colour: str, edge: float = 0.0, text: str = ""

@@ -106,12 +106,13 @@ def over_time(
 
 
 def _limits(
-    panels: Panels, row: int, column: int, nominal: float | None, limit: float, unit: str, both_ways: bool = False
-) -> None:
-    """Nominal value and limit, where there is one, named in the first column."""
+    panels: Panels, row: int, column: int, nominal: float | None, limit: float, unit: str, both_ways: bool = False,
+    left: bool = False,
+) -> None:  # fmt: skip
+    """Nominal value and limit, where there is one, named in the first column, at its right or left end."""
     for value, what, dash in ((nominal, "nominal", "dot"), (limit, "limit", "dash")):
         if value is not None and math.isfinite(value):
-            panels.level(row, column, value, "" if column else f"{what} {value:.4g} {unit}", dash)
+            panels.level(row, column, value, "" if column else f"{what} {value:.4g} {unit}", dash, left)
             if both_ways:
                 panels.level(row, column, -value, "", dash)
 
@@ -145,7 +146,7 @@ def peak_torque_over_payload(
     if static_nm is not None:
         held = {"color": GREY, "dash": "2px,2px", "width": 1.5}
         panels.line(0, 0, payload_kg, static_nm, "holding the load", held, "N m")
-    _limits(panels, 0, 0, nominal_torque_nm, torque_limit_nm, "N m")
+    _limits(panels, 0, 0, nominal_torque_nm, torque_limit_nm, "N m", left=True)  # where the least torque is
     highest = np.nanmax([torque_limit_nm, nominal_torque_nm, *np.concatenate(list(peaks_nm.values()))])
     return panels.figure(height, y_ranges={0: (0.0, 1.08 * float(highest))}).update_layout(hovermode="x unified")
 
