@@ -370,6 +370,10 @@ def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Probl
     freer = "friction_viscous_asymmetric"
     assert alike(judged((freer,), {(freer,): 1000.0, (viscous,): 960.0}), "hoist") == (viscous,)
     assert alike(judged((freer, offset), {(freer, offset): 1000.0, (viscous, offset): 999.0}), "hoist") == ()
+    # The freer law: alike where it has earned its parameters, for what it lacks of the threshold is taken off. Levels
+    # of 321 and 7,984 N were called one level of both ways at 0.69.
+    assert alike(judged((viscous,), {(viscous,): 90.7, (freer,): 89.1}), "hoist") == (freer,)
+    assert alike(judged((viscous,), {(viscous,): 90.7, (freer,): 84.9}), "hoist") == ()
     # A further run is asked for against a rival that the runs leave open only.
     assert runners_up(judged((viscous,), {(viscous,): 109.0, (freer,): 98.0, (mass,): 83.0}), "hoist") == ((mass,),)
     assert runners_up(judged((viscous,), {(viscous,): 539.0, (mass,): 117.0}), "hoist") == ()

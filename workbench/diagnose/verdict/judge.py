@@ -344,8 +344,9 @@ def _on_bound(fit: Fitted, base: int) -> bool:
 
 def alternatives(judged: Judged, kind: str) -> tuple[Names, ...]:
     """Hypotheses that explain the gap about as well as the answer does, the best first: with another effect in place of
-    one of its own, of another place or regime, and about its evidence. In place of a single one, also the simpler law
-    of its own place and regime where that leaves little more."""
+    one of its own, of another place or regime, and about its evidence; a freer law of the same, where it explains more
+    than its parameters cost, if not by the threshold. In place of a single one, also the simpler law of its own place
+    and regime where that leaves little more."""
     best = next((w for w in judged.weighed if w.names == judged.names), None)
     if judged.word != "named" or best is None:
         return ()
@@ -356,7 +357,8 @@ def alternatives(judged: Judged, kind: str) -> tuple[Names, ...]:
         (mine,), (other,) = set(best.names) - set(w.names), set(w.names) - set(best.names)
         freer, simpler = same_but_freer(other, mine, kind), same_but_freer(mine, other, kind)
         single = len(best.names) == 1
-        as_good = best.evidence - w.evidence < settings.DECISIVE and not freer and (single or not simpler)
+        reach = settings.calibration()["threshold"] if freer else settings.DECISIVE
+        as_good = best.evidence - w.evidence < reach and (single or not simpler)
         little_more = single and simpler and w.evidence > (1.0 - settings.SIMPLER) * best.evidence
         if w.fit.prior - best.fit.prior < settings.NUISANCE**2 and (as_good or little_more):
             others.append(w.names)
