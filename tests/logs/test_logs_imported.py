@@ -142,6 +142,16 @@ def refusal(file: Path) -> str | None:
     return None
 
 
+@pytest.mark.parametrize(
+    ("title", "factor"), [("time_s", 1.0), ("t_ms", 1e-3), ("t [ms]", 1e-3), ("time", 1.0), ("Zeit_min", 60.0)]
+)
+def test_a_time_is_known_by_its_name_with_its_unit_behind(title: str, factor: float, tmp_path: Path):
+    file = tmp_path / "log.csv"
+    file.write_text(f"{title},speed_motor_rad_s\n" + "".join(f"{k},{k % 7}.5\n" for k in range(40)))
+    (channel,) = read_channels(file)
+    assert (channel.name, channel.time_s[-1]) == ("speed_motor_rad_s", pytest.approx(39.0 * factor))
+
+
 def test_without_yes_it_asks_and_writes_nothing_where_the_answer_is_no(tmp_path, commands, monkeypatch):
     as_trace(tmp_path / "trace.csv")
     save_machine(HOIST, tmp_path / "machine.yaml")

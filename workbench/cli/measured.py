@@ -216,6 +216,6 @@ def import_(
         click.echo(f"\nruns.yaml will be:\n\n{runs_yaml(logs, proposed)}")
         click.confirm("Take it?", abort=True)
     campaign = write_campaign(machine, logs, proposed, out)
-    print_text([f"{len(campaign.runs)} runs.", *campaign.all_notes])
+    print_text([f"Runs: {len(campaign.runs)}.", *campaign.all_notes])
     click.echo(f"\nCampaign: {out}")
     return 0

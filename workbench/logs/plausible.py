@@ -137,7 +137,8 @@ def _check_torque(run: RawRun, limits: Limits) -> None:
     text = f"{run.label(name)} is {mean:.4g} N m on average while moving; {takes}"
     # Compared as products: a machine whose load is nearly nothing has no ratio.
     if not TORQUE_RATIO[0] * holding <= abs(mean) <= TORQUE_RATIO[1] * holding:
-        raise run.fault(f"{text}; is it in kN m or per cent, or is the payload wrong?")
+        unit = "is it in kN m or per cent" if abs(mean) < holding else "is it in another unit, a mass in tonnes"
+        raise run.fault(f"{text}; {unit}, or is the payload wrong?")
     if mean < 0.0:
         run.notes.append(f"{text}; is its sign flipped?")
     elif not TORQUE_RATIO_NOTE[0] * holding <= mean <= TORQUE_RATIO_NOTE[1] * holding:
@@ -224,7 +225,8 @@ def drop_wrong_scale(run: RawRun) -> None:
     for name, (other, twin) in twins.items():
         slope = _slope(twin, values[name]) if name in values else None
         if slope is not None and not 1.0 / FAR < slope < FAR:
-            run.drop(name, f"it changes {slope:.3g} times as much as {other} says; is it in another unit?")
+            what = "in another unit" if slope > 0.0 else "of another sign"
+            run.drop(name, f"it changes {slope:.3g} times as much as {other} says; is it {what}?")
     if kind.dead_line is not None and (line := kind.dead_line.signal) in values:
         carried, mean = kind.dead_line.at_rest(run.machine, run.payload_kg), float(np.mean(values[line]))
         if not carried / FAR < mean < carried * FAR:

@@ -33,7 +33,7 @@ SCOPE_KEY = "SampleTime[ms]"
 FILETIME = 1e16  # beyond it a time is one of Windows, in 100 ns
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2})(?:[;.,](\d{1,6}))?(?: *([AP])M)?", re.IGNORECASE)
 TIME_UNITS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
-_TIME = re.compile(r"^(time|zeit|timestamp|zeitstempel|t)\b", re.IGNORECASE)
+_TIME = re.compile(r"^(time|zeit|timestamp|zeitstempel|t)(_(s|ms|us|µs|min))?\b", re.IGNORECASE)
 _UNIT = re.compile(r"^(.*?)\s*[\[(/]\s*([^\])]*?)\s*[\])]?\s*$")
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 
@@ -185,7 +185,8 @@ def _of_columns(head: Sequence[Sequence[str]], numbers: Array, file: Path) -> li
     if at is None:
         time_s = np.full(len(numbers), np.nan)
     else:
-        time_s = TIME_UNITS.get(units[at].lower(), 1.0) * numbers[:, at]
+        unit = units[at] or titles[at].rpartition("_")[2]  # `t [ms]` or `t_ms`
+        time_s = TIME_UNITS.get(unit.lower(), 1.0) * numbers[:, at]
     channels = [
         Channel(name, unit, time_s[np.isfinite(numbers[:, j])], numbers[np.isfinite(numbers[:, j]), j])
         for j, (name, unit) in enumerate(zip(titles, units, strict=True))
