@@ -300,6 +300,12 @@ def test_a_key_that_cannot_be_freed_is_answered_with_the_nearest(levels_only, ke
     assert answer in str(caught.value)
 
 
+def test_runs_too_short_for_the_band_are_refused(campaign: Campaign):
+    short = [replace(r, time_s=r.time_s[:30], signals={n: v[:30] for n, v in r.signals.items()}) for r in campaign.runs]
+    with pytest.raises(InputError, match=r"Hz, expected at least .* \(4 periods in the shortest run\)"):
+        identify(replace(campaign, runs=tuple(short)))
+
+
 def test_a_machine_that_stands_still_is_nothing_to_fit():
     settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
     still = simulate_loop([LoopCase("still", NOMINAL, 4500.0, 8.0, settings, np.zeros(8000))])[0].run

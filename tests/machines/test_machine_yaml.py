@@ -105,6 +105,11 @@ def test_several_mistakes_are_listed_in_one_line_and_at_most_five():
     assert said.endswith("more problems)")
 
 
+def test_a_number_for_a_key_is_what_stands_behind_a_decimal_comma():
+    said = refusal(machine_text(default_hoist()).replace("gearbox:\n  ratio: 31.0", "gearbox: {ratio: 31,5}"))
+    assert "unknown key '5'; is it what stands behind a decimal comma?" in said
+
+
 def test_the_valid_keys_of_a_block_are_listed_once():
     said = refusal("name: lift\npayloads_kg: [0]\nzzz: 1\n")
     assert said.count("unknown key") == 2 and said.count("valid: ") == 1

@@ -353,6 +353,8 @@ def _place_in(data: object, location: tuple[int | str, ...], *, missing: bool) -
 def _sentence(model: type[BaseModel], place: Place, detail: ErrorDetails, beside: Beside) -> str:
     kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
     if kind == "extra_forbidden":
+        if str(place[-1]).isdigit():  # {speed_m_s: 0,7}
+            return f"unknown key '{place[-1]}'; is it what stands behind a decimal comma?"
         all_keys = _keys(_models_at(model, place[:-1]), str(place[-1]))
         free = all_keys - beside(place)  # a key that is there already is hardly the one meant
         return f"unknown key '{place[-1]}'; {nearest(str(place[-1]), free or all_keys)}"

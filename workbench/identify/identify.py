@@ -18,7 +18,7 @@ from workbench.identify.model import BalanceModel, free_parameters
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, Kind, kind_of, with_values
 from workbench.simulate.driven import Balance, InverseSimulation, changed, sensor
-from workbench.simulate.lowpass import lowpass
+from workbench.simulate.lowpass import check_band, lowpass
 from workbench.simulate.noise import usable_band
 from workbench.simulate.replay import ReplayResult, own_log, replay_runs
 
@@ -127,6 +127,7 @@ def identify(
     bench = InverseSimulation(machine, campaign.runs, band_hz)
     if band_hz is None and (band := usable_band(bench)) < bench.band_hz:
         bench = InverseSimulation(machine, campaign.runs, band)
+    check_band(bench.band_hz, campaign.runs)
     levels = friction_levels(bench)
     parameters = free_parameters(machine, campaign.runs, free)
     ties = _ties(machine, [f.key for f in parameters])
