@@ -147,6 +147,8 @@ def gap(visit: Visit, tmp_path: Path) -> None:
         page.get_by_role("tab", name=tab).click()
         visit.drawn(figures)
         visit.shot(f"7 gap {tab.partition(',')[0].lower()}")
+        if tab == "Where it lies":  # as words, which wrap: a run has many windows
+            assert page.get_by_role("cell", name=re.compile(r"\d to \d.*, \d")).first.is_visible()
     page.get_by_role("button", name="Keep the machine").click()
     page.get_by_text("Kept as corrected by demo_campaign").wait_for()
     visit.drawn(figures=1)

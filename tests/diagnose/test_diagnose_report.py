@@ -121,7 +121,7 @@ def test_a_page_of_a_machine_that_holds_no_table_speaks_of_no_correction_nor_of_
     corrected, none = ({name: str(section) for name, section in diagnosis.sections_of(x).items()} for x in (d, told))
     for words in ("After: the corrected machine", "before and after its correction"):
         assert words in corrected["shrink"] and words not in none["shrink"]
-    assert "Yellow: the gap" in none["shrink"]
+    assert "Yellow: the gap's windows. After: " in corrected["shrink"] and "the gap's windows.\"" in none["shrink"]
     assert "explains" in corrected["unknown"].partition("Figure(")[2]
     assert "explains" not in none["unknown"].partition("Figure(")[2]
 

@@ -226,7 +226,7 @@ def _section(name: str, section: Section, key: str) -> None:
     widgets.figures(section.figures, key)
     points([*sentences, *section.points])
     for shown in section.tables:
-        widgets.table(shown)
+        widgets.table(shown, in_words=name == "where")  # a run's windows are a cell of any length
 
 
 # ---- in the worker's process -----------------------------------------------------------------------------------------
