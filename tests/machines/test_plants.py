@@ -343,6 +343,7 @@ def test_what_is_added_at_a_place_does_what_the_place_says(place, added, expecte
 def test_a_load_finds_its_place_behind_play_that_an_effect_adds(load):
     """The plain place lies within the play: it is left for the flank that the load lies on."""
     effects = Effects({"coupling_torque_nm": [lambda s, p: coupling(s.twist, s.rate, s.k, s.c, 0.02)[0] - s.torque]})
-    q, u = hang_still(PLANT, effects, [SimpleNamespace(**{**FREE_PLANTS, "C": load})], [0.3], [0.0])
+    table = np.array([[{**FREE_PLANTS, "C": load}[name]] for name in PLANT.parameters])
+    q, u = hang_still(PLANT, effects, table, [0.3], [0.0])
     assert u[0] == pytest.approx(load, abs=1e-6)
     assert q[0, 0] - q[1, 0] == pytest.approx(load / 900.0 + math.copysign(0.01, load) * bool(load), abs=1e-6)

@@ -128,6 +128,23 @@ def test_runs_that_are_simulated_together_are_what_each_one_is_alone(runs):
         assert balance.states == pytest.approx(alone.states, abs=1e-4 * np.max(np.abs(alone.states)))
 
 
+def test_few_sets_of_thinned_runs_share_a_kernel_and_come_out_as_many_do_run_by_run(runs, monkeypatch):
+    bench = InverseSimulation(MACHINE, runs, 1.7, searchable(MACHINE, runs), parts(MACHINE, runs), thin=0.07)
+    made, calls = kernels.driven, []
+
+    def counted(*given, **more):
+        calls.append(more)
+        return made(*given, **more)
+
+    monkeypatch.setattr(kernels, "driven", counted)
+    few, many = (
+        bench.required([np.repeat(row[:, None], sets, 1) for row in bench.table], thin=True) for sets in (2, 9)
+    )
+    assert min(bench.every) > 1 and len(calls) == 1 + len(runs)
+    for one, other in zip(few, many, strict=True):
+        assert one == pytest.approx(other[..., :2], abs=1e-3 * np.max(np.abs(other[:, 0])))
+
+
 def test_a_force_that_the_model_lacks_shows_in_the_residual_with_its_size(runs):
     bench = InverseSimulation(MACHINE, runs)
     weaker = [changed(p, {"F_up": p.F_up - 1000.0}) for p in bench.base]

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.engine.source import Kernel, delay_rows, driven_kernel, loop_kernel, loop_parameters, replay_kernel
+from workbench.engine.source import HELD, Kernel, delay_rows, driven_kernel, loop_kernel, loop_parameters, replay_kernel
 from workbench.machines import NO_EFFECTS, Effects, Plant
 
 T = TypeVar("T")
@@ -47,10 +47,9 @@ def _lanes(a: Array, group: np.ndarray) -> Array:
 
 
 def _read(a: Array, group: np.ndarray) -> Array:
-    """As `_lanes`, of what a kernel only reads: without a copy where it is in lanes already."""
-    if a.shape[-1] == len(group) and a.dtype == float and a.flags.c_contiguous and group[-1] == len(group) - 1:
-        return a.reshape(-1)
-    return _lanes(a, group)
+    """As `_lanes`, of a signal that a kernel only reads: not copied where it is in lanes already, or one for all."""
+    whole = a.shape[-1] == len(group) and group[-1] == len(group) - 1
+    return np.ascontiguousarray(a, dtype=float).reshape(-1) if whole or a.shape[-1] == 1 else _lanes(a, group)
 
 
 def _interleaved(references: Sequence[Array]) -> Array:
@@ -128,6 +127,7 @@ def _integrated(
             np.empty_like(state),
             np.empty(kernel.lanes),
             1.0 / _lanes(speed_scales, group),
+            np.empty(HELD * kernel.lanes),
             tolerance,
             most_steps,
             result.reshape(-1),

@@ -14,6 +14,7 @@ the embedded error of every lane is within the tolerance, and doubled again afte
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -33,6 +34,7 @@ from workbench.symbolic.expr import Expr, Scalar, symbol
 
 INDENT = "    "
 VANISHED = 1e-120  # of a state, 1e-16 of it is none: processors take many times as long for numbers near 1e-308
+HELD = 6  # rows of what is the same between two samples, at most
 LAG = ("lag_left", "lag_start", "lag_slope")  # what a lagging drive's step needs, by symbol
 
 
@@ -82,6 +84,20 @@ class KernelText:
 
     def load(self, indent: int, array: str, names: Sequence[str]) -> None:
         self.add(indent, *(f"{name} = {self.at(array, i)}" for i, name in enumerate(names)))
+
+    def samples(self, indent: int, rows: int, signals: Sequence[str]) -> None:
+        """n samples, `rows` to each in `out`; a signal has a column for each lane, or one for all."""
+        self.add(indent, f"n = out.shape[0] // {rows * self.lanes}")
+        self.add(indent, *(f"{name}_row = {name}.shape[0] // n" for name in signals))
+        self.add(indent, *(f"{name}_lane = {name}_row // {self.lanes}" for name in signals))
+
+    def held(self, indent: int, values: Mapping[str, str]) -> None:
+        """What is the same from one sample to the next, a row of `held` each; `name[k]` is a signal's at sample k."""
+        self.add(indent, f"for l in range({self.lanes}):")
+        for name, value in values.items():
+            text = re.sub(r"(\w+)\[(\w+)\]", r"\1[\2 * \1_row + l * \1_lane]", value)
+            self.add(indent + 1, f"{name} = {text}")
+        self.store(indent + 1, "held", list(values))
 
     def parameter(self, name: str) -> str:
         """A parameter as the loops read it."""
@@ -152,16 +168,17 @@ def bound(plant: Plant, effects: Effects, p: Any) -> Callable[..., Sequence[Scal
 def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, Any]) -> None:
     """Cross from sample k to k+1 in m equal steps, m doubled until the error is small enough.
 
-    `step` holds the outputs of one step (`next`, `errors`) and the lines that load
-    what it reads (`inputs`).
+    `step` holds the outputs of one step (`next`, `errors`), the names of what is `held`, t0 and the interval H first,
+    and lines for what it reads beside (`inputs`).
     """
     n = len(states)
     L = k.lanes
     k.add(2, "while True:")
     k.add(3, f"for j in range({n * L}):", f"{INDENT}work[j] = state[j]")
     k.add(3, f"for l in range({L}):", f"{INDENT}worst[l] = 0.0")
-    k.add(3, "largest = 0.0", "for s in range(m):", f"{INDENT}for l in range({L}):")
-    k.add(5, *step["inputs"])
+    k.add(3, "largest = 0.0", "part = 1.0 / m", "for s in range(m):", f"{INDENT}for l in range({L}):")
+    k.load(5, "held", step["held"])
+    k.add(5, "h = H * part", "t = t0 + s * h", *step["inputs"])
     k.load(5, "work", states)
     results = k.block(5, [*step["next"], *step["errors"]])
     k.store(5, "work", results[:n])
@@ -180,7 +197,7 @@ def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, 
 def replay_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
     """Kernel `replay`: the plant under an input given at samples, linear between them.
 
-    times, inputs: (n, lanes); state: (states, lanes), advanced in place; out: (n, positions,
+    times, inputs: (n, lanes or 1); state: (states, lanes), advanced in place; held: (HELD, lanes); out: (n, positions,
     speeds and the effects' memory, lanes).
     """
     k = KernelText(lanes, (*plant.parameters, *effects.parameters))
@@ -189,37 +206,27 @@ def replay_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
     model = bound(plant, effects, parameter_symbols(k.parameters, plant.parameters))
     q1, y1, _, errors = rodas3_step(model, t, h, q, y, u, u_rate, len(effects.memory))
     states = [e.args[0] for e in (*q, *y)]
-    k.add(1, "n = times.shape[0] // %d" % lanes, "m = 1", "steps = 0")
-    k.add(1, "for k in range(n - 1):")
-    inputs = (
-        f"t0 = {k.at('times', 'k')}",
-        f"H = {k.at('times', 'k + 1')} - t0",
-        f"u0 = {k.at('inputs', 'k')}",
-        f"u_rate = ({k.at('inputs', 'k + 1')} - u0) / H",
-        "h = H / m",
-        "t = t0 + s * h",
-        "u = u0 + u_rate * (s * h)",
-    )
+    held = {
+        "t0": "times[k]", "H": "times[after] - t0", "u0": "inputs[k]", "u_rate": "(inputs[after] - u0) / H",
+    }  # fmt: skip
+    k.samples(1, len(states), ("times", "inputs"))
+    k.add(1, "m = 1", "steps = 0", "for k in range(n - 1):", f"{INDENT}after = k + 1")
+    k.held(2, held)
     k.add(2, f"for j in range({len(states) * lanes}):", f"{INDENT}out[k * {len(states) * lanes} + j] = state[j]")
-    _adaptive_interval(k, states, {"inputs": inputs, "next": [*q1, *y1], "errors": errors})
+    inputs = ("u = u0 + u_rate * (s * h)",)
+    _adaptive_interval(k, states, {"held": held, "inputs": inputs, "next": [*q1, *y1], "errors": errors})
     k.add(1, f"for j in range({len(states) * lanes}):")
     k.add(2, f"out[(n - 1) * {len(states) * lanes} + j] = state[j]")
     k.add(1, "return steps")
-    arrays = dict.fromkeys(("c", "times", "inputs", "state", "work", "worst", "inverse_scale"), "a")
+    arrays = dict.fromkeys(("c", "times", "inputs", "state", "work", "worst", "inverse_scale", "held"), "a")
     return k.finish("replay", {**arrays, "tolerance": "f", "most": "i", "out": "a"})
 
 
 @cache
-def driven_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
-    """Kernel `driven`: the first coordinate moves as measured, the rest follows; out: the input it takes.
-
-    times, angles, speeds, accelerations: (n, lanes) of the driven coordinate. Between
-    samples its speed is linear. The input enters the first acceleration linearly,
-    a = a|u=0 + (da/du) u, so the input that gives the measured acceleration is
-    (a - a|u=0) / (da/du). out: (n, 1 + rest, lanes), the input, then the other states.
-    """
-    k = KernelText(lanes, (*plant.parameters, *effects.parameters))
-    rates = bound(plant, effects, parameter_symbols(k.parameters, plant.parameters))
+def _driven_step(plant: Plant, effects: Effects) -> tuple[list[str], Scalar, list[Scalar], list[Scalar]]:
+    """The names of the following states; the input that the motion takes, and one step of these states and its errors,
+    traced once for kernels of all widths."""
+    rates = bound(plant, effects, parameter_symbols((*plant.parameters, *effects.parameters), plant.parameters))
     q, y = state_symbols(plant, effects)
     t, h, u = symbol("t"), symbol("h"), symbol("u")
     start, angle, speed, alpha = (symbol(s) for s in ("t0", "angle0", "speed0", "alpha"))
@@ -230,37 +237,46 @@ def driven_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
         th = angle + since * (speed + 0.5 * (alpha * since))
         return list(rates(time, [th, *q_rest], [w, *y_rest], 0.0))[1:]
 
+    needed = (symbol("acceleration") - rates(t, q, y, 0.0)[0]) / derivative(rates(t, q, y, u)[0], u)
     states = [e.args[0] for e in (*q[1:], *y[1:])]
-    traced = rates(t, q, y, u)[0]
-    gain = derivative(traced, u)
-    free = rates(t, q, y, 0.0)[0]
-    needed = (symbol("acceleration") - free) / gain
+    if not states:
+        return states, needed, [], []
+    q1, y1, _, errors = rodas3_step(rest, t, h, q[1:], y[1:], symbol("u_none"), 0.0, len(effects.memory))
+    return states, needed, [*q1, *y1], errors
+
+
+@cache
+def driven_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
+    """Kernel `driven`: the first coordinate moves as measured, the rest follows; out: the input it takes.
+
+    times, angles, speeds, accelerations: (n, lanes or 1) of the driven coordinate. Between
+    samples its speed is linear. The input enters the first acceleration linearly,
+    a = a|u=0 + (da/du) u, so the input that gives the measured acceleration is
+    (a - a|u=0) / (da/du). out: (n, 1 + rest, lanes), the input, then the other states.
+    """
+    k = KernelText(lanes, (*plant.parameters, *effects.parameters))
+    states, needed, following, errors = _driven_step(plant, effects)
     n, L = len(states), lanes
-    k.add(1, f"n = times.shape[0] // {L}", "m = 1", "steps = 0")
-    k.add(1, "for k in range(n):", f"{INDENT}for l in range({L}):")
-    k.add(3, f"t = {k.at('times', 'k')}", f"q0 = {k.at('angles', 'k')}", f"y0 = {k.at('speeds', 'k')}")
-    k.add(3, f"acceleration = {k.at('accelerations', 'k')}")
+    measured = ("times", "angles", "speeds", "accelerations")
+    held = {
+        "t0": "times[k]", "H": "times[after] - t0", "angle0": "angles[k]", "speed0": "speeds[k]",
+        "alpha": "(speeds[after] - speed0) / H", "acceleration": "accelerations[k]",
+    }  # fmt: skip
+    k.samples(1, n + 1, measured)
+    k.add(1, "m = 1", "steps = 0", "for k in range(n):", f"{INDENT}after = k + 1 - (k + 1) // n")
+    k.held(2, held)
+    k.add(2, f"for l in range({L}):")
+    k.load(3, "held", ("t", "none", "q0", "y0", "none", "acceleration"))
     k.load(3, "state", states)
     (result,) = k.block(3, [needed])
     k.add(3, f"out[k * {(n + 1) * L} + l] = {result}")
     for i, name in enumerate(states):
         k.add(3, f"out[k * {(n + 1) * L} + {(i + 1) * L} + l] = {name}")
     if n:
-        q1, y1, _, errors = rodas3_step(rest, t, h, q[1:], y[1:], symbol("u_none"), 0.0, len(effects.memory))
-        inputs = (
-            f"t0 = {k.at('times', 'k')}",
-            f"H = {k.at('times', 'k + 1')} - t0",
-            f"angle0 = {k.at('angles', 'k')}",
-            f"speed0 = {k.at('speeds', 'k')}",
-            f"alpha = ({k.at('speeds', 'k + 1')} - speed0) / H",
-            "h = H / m",
-            "t = t0 + s * h",
-        )
         k.add(2, "if k == n - 1:", f"{INDENT}break")
-        _adaptive_interval(k, states, {"inputs": inputs, "next": [*q1, *y1], "errors": errors})
+        _adaptive_interval(k, states, {"held": held, "inputs": (), "next": following, "errors": errors})
     k.add(1, "return steps")
-    measured = ("times", "angles", "speeds", "accelerations")
-    arrays = dict.fromkeys(("c", *measured, "state", "work", "worst", "inverse_scale"), "a")
+    arrays = dict.fromkeys(("c", *measured, "state", "work", "worst", "inverse_scale", "held"), "a")
     return k.finish("driven", {**arrays, "tolerance": "f", "most": "i", "out": "a"})
 
 

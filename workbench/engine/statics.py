@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,22 +26,40 @@ ROUNDS = 20  # a step that has to be halved takes a few more
 AT_REST = 1e-6  # m/s^2 (rad/s^2); rounding of lengths leaves a thousandth of it
 
 
+def of_each(function: Callable[..., Any], names: Sequence[str], table: Array, *at: Any, traced: bool) -> Array:
+    """(numbers, scenarios) what function(*at, p) gives for each scenario: at once where it can be traced, for then it
+    has no branches. table: (names, scenarios), the parameters."""
+
+    def flat(found: Any) -> list[Any]:
+        parts = found if isinstance(found, tuple) else (found,)
+        return [number for part in parts for number in (part if isinstance(part, list) else [part])]
+
+    if not traced:
+        ways = [
+            (*here, SimpleNamespace(**dict(zip(names, p, strict=True))))
+            for *here, p in zip(*at, table.T.tolist(), strict=True)
+        ]
+        return np.array([flat(function(*way)) for way in ways], dtype=float).T
+    rows = SimpleNamespace(**dict(zip(names, table, strict=True)))
+    found = flat(function(*(np.asarray(row, dtype=float) for row in at), rows))
+    return np.array([np.broadcast_to(numbers, table.shape[1]) for numbers in found], dtype=float)
+
+
 def hang_still(
-    plant: Plant, effects: Effects, values: Sequence[SimpleNamespace], heights: Sequence[float], times: Sequence[float]
+    plant: Plant, effects: Effects, table: Array, heights: Sequence[float], times: Sequence[float]
 ) -> tuple[Array, Array]:
     """positions (positions, scenarios) and holding inputs (scenarios,) at rest.
 
-    values: plant's and effects' parameters by symbol, for each scenario; heights: of the
+    table: (names, scenarios) the plant's and the effects' parameters; heights: of the
     coordinate that the plant is placed by; times: what the clock shows.
     """
-    plain = [plant.equilibrium(height, p) for height, p in zip(heights, values, strict=True)]
-    q = np.array([positions for positions, _ in plain]).T
-    u = np.array([hold for _, hold in plain])
+    names = (*plant.parameters, *effects.parameters)
+    plain = of_each(plant.equilibrium, names, table, heights, traced=plant.guess is None)
+    q, u = plain[:-1], plain[-1]
     if effects is NO_EFFECTS:
         return q, u
-    balance, names = _balance(plant, effects)
-    table = list(np.array(list(map(attrgetter(*names), values)), dtype=float).T)
-    kept = [np.array([m.start(p) for p in values]) for m in effects.memory]
+    balance = _balance(plant, effects)
+    kept = [of_each(m.start, names, table, traced=False)[0] for m in effects.memory]
     free = [i for i in range(len(q)) if i != plant.placed]
     t = np.asarray(times, dtype=float)
 
@@ -92,7 +109,7 @@ def _newton(
 
 
 @cache
-def _balance(plant: Plant, effects: Effects) -> tuple[Callable[..., tuple[Array, Array]], tuple[str, ...]]:
+def _balance(plant: Plant, effects: Effects) -> Callable[..., tuple[Array, Array]]:
     """Accelerations (m, scenarios) at rest, and their derivatives by the free positions and the input."""
     names = (*plant.parameters, *effects.parameters)
     q = [symbol(f"q{i}") for i in range(len(plant.positions))]
@@ -113,11 +130,11 @@ def _balance(plant: Plant, effects: Effects) -> tuple[Callable[..., tuple[Array,
     exec("\n".join([*lines, f"    return {', '.join(results)},"]), scope)
     m = len(plant.speeds)
 
-    def balance(time: Array, at: Array, hold: Array, table: Sequence[Array], memory: Sequence[Array]) -> Any:
+    def balance(time: Array, at: Array, hold: Array, table: Array, memory: Sequence[Array]) -> Any:
         out = scope["balance"](time, hold, *at, *memory, *table)
         rows = np.empty((len(out), len(hold)))
         for row, its in zip(rows, out, strict=True):
             row[:] = its
         return rows[:m], rows[m:].reshape(m, m, len(hold))
 
-    return balance, names
+    return balance

@@ -21,7 +21,7 @@ import numpy as np
 from workbench.core.run import Array, Run
 from workbench.effects import Active, Part, logged_input, moved_by, sizes_of, true_input, true_motion
 from workbench.engine import kernels
-from workbench.engine.kernels import MOST_STEPS, lanes_for
+from workbench.engine.kernels import FEW_LANES, MOST_STEPS, lanes_for
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, Motion, beside, bridged, motion_of, moving
@@ -29,7 +29,7 @@ from workbench.simulate.plant_model import PlantModel, plant_model
 
 # Relative to the speed scale, per sample. A measured speed is noisy; its noise need not be integrated exactly.
 TOLERANCE = 1e-4
-ALONE = 4  # lanes of a kernel cost about as much as one set of parameters alone
+THIN_TOLERANCE = 1e-3  # between thinned samples: what one step there is off is a fraction of the noise
 MOTIONS_KEPT = 4  # of each run, behind a late sensor
 FEW_STEPS = 16  # between two thinned samples: more follow the noise of a speed at rest
 SMOOTH = 0.25  # of the sampling rate of thinned times: the band that a motion keeps there
@@ -136,7 +136,6 @@ class InverseSimulation:
         model = self.models[needed] if needed < len(self.models) else self.model
         rows = [self.row_of[name] for name in model.names]
         own = [table[rows] for table in tables]
-        sets = [[SimpleNamespace(**dict(zip(model.names, c, strict=True))) for c in t.T.tolist()] for t in own]
         motions = [self._motions_behind(j, table, thin) for j, table in enumerate(tables)]
         points = [
             [start_point(self.plant, run, m) for m in candidates]
@@ -144,103 +143,77 @@ class InverseSimulation:
         ]
         first = [point for at, (_, which) in zip(points, motions, strict=True) for point in map(at.__getitem__, which)]
         clocks = [float(run.time_s[0]) for run, table in zip(self.runs, tables, strict=True) for _ in table.T]
-        every = [p for chosen in sets for p in chosen]
+        every = np.hstack(own)
         start, _ = model.starts([at for at, _ in first], [speed for _, speed in first], clocks, every)
         scales = model.scales(self.scale, every)
-        ends = np.cumsum([0, *(table.shape[1] for table in tables)])
+        order = sorted(range(len(self.runs)), key=lambda j: len(self.runs[j].time_s))
+        # Runs at once: one set of parameters each, or where nearly every step goes from sample to sample, so that a run
+        # takes the same steps in any company: fits compare what they have simulated in one with another.
+        sets = tables[0].shape[1]
+        together = min(self.every) > 1 if thin else sets == 1
+        many = max(1, FEW_LANES[0] // sets) if together else 1
+        groups = [order[k : k + many] for k in range(0, len(order), many)]
 
-        def one(j: int) -> Array:
-            its = slice(ends[j], ends[j + 1])
-            return self._required_in(j, thin, model, own[j], *motions[j], start[:, its], scales[:, its])
+        def some(group: Sequence[int]) -> list[Array]:
+            return self._required_of(group, thin, model, own, motions, start, scales)
 
-        lengths = [len(run.time_s) for run in self.runs]
-        one_set = len(every) == len(self.runs) > 1 and not thin
-        if one_set and max(lengths) * self._lanes(len(every)) < max(self._lanes(1), ALONE) * sum(lengths):
-            table = np.column_stack([its[:, 0] for its in own])
-            return self._required_at_once(model, table, [its[0] for its, _ in motions], start, scales)
-        before = one(0)  # compiles, if need be, in one thread only
-        if len(self.runs) == 1:
-            return [before]
-        return [before, *_pool(os.getpid()).map(one, range(1, len(self.runs)))]
+        found = some(groups[0])  # compiles, if need be, in one thread only
+        if len(groups) > 1:
+            found += [out for outs in _pool(os.getpid()).map(some, groups[1:]) for out in outs]
+        return [found[order.index(j)] for j in range(len(order))]
 
-    def _lanes(self, sets: int) -> int:
-        """Of the kernel for so many sets of parameters."""
-        return lanes_for(sets, self.model.effects)
-
-    def _required_at_once(
-        self, model: PlantModel, parameters: Array, motions: Sequence[Motion], start: Array, scales: Array
-    ) -> list[Array]:
-        """One set of parameters each for all runs, (names, runs), a run a lane: the shorter ones stand at their ends
-        until the longest one ends, too. They take the same steps."""
-        lengths = [len(motion.speed) for motion in motions]
-        n, longest = len(self.plant.positions), max(lengths)
-        lanes = self._lanes(len(motions))
-
-        def column(values: Array, ahead: float, step: float = 0.0) -> Array:
-            more = longest - len(values)
-            return np.concatenate([values, ahead + step * np.arange(1, more + 1)])
-
-        def in_lanes(columns: Sequence[Array]) -> Array:
-            return np.column_stack([*columns, *[columns[-1]] * (-len(columns) % lanes)])
-
-        full = np.minimum(np.arange(-(-len(motions) // lanes) * lanes), len(motions) - 1)
-        times = [run.time_s for run in self.runs]
-        travelled = [motion.position - motion.position[0] for motion in motions]
-        out = kernels.driven(
-            self.plant,
-            parameters[:, full],
-            in_lanes([column(t, float(t[-1]), float(t[-1] - t[-2])) for t in times]),
-            in_lanes([column(x, float(x[-1])) for x in travelled]) + start[0, full],
-            in_lanes([column(motion.speed, 0.0) for motion in motions]),
-            in_lanes([column(motion.acceleration, 0.0) for motion in motions]),
-            np.concatenate([start[1:n], start[n + 1 :]])[:, full],
-            scales[:, full],
-            effects=model.effects,
-            tolerance=TOLERANCE,
-            threads=1,
-            lanes=lanes,
-            most_steps=MOST_STEPS,
-        )
-        return [out[:length, :, j : j + 1] for j, length in enumerate(lengths)]
-
-    def _required_in(
+    def _required_of(
         self,
-        j: int,
+        group: Sequence[int],
         thin: bool,
         model: PlantModel,
-        parameters: Array,
-        motions: Sequence[Motion],
-        which: Sequence[int],
+        tables: Sequence[Array],
+        motions: Sequence[tuple[Sequence[Motion], Sequence[int]]],
         start: Array,
         scales: Array,
-    ) -> Array:
-        sets, n = len(which), len(self.plant.positions)
-        lanes = self._lanes(sets) if self.models else None  # of a whole model `kernels` makes the lanes full
-        full = np.minimum(np.arange(max(sets, lanes or 0)), sets - 1)  # spare lanes repeat the last set
+    ) -> list[Array]:
+        """Of some runs, whose sets of parameters are the lanes of one kernel and take the same steps: the shorter runs
+        stand at their ends until the longest one ends, too."""
+        sets, n = tables[0].shape[1], len(self.plant.positions)
+        count = sets * len(group)
+        lanes = lanes_for(count, self.model.effects)
+        full = np.minimum(np.arange(max(count, lanes)), count - 1)  # spare lanes repeat the last set
+        columns = np.concatenate([j * sets + np.arange(sets) for j in group])[full]
+        before = np.cumsum([0, *(len(motions[j][0]) for j in group)])
+        which = np.concatenate([k + np.array(motions[j][1]) for k, j in zip(before, group, strict=False)])[full]
+        times = [self.times[j] if thin else self.runs[j].time_s for j in group for _ in motions[j][0]]
+        moved = [motion for j in group for motion in motions[j][0]]
+        longest = max(map(len, times))
 
-        def in_lanes(series: list[Array]) -> Array:
-            if len(motions) == 1:
-                return series[0][:, None]
-            return np.ascontiguousarray(np.array(series)[np.array(which)[full]].T)
+        def in_lanes(series: Sequence[Array], ends: Sequence[float], steps: Sequence[float] | None = None) -> Array:
+            """ends: where a series goes on from at its run's end, by `steps`."""
+            whole = list(series)
+            for i, (values, end) in enumerate(zip(series, ends, strict=True)):
+                if more := longest - len(values):
+                    after = end + (steps[i] if steps else 0.0) * np.arange(1, more + 1)
+                    whole[i] = np.concatenate([values, after])
+            return whole[0][:, None] if len(whole) == 1 else np.column_stack(whole).take(which, axis=1, mode="clip")
 
-        start = start[:, full]
-        travelled = in_lanes([motion.position - motion.position[0] for motion in motions])
+        still = [0.0] * len(moved)
+        travelled = [motion.position - motion.position[0] for motion in moved]
+        start = start[:, columns]
         out = kernels.driven(
             self.plant,
-            parameters[:, full],
-            (self.times[j] if thin else self.runs[j].time_s)[:, None],
-            travelled + start[0],
-            in_lanes([motion.speed for motion in motions]),
-            in_lanes([motion.acceleration for motion in motions]),
+            np.hstack([tables[j] for j in group])[:, full],
+            in_lanes(times, [t[-1] for t in times], [t[-1] - t[-2] for t in times]),
+            in_lanes(travelled, [x[-1] for x in travelled]) + start[0],
+            in_lanes([motion.speed for motion in moved], still),
+            in_lanes([motion.acceleration for motion in moved], still),
             np.concatenate([start[1:n], start[n + 1 :]]),
-            scales[:, full],
+            scales[:, columns],
             effects=model.effects,
-            tolerance=TOLERANCE,
+            tolerance=THIN_TOLERANCE if thin and min(self.every) > 1 else TOLERANCE,
             threads=1,
             lanes=lanes,
             most_steps=FEW_STEPS if thin else MOST_STEPS,
         )
-        return out[..., :sets]
+        lengths = [len(self.times[j]) if thin else len(self.runs[j].time_s) for j in group]
+        return [out[:length, :, k * sets : (k + 1) * sets] for k, length in enumerate(lengths)]
 
     def parts_needed(self, tables: Sequence[Array]) -> np.ndarray:
         """(sets,) which of `parts` has all that is at work in a set, in any run; len(parts) for the whole."""

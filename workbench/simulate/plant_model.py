@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from types import SimpleNamespace
@@ -11,7 +11,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.effects import Active, of
-from workbench.engine.statics import hang_still
+from workbench.engine.statics import hang_still, of_each
 from workbench.machines import Axis, Effects, Hoist, Plant, plant_of
 
 
@@ -37,8 +37,10 @@ class PlantModel:
         plain = self.plant.values(machine, payload_kg)
         return SimpleNamespace(**vars(plain), **self.active.values_of(start_time_s, run))
 
-    def table(self, values: Sequence[SimpleNamespace]) -> Array:
+    def table(self, values: Sequence[SimpleNamespace] | Array) -> Array:
         """(names, scenarios)"""
+        if isinstance(values, np.ndarray):
+            return values
         return np.array(list(map(attrgetter(*self.names), values)), dtype=float).T
 
     def starts(
@@ -46,25 +48,35 @@ class PlantModel:
         at: Sequence[float],
         speeds: Sequence[float],
         times: Sequence[float],
-        values: Sequence[SimpleNamespace],
+        values: Sequence[SimpleNamespace] | Array,
     ) -> tuple[Array, Array]:
         """(states, scenarios) of loads that hang at rest or move evenly, memory last; and the inputs that hold them.
 
-        at: heights (or positions); speeds: of the driven coordinate; times: what the run's clock shows.
+        at: heights (or positions); speeds: of the driven coordinate; times: what the run's clock shows. values: by
+        symbol for each scenario, or their `table`.
         """
-        q, hold = hang_still(self.plant, self.effects, values, at, times)
-        y = np.array([self.plant.start_of(x, w, p)[1] for x, w, p in zip(at, speeds, values, strict=True)]).T
-        kept = [[m.start(p) for p in values] for m in self.effects.memory]
-        return _stacked(q, y, kept), hold
+        table = self.table(values)
+        q, hold = hang_still(self.plant, self.effects, table, at, times)
+        return np.concatenate([q, self._even(at, speeds, table, [m.start for m in self.effects.memory])]), hold
 
-    def scales(self, speed: float, values: Sequence[SimpleNamespace]) -> Array:
+    def scales(self, speed: float, values: Sequence[SimpleNamespace] | Array) -> Array:
         """(speeds and memory, scenarios): what the integration's tolerance is relative to; speed: the driven one's."""
-        y = np.array([np.abs(self.plant.start_of(0.0, speed, p)[1]) for p in values]).T
-        return _stacked(y, [[m.scale(p) for p in values] for m in self.effects.memory])
+        table = self.table(values)
+        none = np.zeros(table.shape[1])
+        return np.abs(self._even(none, none + speed, table, [m.scale for m in self.effects.memory]))
 
-
-def _stacked(*parts: Array | list[list[float]]) -> Array:
-    return np.concatenate([np.asarray(part, dtype=float) for part in parts if len(part)])
+    def _even(
+        self,
+        at: Sequence[float] | Array,
+        speeds: Sequence[float] | Array,
+        table: Array,
+        kept: Sequence[Callable[..., float]],
+    ) -> Array:
+        """(speeds and more, scenarios): the speeds of an even motion, and what functions of the parameters give."""
+        plant, names = self.plant, self.names
+        found = of_each(plant.start_of, names, table, at, speeds, traced=plant.guess is None)
+        y = found[len(plant.positions) :][: len(plant.speeds)]
+        return np.concatenate([y, *(of_each(one, names, table, traced=False) for one in kept)])
 
 
 def plant_model(machine: Hoist | Axis, active: Active | None = None) -> PlantModel:
