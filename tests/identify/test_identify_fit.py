@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from tests.support.commands import Commands
 from tests.support.effect_machines import linear_axis
@@ -24,7 +25,7 @@ from workbench import __version__
 from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.identify.fit import Fit, fit
+from workbench.identify.fit import Fit, bounded, fit
 from workbench.identify.identify import Identification, friction_levels, identify
 from workbench.identify.model import BalanceModel, free_parameters
 from workbench.logs import Campaign, read_campaign
@@ -498,3 +499,17 @@ def test_a_machine_without_a_gap_is_explained_down_to_the_noise(commands, campai
         entry = said["parameters"][key]
         assert abs(entry["value"] - entry["nominal"]) < 4.0 * machine.tolerances.coulomb * entry["nominal"], key
         assert 0.0 < entry["std_error"] < entry["nominal"]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_least_squares_within_bounds_leave_no_more_than_those_of_scipy(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 30))
+    columns, aim = rng.standard_normal((60, n)) * 10.0 ** rng.uniform(-3.0, 3.0, n), rng.standard_normal(60)
+    ends = rng.exponential(0.3, (2, n)) / np.max(np.abs(columns), axis=0)
+    ends[rng.random((2, n)) < 0.2], ends[rng.random((2, n)) < 0.2] = np.inf, 0.0
+    low, high = -ends[0], np.where((ends[0] == 0.0) & (ends[1] == 0.0), 1.0, ends[1])
+    x = bounded(columns.T @ columns, columns.T @ aim, low, high)
+    best = lsq_linear(columns, aim, (low, high), method="bvls", tol=1e-14, max_iter=500).x
+    assert np.all((low <= x) & (x <= high))
+    assert np.sum((columns @ x - aim) ** 2) <= np.sum((columns @ best - aim) ** 2) + 1e-12

@@ -96,14 +96,36 @@ def _step(hessian: Array, gradient: Array, box: tuple[Array, Array], damping: fl
     step = -np.linalg.lstsq(unit, pull, rcond=1e-14)[0] / scale
     if np.all((step >= box[0]) & (step <= box[1])):
         return step
-    from scipy.optimize import lsq_linear
+    return bounded(unit, -pull, np.minimum(box[0], 0.0) * scale, np.maximum(box[1], 0.0) * scale) / scale
 
+
+def bounded(gram: Array, pull: Array, low: Array, high: Array) -> Array:
+    """The least of x'Gx/2 - b'x for low <= x <= high, with 0 in between; 1e-12 of the diagonal hold a flat direction.
+
+    P. B. Stark, R. L. Parker, Bounded-variable least-squares, Computational Statistics 10 (1995): what a step takes
+    over its bound is held there, and let go where it would come back.
+    """
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    unit, aim, least, most = gram / np.outer(scale, scale), pull / scale, low * scale, high * scale
     unit[np.diag_indices_from(unit)] += 1e-12
-    values, vectors = np.linalg.eigh(unit)
-    root = np.sqrt(np.maximum(values, 1e-14))
-    bounds = np.minimum(box[0], 0.0) * scale, np.maximum(box[1], 1e-300) * scale
-    solution = lsq_linear(root[:, None] * vectors.T, -(vectors.T @ pull) / root, bounds, method="bvls")
-    return np.asarray(solution.x / scale)
+    x, free = np.zeros(len(aim)), np.ones(len(aim), dtype=bool)
+    for _ in range(10 * len(aim)):
+        step, left = np.zeros(len(aim)), aim - unit @ x
+        step[free] = np.linalg.solve(unit[np.ix_(free, free)], left[free])
+        end = np.where(step < 0.0, least, most)
+        part = np.divide(end - x, step, out=np.full(len(aim), np.inf), where=step != 0.0)  # of the step, to its bound
+        if np.min(part) >= 1.0:
+            x += step
+            back = np.where(x <= least, 1.0, -1.0) * (aim - unit @ x)
+            back[free | (least == most)] = 0.0
+            if np.max(back) <= 1e-12 * np.max(np.abs(aim)):
+                break
+            free[np.argmax(back)] = True
+        else:
+            x += np.min(part) * step
+            held = part <= np.min(part)
+            x[held], free[held] = end[held], False
+    return np.clip(x / scale, low, high)
 
 
 # Joint least squares over all runs, with tolerances as priors, standard errors and correlations.

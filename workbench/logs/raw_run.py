@@ -53,15 +53,13 @@ def integrated(rate: Array, time_s: Array) -> Array:
 def smoothed(values: Array, width: float) -> Array:
     """Convolved with a Gaussian of `width` samples, one standard deviation, cut at four; beyond the ends the first and
     last value stand. Wide ones by FFT: directly, the time goes with the square of a log's length."""
-    if width < WIDE:
-        from scipy.ndimage import gaussian_filter1d
-
-        return np.asarray(gaussian_filter1d(values, width, mode="nearest"))
-    from scipy.fft import irfft, next_fast_len, rfft  # scipy.signal takes half a second to import
-
     reach = int(4.0 * width + 0.5)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     padded = np.pad(values - values[0], reach, mode="edge")  # about zero, for the rounding of the transform
+    if width < WIDE:
+        return np.convolve(padded, kernel / kernel.sum(), "valid") + values[0]
+    from scipy.fft import irfft, next_fast_len, rfft  # scipy.signal takes half a second to import
+
     size = next_fast_len(len(padded), real=True)  # what wraps around falls into the margin
     both = irfft(rfft(padded, size) * rfft(kernel / kernel.sum(), size), size)
     return np.asarray(both[2 * reach : len(padded)]) + values[0]

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted, is_timing
@@ -22,6 +21,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
+from workbench.identify.fit import bounded
 from workbench.machines import kind_of
 
 PLACES_TRIED = 24  # along what the runs have passed
@@ -291,11 +291,9 @@ def stepped_aside(problem: Problem, at: Fitted, taken: Array, delay: bool = Fals
     )
     white = problem.errors.whiten(np.column_stack([at.jacobian[:, moved], at.residual - taken]))
     prior = np.column_stack([np.diag(1.0 / std[moved]), at.z[moved] / std[moved]])
-    _, rows = np.linalg.qr(np.vstack([white, prior]))
-    scale = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-300)
-    reach = ((lowest - at.z)[moved] * scale, (highest - at.z)[moved] * scale)
+    both = white.T @ white + prior.T @ prior
     z = at.z.copy()
-    z[moved] += lsq_linear(rows[:, :-1] / scale, -rows[:, -1], reach, method="bvls").x / scale
+    z[moved] += bounded(both[:-1, :-1], -both[:-1, -1], (lowest - at.z)[moved], (highest - at.z)[moved])
     return np.clip(z, lowest, highest)
 
 

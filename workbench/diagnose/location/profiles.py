@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.problem import Problem, counting
+from workbench.identify.fit import bounded
 from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
@@ -347,7 +347,7 @@ def held_out(
     for f, (g, b) in parts.items():
         if len(parts) == 1:
             g, b = np.zeros_like(g), np.zeros_like(b)
-        out[folds == f] = a[folds == f] @ _bounded(gram - g + cost, pull - b, low, high)
+        out[folds == f] = a[folds == f] @ bounded(gram - g + cost, pull - b, low, high)
     return out
 
 
@@ -373,17 +373,6 @@ class OnTop:
         base = self._base[: self._inputs]
         shown = shown - base @ (base.T @ shown)
         return self.left - held_out(self.left, shown, bend[np.ix_(seen, seen)], self._nothing, self._folds)
-
-
-def _bounded(gram: Array, pull: Array, low: Array, high: Array) -> Array:
-    """The least of x'Gx/2 - b'x within bounds."""
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    value, vector = np.linalg.eigh(gram / np.outer(size, size))
-    seen = value > 1e-12 * value[-1]
-    root, along = np.sqrt(value[seen]), vector[:, seen].T
-    ends = low * size, np.maximum(high, low + 1e-300) * size
-    found = lsq_linear(root[:, None] * along, along @ (pull / size) / root, ends, "bvls")
-    return np.asarray(found.x / size, dtype=float)
 
 
 def basis(problem: Problem, v: Variable) -> tuple[Array, Array]:
