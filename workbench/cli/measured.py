@@ -13,27 +13,12 @@ from workbench.cli.show import print_notes, print_table, print_text
 from workbench.core.errors import InputError, check_known
 from workbench.core.whole_folder import check_free
 from workbench.effects import check, effects_for
-from workbench.identify.identify import Identification
-from workbench.identify.identify import identify as fit
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.campaign import RunsError
 from workbench.logs.doubts import doubts_of
-from workbench.logs.importing import (
-    Imported,
-    for_all,
-    in_si,
-    propose,
-    read_channels,
-    runs_yaml,
-    with_table,
-    write_campaign,
-)
 from workbench.machines import Axis, Hoist, load_machine, plant_of
 from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import ReplayResult, replay_runs
-from workbench.view import identify as identify_view
-from workbench.view import replay as replay_view
-from workbench.view.logs import mapping_table, write_page
 from workbench.view.words import brief_notes
 
 ALL = "all"
@@ -108,6 +93,7 @@ def replay(
 
     out: New folder for replay.json and replay.html.
     """
+    from workbench.view import replay as replay_view
 
     if out is not None:
         check_free(out)
@@ -143,6 +129,9 @@ def identify(
     free: Keys of machine.yaml to fit, separated by commas. Default: see --list.
     list_keys: Print the keys that --free accepts, and exit.
     """
+    from workbench.identify.identify import Identification
+    from workbench.identify.identify import identify as fit
+    from workbench.view import identify as identify_view
 
     if out is not None:
         check_free(out)
@@ -198,6 +187,18 @@ def import_(
     runs_csv: CSV with one row per file: file, and any of payload_kg, start_position_m, start_time_s.
     yes: Accept the proposed mapping without asking.
     """
+    from workbench.logs.importing import (
+        Imported,
+        for_all,
+        in_si,
+        propose,
+        read_channels,
+        runs_yaml,
+        with_table,
+        write_campaign,
+    )
+    from workbench.view.logs import mapping_table, write_page
+
     check_free(out)
     read = load_machine(machine, check_effects=check)
     loads, starts = for_all(payload, len(files), "payload"), for_all(start_position, len(files), "start_position")

@@ -66,10 +66,10 @@ from workbench.machines import Axis, Hoist
 from workbench.simulate.motion import own_impacts
 from workbench.simulate.noise import usable_band
 from workbench.simulate.replay import ReplayResult, replay_runs
-from workbench.study.consequences import Consequences, consequences_of
 
 if TYPE_CHECKING:
     from workbench.diagnose.unknown import Explained, Unknown
+    from workbench.study.consequences import Consequences
     from workbench.study.load import Study
 
 NOISY = 1.5  # times the noise: a residual above it is stated, for the noise does not explain it
@@ -86,10 +86,9 @@ MOSTLY = {
 }  # regime of a remainder -> how it shows
 
 
-def listed(names: Names) -> str:
-    """a; a and b; a, b and c."""
-    *rest, last = names
-    return f"{', '.join(rest)} and {last}" if rest else last
+def listed(names: Sequence[str]) -> str:
+    """a; a and b; a, b and c; "" for none."""
+    return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def either(names: Names, twins: Sequence[Names]) -> str:
@@ -360,6 +359,8 @@ def diagnose(
     elif study and corrected == refitted:
         why_not = "The delivered machine holds nothing of the cause, so no study of it shows what that changes."
     elif study:
+        from workbench.study.consequences import consequences_of
+
         changes, why_not = consequences_of(
             campaign.machine, corrected, refitted=refitted, runs=campaign.runs, scenario=scenario
         )

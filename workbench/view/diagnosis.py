@@ -18,7 +18,7 @@ from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
 from workbench.core.whole_folder import whole_folder, write_json
-from workbench.diagnose.diagnose import NOISY, Diagnosis
+from workbench.diagnose.diagnose import NOISY, Diagnosis, listed
 from workbench.diagnose.hypotheses.free_parameters import Estimate, Names
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
@@ -26,9 +26,6 @@ from workbench.diagnose.residual_tests import ALL_RUNS, ResidualTest
 from workbench.diagnose.verdict.answer import WITHOUT_EFFECTS, Candidate, Hypothesis, percent_of
 from workbench.effects import effects_for
 from workbench.machines import kind_of, plant_of, save_machine
-from workbench.study.consequences import consequences_table
-from workbench.study.labels import listed
-from workbench.study.scenario import key_in
 from workbench.view import diagnosis_figures as draw
 from workbench.view.diagnosis_json import probabilities, to_json
 from workbench.view.page import Section, save_page
@@ -457,7 +454,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
     changes = Section("8. What changes in the control study", [d.why_no_consequences or "It was not asked for."])
     if (c := d.consequences) is not None:
         drawn = [(draw.consequences(c), "")]
-        changes = Section(changes.heading, c.sentences[:1], c.sentences[1:], [consequences_table(c)], drawn)
+        changes = Section(changes.heading, c.sentences[:1], c.sentences[1:], [_consequences_table(d)], drawn)
     parts["consequences"] = changes
     parts["next_run"] = Section("9. The next run", [next_run_sentence(d)], (), [next_run_table(d)])
     return parts
@@ -518,6 +515,7 @@ def write_next_run(d: Diagnosis, planned: Planned, folder: Path) -> None:
     """next_run.csv, the motion as a drive can play it, and next_run.yaml, the same as a scenario of the delivered
     machine."""
     from workbench.analysis.usual import usual_settings
+    from workbench.study.scenario import key_in
 
     kind, run = kind_of(d.campaign.machine), planned.run
     unit, speed = kind.moved.unit, run[kind.plant.speeds[0]] * kind.transmission_of(d.campaign.machine)
@@ -565,6 +563,8 @@ def _figure(section: str, number: int = 0) -> Callable[[Diagnosis], Any]:
 def _consequences_table(d: Diagnosis) -> Table:
     if d.consequences is None:
         return Table([words("control study")], [[d.why_no_consequences]])
+    from workbench.study.consequences import consequences_table
+
     return consequences_table(d.consequences)
 
 

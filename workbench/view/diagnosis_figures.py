@@ -17,13 +17,13 @@ from workbench.diagnose.location.profiles import Profile
 from workbench.diagnose.residual_tests import ResidualTest
 from workbench.machines import plant_of
 from workbench.metrics import set_of
-from workbench.study.consequences import Consequences
 from workbench.view import style
 from workbench.view.replay import Line, Stretches, run_panels, stretches, torque_residual
 from workbench.view.style import Figure
 
 if TYPE_CHECKING:
     from workbench.diagnose.tables import Curve
+    from workbench.study.consequences import Consequences
 
 COLUMNS, BETWEEN = 3, 96  # panels side by side; px between two rows
 MOST_RUNS = 12  # that are drawn, those with most of the gap's energy

@@ -10,7 +10,6 @@ from workbench import __version__
 from workbench.core.json_records import plain
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.free_parameters import Estimate
-from workbench.study.consequences import as_json
 from workbench.view.words import words_of
 
 DIGITS = 5  # significant
@@ -26,8 +25,12 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
         said["where"]["windows"] = [
             {"run": w.run, "from_s": round(w.from_s, 3), "to_s": round(w.to_s, 3)} for w in d.where.windows
         ]
-    said["consequences"] = None if d.consequences is None else as_json(d.consequences)
-    return said | {"why_no_consequences": d.why_no_consequences}
+    said |= {"consequences": None, "why_no_consequences": d.why_no_consequences}
+    if d.consequences is not None:
+        from workbench.study.consequences import as_json
+
+        said["consequences"] = as_json(d.consequences)
+    return said
 
 
 def _answer(d: Diagnosis) -> dict[str, Any]:
