@@ -210,7 +210,7 @@ def _ripple(rng: np.random.Generator, s: Scales) -> Cause:
         n = float(min(rng.uniform(4.0, 20.0) * TURN / s.travel, high))
         numbers = {"amplitude_n": A, "waves_per_m": n / TURN, "phase_rad": ph}
         return caused("torque_ripple", "periodic", numbers, {"ripple_A": A, "ripple_n": n, "ripple_ph": ph})
-    orders = [n for n in (0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0) if low <= n <= high]
+    orders = [n for n in (0.5, *range(1, 13)) if low <= n <= high]
     n = float(rng.choice(orders)) if orders else low
     numbers = {"amplitude_nm": A, "order_per_turn": n, "phase_rad": ph}
     return caused("torque_ripple", "periodic", numbers, {"ripple_A": A, "ripple_n": n, "ripple_ph": ph})

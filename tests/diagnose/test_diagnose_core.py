@@ -225,6 +225,17 @@ def test_the_slope_by_a_wave_is_that_at_the_point_though_it_turns_over_the_whole
     assert np.linalg.norm(slope - (more - less) / 2e-6) < 0.02 * np.linalg.norm(slope)
 
 
+@pytest.mark.parametrize("order", [5.0, 7.0, 9.3])
+def test_a_ripple_is_found_whose_order_is_none_of_the_common_ones(order: float):
+    ripple = find("torque_ripple", "axis-rotary")
+    amount = 0.3 * ranges_of(ripple, rotary_axis())[0].highest
+    true = {"torque_ripple": {"amplitude_nm": amount, "order_per_turn": order, "phase_rad": 0.4}}
+    problem = Problem(rotary_axis(), axis_runs(with_effects(rotary_axis(), true)))
+    (fit,) = Search(problem, [ripple]).singles().fits.values()
+    assert float_of(fit.setting["torque_ripple__order_per_turn"]) == pytest.approx(order, abs=0.002)
+    assert fit.rms(problem.inputs) < 1.2 * problem.noise
+
+
 def test_where_every_sample_counts_it_does_for_each_setting(hoist: Problem):
     exact, settings = hoist.exact(), [{}, {"m_c": 8200.0}, {"F_up": 7000.0}, {"E": 1.05e11}]
     together, alone = exact.residuals(settings), np.concatenate([exact.residuals([setting]) for setting in settings])

@@ -185,7 +185,7 @@ def _shape(rng: np.random.Generator, known: Recording, name: str) -> dict[str, f
         "position": low + (high - low) * rng.uniform(0.3, 0.7),
         "width": span * (rng.uniform(0.03, 0.1) if name == "friction_position_dependent" else 0.01),
         "waves_per": rng.uniform(4.0, 15.0) / span,
-        "order_per_turn": float(rng.integers(1, 4)),
+        "order_per_turn": float(rng.integers(1, 13 if known.plant == "axis-rotary" else 4)),
         "period": span / rng.uniform(2.5, 9.0),
         "phase": rng.uniform(0.0, TURN),
         "time_constant": max(ends) * rng.uniform(0.2, 0.8),

@@ -75,8 +75,8 @@ class Parameter:
     scan: how a search tries a shape (what has no vanishing value) before it refines it: as a
     place that the runs have passed (position, drum_angle), as a phase of the amplitude beside
     it, as a frequency, as waves along the way, as finely as the runs resolve it; as an order (`tries`, of which the
-    way has to show more than one wave); "": `tries` (in `size`), or some
-    values from lowest to highest.
+    way has to show more than one wave, and the residual's loudest); "": `tries` (in `size`), or some values from lowest
+    to highest.
     simplified: one standard deviation, in the unit of the name, by which the fitted value may be off because the law
     simplifies what a machine does: a function of e, the effect's values. No run shows it, for all runs have it alike.
     """

@@ -27,6 +27,7 @@ from workbench.machines import kind_of
 PLACES_TRIED = 24  # along what the runs have passed
 WAVES_TRIED = 120  # along the way
 WAVES_WEIGHED = 6000  # along the way, of which the residual's loudest are tried
+ORDERS_TRIED = 6  # of a turn, the residual's loudest, beside those that are common
 APART = 0.4  # of a wave over the whole way, from one tried to the next
 SHAPES_TRIED = 4  # of a shape that says nothing else
 
@@ -125,6 +126,13 @@ def signatures_of(
 
 
 def _tried(problem: Problem, r: Ranged, base: Setting) -> Sequence[float]:
+    if r.scan == "order" and kind_of(problem.machine).moved.placed_by_log:  # and the loudest, weighed as the data are
+        angle = np.concatenate([m.position[at] for m, at in zip(problem.bench.motions, problem.rows, strict=True)])
+        most, turns = max(r.tries), float(np.ptp(angle)) / (2.0 * math.pi)
+        fine = np.linspace(r.lowest, most, min(max(2, math.ceil((most - r.lowest) * turns / APART)), WAVES_WEIGHED))
+        weighed = problem.residuals([base])[0][: problem.inputs] / problem.errors.white[: problem.inputs] ** 2
+        strongest = fine[loudest(weighed, angle / (2.0 * math.pi), fine, ORDERS_TRIED)]
+        return [*r.tries, *(float(order) for order in strongest)]
     if r.tries:
         return r.tries
     if r.scan in ("position", "drum_angle"):
@@ -146,15 +154,15 @@ def _tried(problem: Problem, r: Ranged, base: Setting) -> Sequence[float]:
             return [float(x) for x in evenly]
         fine = np.linspace(r.lowest, most, min(2 * count, WAVES_WEIGHED))
         place = np.concatenate([at[rows] for at, rows in zip(_places(problem), problem.rows, strict=True)])
-        strongest = fine[loudest(problem.residuals([base])[0][: problem.inputs], place, fine)]
+        strongest = fine[loudest(problem.residuals([base])[0][: problem.inputs], place, fine, WAVES_TRIED // 2)]
         return [float(x) for x in np.unique(np.concatenate([strongest, evenly[::2]]))]
     low = max(r.lowest, 1e-6 * r.highest)
     return [float(x) for x in np.geomspace(low, r.highest, SHAPES_TRIED + 2)[1:-1]] if r.highest > 0 else [r.start]
 
 
-def loudest(residual: Array, place: Array, waves: Array) -> np.ndarray:
-    """Of (m,) waves per unit of the way, evenly apart, the indices of the WAVES_TRIED / 2 strongest peaks of the
-    residual's spectrum over the place, both (n,)
+def loudest(residual: Array, place: Array, waves: Array, count: int) -> np.ndarray:
+    """Of (m,) waves per unit of the way, evenly apart, the indices of the `count` strongest peaks of the residual's
+    spectrum over the place, both (n,)
     (N. Lomb, Astrophysics and Space Science 39, 1976, without his offset in time)."""
     turn = np.exp(-2j * math.pi * (waves[1] - waves[0]) * place)
     now = residual * np.exp(-2j * math.pi * waves[0] * place)
@@ -163,7 +171,7 @@ def loudest(residual: Array, place: Array, waves: Array) -> np.ndarray:
         power[k] = abs(np.sum(now))
         now *= turn
     peaks = np.flatnonzero((power >= np.roll(power, 1)) & (power >= np.roll(power, -1)))
-    return np.sort(peaks[np.argsort(-power[peaks])[: WAVES_TRIED // 2]])
+    return np.sort(peaks[np.argsort(-power[peaks])[:count]])
 
 
 def _places(problem: Problem) -> list[Array]:
