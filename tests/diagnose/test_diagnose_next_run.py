@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 
 from tests.support.searched_campaign import simulated_search
 from workbench.core.numbers import figures
@@ -273,6 +274,8 @@ def test_the_files_of_the_next_run_are_a_study_and_a_motion_for_a_drive(heavier:
     assert np.max(np.abs(driven - played["speed_m_s"])) < 0.05 * np.max(np.abs(played["speed_m_s"]))
     study = load_study(tmp_path / "next_run.yaml")
     assert study.plans["ruckig"].end_position_m == pytest.approx(played["position_m"][-1], abs=0.05)
+    limits = yaml.safe_load((tmp_path / "next_run.yaml").read_text(encoding="utf-8"))["limits"]
+    assert all(len(str(value)) < 10 for value in limits.values())
 
 
 # Angles between signatures, the smallest visible amounts, and what is told apart by neither.
@@ -384,3 +387,7 @@ def test_the_run_that_a_closer_value_would_let_decide_is_named(
     assert "that run" not in need or best.planned.words in named
     assert best.planned.words in said and need.endswith("would set them apart by 6.0 standard deviations.")
     assert f"known to {CLOSER:g} of it" in need
+    for favoured, words in ((False, "apart from a and from b"), (True, "over a and over b")):
+        three = [fits[0], *(replace(fits[1], effects=(name,)) for name in "ab")]
+        asked = Question(heavier.problem, three, [], favoured, (0.0, 0.0), 0.0, settings.DECISIVE)
+        assert words in advising._why(asked, best)

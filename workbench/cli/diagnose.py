@@ -33,6 +33,11 @@ from workbench.effects.registry import UserFile, user_files
 from workbench.logs import Campaign
 from workbench.view.diagnosis import brief_sections, write_diagnosis
 
+FILES = {
+    "Report": "diagnose.html", "Machine": "machine.yaml", "Numbers": "diagnosis.json", "Next run": "next_run.csv",
+    "The same as a scenario": "next_run.yaml", "Law": "law.py", "Machine with the law": "machine_law.yaml",
+}  # fmt: skip
+
 
 @command("diagnose", effects=True)
 def diagnose(
@@ -119,8 +124,10 @@ def _one(read: Campaign, options: dict[str, Any], out: Path | None) -> None:
     if out is None:
         click.echo("\nNothing is written without --out.")
     else:
-        click.echo(f"\nReport: {out / 'diagnose.html'}\nMachine: {out / 'machine.yaml'}")
-        click.echo(f"Numbers: {out / 'diagnosis.json'}")
+        click.echo()
+        for name, file in FILES.items():
+            if (out / file).exists():
+                click.echo(f"{name}: {out / file}")
 
 
 # ---- several campaigns --------------------------------------------------------------------------------------------

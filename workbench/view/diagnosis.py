@@ -533,7 +533,7 @@ def write_next_run(d: Diagnosis, planned: Planned, folder: Path) -> None:
         **({"payloads_kg": [planned.payload_kg]} if kind.payload else {}),
         f"start_position_{unit}": round(planned.start_position, 6),
         "moves": [{key_in(unit, k): v for k, v in vars(step).items() if v is not None} for step in planned.steps],
-        "limits": {key_in(unit, name): value for name, value in vars(planned.limits).items()},
+        "limits": {key_in(unit, name): round(value, 6) for name, value in vars(planned.limits).items()},
         "references": ["ruckig"],
         "controller": usual_settings(d.corrected)[0].model_dump(exclude_none=True, exclude_defaults=True),
     }

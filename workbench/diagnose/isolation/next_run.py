@@ -419,7 +419,8 @@ def _closer(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared],
 def _why(question: Question, best: Offer) -> str:
     problem, fits, now = question.problem, question.fits, question.now[0]
     names = [" and ".join(fit.effects) or "a machine without an effect" for fit in fits]
-    rivals = names[1] if len(names) == 2 else f"{', '.join(names[1:-1])} and from {names[-1]}"
+    *others, last = names[1:]
+    rivals = f"{', '.join(others)} and {'over' if question.favoured else 'from'} {last}" if others else last
     load = f"a run with {best.planned.payload_kg:g} kg" if kind_of(problem.machine).payload else "a run"
     signals = f" and with {' and '.join(best.signals)} logged" if best.signals else ""
     least = least_of(problem)
