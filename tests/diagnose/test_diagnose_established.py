@@ -33,6 +33,7 @@ from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     LOG_TIMING,
     Names,
+    Scalar,
     base_parameters,
     bounds_of,
     logarithmic_of,
@@ -633,7 +634,7 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     """Whatever they are worth together: what the law does without one of them is none of the causes."""
     names = ("friction_coulomb", "torque_scale")
     fits = {
-        some: SimpleNamespace(effects=some, prior=0.0, chi2=0.0, objective=0.0)
+        some: SimpleNamespace(effects=some, prior=0.0, chi2=0.0, objective=0.0, z=())
         for some in ((names[0],), (names[1],), names)
     }
     search = SimpleNamespace(problem=SimpleNamespace(struck=False), base=fits[names], within_tolerances=None, fits=fits)
@@ -643,11 +644,63 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     def worth(problem: object, base: object, cause: object, less: Any = None) -> tuple[float, str]:
         return worths[names if less is None else less.effects], "speed"
 
+    late: list[str] = []
     monkeypatch.setattr(judge, "significance", lambda *fits, by_runs_alone=False: 9.0)
     monkeypatch.setattr(judge, "worth", worth)
+    monkeypatch.setattr(judge, "only_late", lambda problem, less, fit, name, base: name in late)
     assert deserved(cast(Any, search), both)
     worths[tuple(name for name in names if name != idle)] = -1.0  # what is left without the idle one is as good
     assert not deserved(cast(Any, search), both)
+    worths[tuple(name for name in names if name != idle)] = 5.0
+    late.append(idle)
+    assert not deserved(cast(Any, search), both)
+
+
+@pytest.mark.parametrize(
+    ("name", "left", "only"), [("speed_delay", 1.0, True), ("speed_delay", 2.0, False), ("x", 1.0, False)]
+)
+def test_a_delay_beside_others_takes_something_of_what_a_log_leaves_that_is_in_time(
+    name: str, left: float, only: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """Beside a gearbox' loss an axis' own lags of three sampling steps came as a delay at 0.99 that took nothing."""
+    free = (Scalar("M", 1.0, 0.1, std=1.0), Scalar(LOG_TIMING, 0.0, 1e-3, std=0.6))
+    less = SimpleNamespace(effects=("gearbox_efficiency",), free=free, z=np.array([0.0, 3.4]), rms=lambda n: 0.9)
+    fit = SimpleNamespace(effects=(*less.effects, "speed_delay"), z=np.zeros(3), rms=lambda n: 1.0)
+
+    def fitted(problem: object, effects: object, free: Any, z: object, base: int) -> object:
+        assert [one.furthest for one in free] == [np.inf, pytest.approx(1.8)]
+        return SimpleNamespace(free=free, z=np.array([0.0, 1.8]), rms=lambda n: left)
+
+    monkeypatch.setattr(judge, "fit_hypothesis", fitted)
+    monkeypatch.setattr(judge, "floor_of", lambda problem: 0.1)
+    monkeypatch.setattr(judge, "left_of", lambda _, near, fit, floor: (None, 1.0 - (fit.rms(1) / near.rms(1)) ** 2))
+    monkeypatch.setattr(
+        judge, "ranges_of", lambda effect, *_: [SimpleNamespace(symbol="late" if "delay" in effect else "x")]
+    )
+    problem = SimpleNamespace(late="late", effect=lambda name: name, machine=None, runs=(), inputs=1)
+    assert judge.only_late(cast(Any, problem), cast(Any, less), cast(Any, fit), name, 2) == only
+
+
+def test_what_adds_nothing_to_a_cause_that_is_not_to_be_named_is_not_asked_again(monkeypatch: pytest.MonkeyPatch):
+    """Such a one had 0.38 beside an axis' two causes, of which each was true."""
+    kept = [
+        SimpleNamespace(names=names, evidence=e)
+        for names, e in ((("a", "b"), 30.0), (("a", "b", "c"), 20.0), (("a",), 10.0))
+    ]
+    asked: list[object] = []
+
+    def judged(search: object, barred: Any) -> object:
+        weighed = [w for w in kept if w.names not in barred]
+        return SimpleNamespace(names=weighed[0].names, best=weighed[0], stands=True, weighed=weighed)
+
+    def deserved(search: object, w: Any) -> bool:
+        asked.append(w.names)
+        return len(w.names) == 1
+
+    monkeypatch.setattr(judge, "judge", judged)
+    monkeypatch.setattr(judge, "deserved", deserved)
+    assert judged_to_help(cast(Any, None)).names == ("a",)
+    assert asked == [("a", "b"), ("a",)]
 
 
 @pytest.mark.parametrize(

@@ -28,8 +28,8 @@ from workbench.diagnose.hypotheses.evidence import (
     smooths,
     weigh,
 )
-from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis, parameters_of
-from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, Scalar, bounds_of
+from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis, is_timing, parameters_of
+from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, Scalar, bounds_of, within
 from workbench.diagnose.hypotheses.held_out import significance
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
@@ -37,6 +37,7 @@ from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKi
 from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.free_law import worth
 from workbench.diagnose.verdict.unknown_cause import beyond_noise, cancellation, kept_percent, signs_of
+from workbench.effects import ranges_of
 
 SAME = 0.5  # evidence between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
@@ -166,29 +167,36 @@ def unlisted(
 
 def judged_to_help(search: SearchResult) -> Judged:
     """The verdict. A cause is not named if held-out runs and tolerances speak against it, nor beside others if what it
-    gains there is not significant; nor does such a one speak for an unknown cause, but by the tolerances that it
-    relieves."""
+    gains there is not significant, nor what only adds to such a one an effect that is worth nothing; nor does such a
+    one speak for an unknown cause, but by the tolerances that it relieves."""
     barred, deserving = list[Names](), set[Names]()
     while True:
         judged = judge(search, barred)
         standing = judged.best.names if judged.best is not None and judged.stands else ()
         asked = {judged.names, standing} - {()} - deserving
-        idle = [w.names for w in judged.weighed if w.names in asked and not deserved(search, w)]
+        idle = [w for w in judged.weighed if w.names in asked and not deserved(search, w)]
         if not idle:
             return judged
-        deserving |= asked.difference(idle)
-        barred += idle
+        deserving |= asked.difference(w.names for w in idle)
+        barred += [
+            w.names
+            for w in judged.weighed
+            if any({*w.names} >= {*less.names} and w.evidence <= less.evidence for less in idle)
+        ]
 
 
 def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
     does, and the runs by themselves not significantly worse; and with each one of several than without it, at
     SIGNIFICANT for all that they were chosen from, and better than with a free law of one variable in its place
-    (`worth`)."""
+    (`worth`). A delay beside others has to take something, too, of what the log's timing leaves (`takes_nothing`): a
+    machine's own lags may be some sampling steps."""
     problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
         less.append(without(search, w.fit, name))
+        if only_late(problem, less[-1], w.fit, name, len(base.z)):
+            return False
         if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
             return False
     by_chance = -float(ndtri(SIGNIFICANT))
@@ -198,6 +206,15 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
         return False
     least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
     return all(significance(problem, rest, w.fit) > least for rest in sorted(less, key=lambda rest: rest.objective))
+
+
+def only_late(problem: Problem, less: Fitted, fit: Fitted, name: str, base: int) -> bool:
+    """Whether an effect of several is a delay that takes nothing (`takes_nothing`) of what the fit without it leaves,
+    the log's timing within NUISANCE deviations. base: how many of its z are the base parameters'."""
+    if problem.late not in {r.symbol for r in ranges_of(problem.effect(name), problem.machine, problem.runs)}:
+        return False
+    free = [within(k, settings.NUISANCE * k.std) if isinstance(k, Scalar) and is_timing(k) else k for k in less.free]
+    return takes_nothing(problem, fit_hypothesis(problem, less.effects, free, less.z, base=base), fit)
 
 
 def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
