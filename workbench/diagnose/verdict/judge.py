@@ -135,7 +135,6 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         floor=floor,
         unknown_probability=next(row.probability for row in rows if row.verdict == "unknown"),
         reasons=_reasons(
-            left,
             signs,
             best if stands else None,
             rival if said > least else None,
@@ -328,7 +327,6 @@ def left_of(problem: Problem, near: Fitted, held: Fitted, floor: float) -> tuple
 
 
 def _reasons(
-    left: Left,
     signs: Mapping[str, float],
     judged: Weighed | None,
     rival: Weighed | None,
@@ -336,7 +334,7 @@ def _reasons(
     mimics: Mapping[Names, Constancy],
     kept: float,
 ) -> tuple[Reason, ...]:
-    """What speaks against a named cause. judged: the hypothesis that `left` and `signs` are of, None for the base
+    """What speaks against a named cause. judged: the hypothesis that `signs` are of, None for the base
     parameters alone. rival: an unlisted effect that explains more. first: the listed hypothesis with most evidence."""
     reasons = [Reason(ReasonKind.LOG_KEEPS, percent=kept)] if kept > settings.OWN_LAW else []
     if rival is not None:
