@@ -268,7 +268,10 @@ def established(
 def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     """What speaks against a fit, whatever its law."""
     last, more = w.names[-1], w.fit.chi2 / max(near.chi2, 1e-300) - 1.0  # as weighed: near standstill no law is exact
-    if (more > 0.0 or takes_nothing(problem, near, w.fit)) and not (problem.struck and PLAY in w.names):
+    # One standard deviation of one value moves chi^2 by 1.
+    if (w.fit.chi2 - near.chi2 > 1.0 or takes_nothing(problem, near, w.fit)) and not (
+        problem.struck and PLAY in w.names
+    ):
         return Constancy(last, NOTHING, more)  # what a play leaves are the rebounds
     undone = cancellation(problem, w.fit, len(near.z))
     # True causes may happen to cancel, as a drift where later runs carry more; what imitates leaves a remainder.
