@@ -127,7 +127,8 @@ def test_a_page_of_a_machine_that_holds_no_table_speaks_of_no_correction_nor_of_
 
 
 def test_every_lag_of_an_autocorrelation_lies_inside_its_panel():
-    test = ResidualTest("half", np.array([0.1, 0.2]), *3 * [np.array([0.3, 0.2])], 0.5, {})
+    two = np.array([0.1, 0.2])
+    test = ResidualTest("half", two, two, two, two, 0.5, {})
     (low, high) = diagnosis.draw.autocorrelations([test]).layout.xaxis.range
     assert low == 0.0 and high > 0.2
 
