@@ -76,8 +76,9 @@ class Problem:
         ranges = [r for effect in effects_for(kind.name).values() for r in ranges_of(effect, machine, runs)]
         self._turning = {r.symbol for r in ranges if r.scan == "order"}
         way = max(float(np.max(np.abs(motion.position))) for motion in self.bench.motions)
-        turned = {"order": way, "waves": 2.0 * math.pi * way, "frequency": max(run.duration_s for run in runs)}
-        self._turned = {r.symbol: turned[r.scan] for r in ranges if r.scan in turned}  # rad, by 1 of the value
+        angles = {"order": way, "waves": 2.0 * math.pi * way, "frequency": max(run.duration_s for run in runs)}
+        # symbol -> rad that a wave turns over all of the way, or of the time, by 1 of the value
+        self._wave_angles = {r.symbol: angles[r.scan] for r in ranges if r.scan in angles}
         self._smooth: dict[tuple[int, bool], tuple[np.ndarray, LowpassAt]] = {}
         self.band_hz = self.bench.band_hz
         self.rows: list[np.ndarray] = []
@@ -237,8 +238,8 @@ class Problem:
             return np.array(
                 [max(LATE_STEP * self.runs[0].sample_time_s, LATE_OF_BAND / self.band_hz) / parameter.scale]
             )
-        if isinstance(parameter, Scalar) and parameter.symbol in self._turned:
-            return np.array([STEP / max(self._turned[parameter.symbol] * parameter.origin, 1.0)])
+        if isinstance(parameter, Scalar) and parameter.symbol in self._wave_angles:
+            return np.array([STEP / max(self._wave_angles[parameter.symbol] * parameter.origin, 1.0)])
         return np.full(parameter.size, STEP)
 
     def _group(self, settings: Sequence[Setting], known: Array | None = None) -> Array:

@@ -236,8 +236,9 @@ def established(
     each with what speaks against it.
 
     base, near: the fits without effects, the latter within the tolerances. A hypothesis that leaves more than `near`,
-    whose effects undo each other, or that sits on a bound is not established either: the next about as good is looked
-    at. Behind a mimic only what it is made of is, for whatever else is about as good imitates the same cause.
+    by more than chance, whose effects undo each other, or that sits on a bound is not established either: the next
+    about as good is looked at. Behind a mimic only what it is made of is, for whatever else is about as good imitates
+    the same cause.
     """
     mimics: dict[Names, Constancy] = {}
     listed = [w for w in weighed if not w.rival]
@@ -268,10 +269,8 @@ def established(
 def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     """What speaks against a fit, whatever its law."""
     last, more = w.names[-1], w.fit.chi2 / max(near.chi2, 1e-300) - 1.0  # as weighed: near standstill no law is exact
-    # One standard deviation of one value moves chi^2 by 1.
-    if (w.fit.chi2 - near.chi2 > 1.0 or takes_nothing(problem, near, w.fit)) and not (
-        problem.struck and PLAY in w.names
-    ):
+    worse = w.fit.chi2 - near.chi2 > 1.0  # by more than one standard deviation of one value
+    if (worse or takes_nothing(problem, near, w.fit)) and not (problem.struck and PLAY in w.names):
         return Constancy(last, NOTHING, more)  # what a play leaves are the rebounds
     undone = cancellation(problem, w.fit, len(near.z))
     # True causes may happen to cancel, as a drift where later runs carry more; what imitates leaves a remainder.
