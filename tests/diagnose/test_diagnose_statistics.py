@@ -226,8 +226,8 @@ def test_correlated_noise_widens_the_interval_of_a_level_as_theory_says(carry: f
     problem = SimpleNamespace(errors=errors, share=1.0, samples=n)
 
     def variance(residual: Array) -> float:
-        fit = SimpleNamespace(free=free, z=np.zeros(1), jacobian=np.ones((n, 1)), residual=residual, chi2=float(n))
-        return float(covariance(cast(Any, problem), cast(Any, fit))[0, 0])
+        fit = Fitted((), free, np.zeros(1), residual, np.ones((n, 1)), float(n), 0.0, 1, True)
+        return float(covariance(cast(Any, problem), fit)[0, 0])
 
     theory = sigma**2 * (1.0 + carry) / (n - (n - 2) * carry)
     assert variance(np.zeros(n)) == pytest.approx(theory, rel=1e-3)

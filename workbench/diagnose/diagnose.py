@@ -28,6 +28,7 @@ from workbench.diagnose.gap import (
 )
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
+from workbench.diagnose.hypotheses.held_out import play_estimated
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult, searched
 from workbench.diagnose.isolability import Isolability, isolability
@@ -296,7 +297,11 @@ def diagnose(
     judged = judged_to_help(search)
     say(Progress(Stage.LOCATE))
     refitted = refitted_machine(problem, keys, search.within_tolerances)
-    fit = search.fits[judged.names] if judged.names else None
+    fit = play_estimated(search, judged.names) if judged.names else None
+    if fit is not None:
+        search = replace(search, fits={**search.fits, judged.names: fit})
+        mine = tuple(replace(w, fit=search.fits[w.names]) for w in judged.weighed)
+        judged = replace(judged, weighed=mine)
     corrected = refitted if fit is None else corrected_machine(problem, keys, fit)
     impacts = own_impacts(corrected, campaign.runs)  # one choice of samples for all machines
     before, refitted_replay = (

@@ -7,7 +7,8 @@ A parameter in its own unit comes with a standard error:
 Σ is the covariance of the fit, of noise, model error and tolerances; g the parameter's derivative. d is by how far
 plain least squares, of the same residual without its correlation, would put the parameters elsewhere: if the error
 model held, both would agree to within Σ (J. A. Hausman, Specification tests in econometrics, Econometrica 46, 1978),
-and what a real machine leaves itself holds to no such model. s is by how much the value may be off because the
+and what a real machine leaves itself holds to no such model. It is one step from the fit, but for a play, which has
+many minima (`play_estimated`). s is by how much the value may be off because the
 effect's law simplifies (`Parameter.simplified`): where the law fits every run alike, the residual does not show it,
 neither as a whole nor from run to run.
 """
@@ -16,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from types import SimpleNamespace
 
@@ -34,6 +35,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     logarithmic_of,
     setting_of,
 )
+from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.identify.fit import DAMPING, minimise
@@ -54,7 +56,8 @@ Raw = dict[bytes, tuple[Array, Array]]  # z -> residual and Jacobian, in the inp
 class Fitted:
     """The fit of one hypothesis. effects: ids. z: at the minimum, base parameters first. residual, jacobian: at z.
 
-    chi2: of the data, whitened (`ErrorModel`); prior: of the base parameters in tolerances.
+    chi2: of the data, whitened (`ErrorModel`); prior: of the base parameters in tolerances. errors: by which it
+    is weighed, None as the problem is. other: z of the same hypothesis, weighed otherwise.
     """
 
     effects: tuple[str, ...]
@@ -66,6 +69,8 @@ class Fitted:
     prior: float
     evaluations: int
     settled: bool
+    errors: ErrorModel | None = None
+    other: Array | None = None
 
     @property
     def objective(self) -> float:
@@ -215,6 +220,15 @@ def parts_of(problem: Problem, fit: Fitted, groups: Sequence[Names]) -> Array:
     return problem.differences(fit.setting, settings)[1]
 
 
+def uncorrelated(problem: Problem, fit: Fitted) -> ErrorModel:
+    """The errors of plain least squares: all of a fit's residual is independent, and tolerances weigh beside it as they
+    did."""
+    white = problem.errors.white
+    if np.any(fit.residual):
+        white = white * float(np.linalg.norm(fit.residual / white)) / math.sqrt(fit.chi2)
+    return replace(problem.errors, white=white, sizes=(0.0, 0.0))
+
+
 def covariance(problem: Problem, fit: Fitted) -> Array:
     """The covariance of z, (m, m). It grows in proportion to a residual above the noise, and with how far plain least
     squares are off."""
@@ -226,11 +240,12 @@ def covariance(problem: Problem, fit: Fitted) -> Array:
         return np.asarray(np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale))
 
     excess = max(1.0, fit.chi2 / max(problem.share * problem.samples, 1.0))
-    rows = np.column_stack([fit.jacobian, fit.residual]) / problem.errors.white[:, None]
-    if np.any(rows[:, -1]):
-        rows *= math.sqrt(fit.chi2) / float(np.linalg.norm(rows[:, -1]))  # tolerances weigh as they did
-    step = -inverse(rows[:, :-1]) @ (rows[:, :-1].T @ rows[:, -1] + fit.z / std**2)
-    off = np.clip(fit.z + step, lowest, highest) - fit.z
+    if fit.other is None:
+        rows = uncorrelated(problem, fit).whiten(np.column_stack([fit.jacobian, fit.residual]))
+        step = -inverse(rows[:, :-1]) @ (rows[:, :-1].T @ rows[:, -1] + fit.z / std**2)
+        off = np.clip(fit.z + step, lowest, highest) - fit.z
+    else:
+        off = fit.other - fit.z
     return inverse(problem.errors.whiten(fit.jacobian)) * excess + np.outer(off, off)
 
 

@@ -77,7 +77,7 @@ class Scalar(FreeParameter):
     amount: bool = False
     size = 1
 
-    def _z(self, value: float) -> float:
+    def z_of(self, value: float) -> float:
         if self.logarithmic:
             if value <= 0.0:
                 return -math.inf
@@ -86,11 +86,11 @@ class Scalar(FreeParameter):
 
     @property
     def lowest(self) -> tuple[float, ...]:
-        return (max(self._z(self.least), -self.furthest),)
+        return (max(self.z_of(self.least), -self.furthest),)
 
     @property
     def highest(self) -> tuple[float, ...]:
-        return (min(self._z(self.most), self.furthest),)
+        return (min(self.z_of(self.most), self.furthest),)
 
     @property
     def prior_std(self) -> tuple[float, ...]:

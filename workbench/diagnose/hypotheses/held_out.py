@@ -7,16 +7,29 @@ from collections import Counter
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import PhaseOfEachRun, Setting, bounds_of, logarithmic_of, setting_of
+from workbench.diagnose.hypotheses.evidence import PLAY
+from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, parameters_of, uncorrelated
+from workbench.diagnose.hypotheses.free_parameters import (
+    Names,
+    PhaseOfEachRun,
+    Scalar,
+    Setting,
+    bounds_of,
+    logarithmic_of,
+    setting_of,
+)
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.search import STUCK
+from workbench.diagnose.hypotheses.search import STUCK, SearchResult
 from workbench.diagnose.hypotheses.settings import FORETOLD
+from workbench.diagnose.hypotheses.signatures import Projection
+from workbench.effects import ranges_of
+from workbench.machines import kind_of
 
 BLOCKS = 4  # of a run that no other can foretell
 STRETCHES = 8  # of a run: so long a residual may hang together
@@ -85,7 +98,8 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
 def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
     folds = max(int(np.max(fold_of_row, initial=-1)) + 1, len(problem.runs))  # the last may hold nothing that counts
     inside = [fold_of_row == fold for fold in range(folds)]
-    settings = tuple(refit.setting for refit in fitted_without(problem, fitted, inside, elsewhere=True))
+    weighed = problem if fitted.errors is None else problem.weighed_by(fitted.errors)
+    settings = tuple(refit.setting for refit in fitted_without(weighed, fitted, inside, elsewhere=True))
     residual = np.empty(problem.samples)
     for row, mine in zip(problem.residuals(settings), inside, strict=True):
         residual[mine] = row[mine]
@@ -258,6 +272,39 @@ def _own_step(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
         left = fitted.residual[fold] + fitted.jacobian[fold] @ step
         moved[mine] = -np.linalg.lstsq(fitted.jacobian[fold][:, mine], left, rcond=1e-8)[0]
     return moved
+
+
+def play_estimated(result: SearchResult, names: Names) -> Fitted:
+    """The fit of a hypothesis; with a play in it the better on left-out folds of two, weighed as the problem is and by
+    plain least squares, each with the other's z.
+
+    The motor's flights through a play are short, mostly slow, and no law foretells their ends: as a model error is, so
+    a whitened residual holds little of them. Plain least squares starts from the best shape of all that are tried.
+    """
+    fit, problem, count = result.fits[names], result.problem, len(result.base.z)
+    if PLAY not in names or not kind_of(problem.machine).bridged_impacts:
+        return fit
+    plain = problem.weighed_by(uncorrelated(problem, fit))
+    own = [k for k in parameters_of(fit, (PLAY,), count)[0] if isinstance(k, Scalar)]
+    mine = np.repeat([k in own for k in fit.free], [k.size for k in fit.free])
+    ranges = ranges_of(problem.effect(PLAY), problem.machine, problem.runs)
+    tries = {r.symbol: r.tries[::2] if r.vanishes_at is not None else r.tries for r in ranges}
+    tried = list(product(*([k.z_of(value) for value in tries[k.symbol]] for k in own)))
+    starts = np.tile(fit.z, (1 + len(tried), 1))
+    starts[1:, mine] = tried
+    change = problem.differences(fit.setting, [setting_of(fit.free, z) for z in starts], fit.residual)[1]
+    others = tuple(k for k in fit.free if k not in own)
+    beside = Projection.of(plain, replace(fit, free=others, z=fit.z[~mine], jacobian=fit.jacobian[:, ~mine]))
+    left = np.sum((beside.residual[:, None] + beside.clean(change.T)) ** 2, axis=0)
+    z = starts[int(np.argmin(np.where(np.isfinite(left), left, np.inf)))]
+    try:
+        found = fit_hypothesis(plain, fit.effects, fit.free, z, base=count)
+    except BREAKDOWNS:
+        return fit
+    white = problem.errors.whiten(found.residual)
+    found = replace(found, chi2=float(white @ white), errors=plain.errors, other=fit.z)
+    folds = folds_by_run(problem)
+    return min((replace(fit, other=found.z), found), key=lambda one: held_out(problem, one, folds).rms(problem.inputs))
 
 
 def significance(problem: Problem, without: Fitted, fit: Fitted, *, by_runs_alone: bool = False) -> float:

@@ -132,8 +132,11 @@ class Problem:
 
     def with_model_error(self, sizes: Sizes) -> Problem:
         """The same campaign, weighed with a model error of other sizes (see `ErrorModel`)."""
+        return self.weighed_by(self.errors.sized(sizes))
+
+    def weighed_by(self, errors: ErrorModel) -> Problem:
         weighed = copy(self)
-        weighed.errors = self.errors.sized(sizes)
+        weighed.errors = errors
         return weighed
 
     def moving_after(self, late_s: float) -> Problem:
