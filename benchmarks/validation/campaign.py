@@ -131,7 +131,8 @@ def log_columns(
         run.record[:, kind.input], run.record[:, kind.speed], kind.motion(run.record), kind.record_s, sensors, rng,
         walk, rate_hz=logging.rate_hz, uneven=logging.uneven, wander=wander, window=run.window,
     )  # fmt: skip
-    columns = kind.columns(samples, run.record, run.reference, sensors, rng, content.drawn, run.plan, logging)
+    own = replace(logging, logs=(*logging.logs, *run.plan.logs))
+    columns = kind.columns(samples, run.record, run.reference, sensors, rng, content.drawn, run.plan, own)
     return columns, wander
 
 

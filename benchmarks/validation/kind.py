@@ -73,7 +73,7 @@ Array = npt.NDArray[np.float64]
 class RunPlan:
     """One run: name and profile, stated payload, kg, height or position at its start, m (rad), when it began in the
     campaign, s, and how long it lasts, s. reference: a recorded one in place of the profile, a value each `record_s` of
-    its kind, rad/s or m/s."""
+    its kind, rad/s or m/s. logs: signals that this run logs beside those of all."""
 
     name: str
     profile: str
@@ -82,6 +82,7 @@ class RunPlan:
     start_time_s: float
     duration_s: float
     reference: tuple[float, ...] | None = None
+    logs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

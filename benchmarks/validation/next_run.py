@@ -64,11 +64,11 @@ def extended(content: Content, recommended: Mapping[str, Any], campaign: Path) -
     logged = kind_of(read.machine).moved.placed_by_log
     start = float(run[problem.bench.plant.positions[0]][0] if logged else run.start_position_m)
     began = content.runs[-1].start_time_s + content.runs[-1].duration_s + BETWEEN_S
-    plan = RunPlan("next", "recommended", run.payload_kg, start, round(began, 2), len(t) * kind.record_s, reference)
-    names = {"tension_dead_line_n": "tension", "position_carriage_m": "position"}
-    more = [names[signal] for signal in recommended["signals"] if signal in names]
-    logs = tuple(dict.fromkeys([*content.logging.logs, *more]))
-    return replace(content, runs=(*content.runs, plan), logging=replace(content.logging, logs=logs))
+    logs = ("tension",) if "tension_dead_line_n" in recommended["signals"] else ()
+    plan = RunPlan(
+        "next", "recommended", run.payload_kg, start, round(began, 2), len(t) * kind.record_s, reference, logs
+    )
+    return replace(content, runs=(*content.runs, plan))
 
 
 def one_more_run(score: Score) -> tuple[Mapping[str, float], str] | None:

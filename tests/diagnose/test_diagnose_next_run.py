@@ -18,31 +18,32 @@ from tests.support.searched_campaign import simulated_search
 from workbench.core.numbers import figures
 from workbench.core.run import Run
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import Scalar
+from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
+from workbench.diagnose.hypotheses.free_parameters import TENSION_GAIN, Scalar, base_parameters, bounds_of
+from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.isolability import angle_between, isolability, separations, smallest_amount
 from workbench.diagnose.isolability import best_signatures as signatures
 from workbench.diagnose.isolation import next_run as advising
-from workbench.diagnose.isolation.lines import LEAST, Ahead, Line, OnMenu, on_campaign, on_menu
+from workbench.diagnose.isolation.lines import LEAST, Line, OnMenu, ahead_of, on_campaign, on_menu, rough_of
 from workbench.diagnose.isolation.next_run import (
     APART,
     CLOSER,
     SURE,
     Compared,
+    Odds,
     Offer,
     Question,
     _closer,
     _longer,
-    chance_to_decide,
     choose,
     compared,
     distances,
     next_run,
 )
 from workbench.diagnose.isolation.planned import Planned, from_moves, menu, repeated, seen_in
-from workbench.machines import save_machine
+from workbench.machines import kind_of, save_machine
 from workbench.references import Limits
 from workbench.study.load import load_study
 from workbench.view.diagnosis import write_next_run
@@ -135,12 +136,13 @@ def test_what_is_kept_of_each_run_gives_the_least_squares_of_all_their_rows():
 
 def offer(apart: float, seconds: float, *signals: str) -> Offer:
     run = Run("r", np.array([0.0, seconds]), {})
-    return Offer(Planned(run, 0.0, "slow", (), Limits(1.0, 1.0, 1.0), 0.0), signals, apart, apart)
+    planned = Planned(run, 0.0, "slow", (), Limits(1.0, 1.0, 1.0), 0.0)
+    return Offer(planned, signals, apart, apart, chance=min(0.14 * apart, 1.0), short=1.0 / apart)
 
 
 def test_the_shortest_run_that_decides_is_chosen_before_one_that_sets_more_apart():
     offers = [offer(9.0, 60.0), offer(7.0, 20.0), offer(2.0, 10.0), offer(30.0, 10.0, "tension_dead_line_n")]
-    assert choose(offers, lambda one: chance_to_decide(one.separation**2, one.whole**2)) is offers[1]
+    assert choose(offers) is offers[1]
 
 
 def test_the_menu_stays_within_what_the_logs_show(heavier: SearchResult):
@@ -166,6 +168,28 @@ def test_the_dead_lines_tension_decides_between_an_offset_and_a_mass(heavier: Se
     assert "torque_offset" in advice.why and "carriage_mass_error" in advice.why
     assert f"by {advice.separation:.1f} standard deviations" in advice.why
     assert advice.planned is not None
+
+
+def test_the_tension_of_the_one_run_that_was_asked_for_decides(heavier: SearchResult):
+    """It counted only where all runs had it: who followed the advice had the same answer as before."""
+    problem, (first, *others) = heavier.problem, heavier.problem.runs
+    fits = [heavier.fits[name,] for name in ("carriage_mass_error", "torque_offset")]
+    dead_line = kind_of(problem.machine).dead_line
+    assert dead_line is not None
+
+    def with_tension(newtons: np.ndarray) -> Run:
+        return replace(first, signals={**first.signals, dead_line.signal: newtons})
+
+    rest = np.full(len(first.time_s), dead_line.at_rest(problem.machine, first.payload_kg))
+    alone = Problem(problem.machine, [with_tension(rest)], problem.band_hz)
+    (table,) = tables = alone.tables([fits[0].setting])
+    states = alone.bench.required(tables)[0][:, 1:, 0]
+    pulled = with_tension(alone._tension(first.time_s, states, alone._parameters(table, 0)))
+    mixed = Problem(problem.machine, [pulled, *others], problem.band_hz)
+    cell = base_parameters(mixed.machine, mixed.runs)[TENSION_GAIN]
+    again = [fit_hypothesis(mixed, fit.effects, [cell, *fit.free], np.append(0.0, fit.z)) for fit in fits]
+    before, after = (offset.objective - mass.objective for mass, offset in (fits, again))
+    assert abs(before) < 5.0 and after > settings.DECISIVE
 
 
 def test_a_designed_motion_is_no_longer_than_the_plain_one_and_sets_more_apart(heavier: SearchResult):
@@ -194,15 +218,35 @@ def test_rivals_share_base_signatures_in_the_choice_and_have_their_own_in_what_i
         return min(separation(fits[true], fits[1 - true], [known[true], data[true]]) for true in (0, 1))
 
     def own(runs: Sequence[Run]) -> list[OnMenu]:
-        return [on_menu(problem, Ahead(problem.machine, runs, problem.band_hz), fit) for fit in fits]
+        return [on_menu(problem, ahead_of(problem, runs, fits[0]), fit, rough) for fit in fits]
 
-    once, each = Ahead(problem.machine, runs, problem.band_hz), own(runs)
-    shared = [on_menu(problem, once, fit) for fit in fits]
-    for run, signals in product(range(3), ((), ("tension_dead_line_n",), ("position_carriage_m",))):
+    rough = rough_of(problem, fits[0])
+    once, each = ahead_of(problem, runs, fits[0]), own(runs)
+    shared = [on_menu(problem, once, fit, rough) for fit in fits]
+    for run, signals in product(range(3), ((), ("tension_dead_line_n",))):
         assert apart(shared, run, signals) == pytest.approx(apart(each, run, signals), rel=0.05)
     advice = next_run(problem, heavier, fits)
     assert advice is not None and advice.planned is not None
     assert advice.separation == pytest.approx(apart(own([advice.planned.run]), 0, advice.signals), rel=1e-9)
+
+
+def odds(z: Sequence[float], curved: Sequence[float], lead: float = 0.0, least: float = -math.inf) -> Odds:
+    """Two hypotheses of one value each, the first one `lead` ahead, and none. least: bound of the second's value."""
+    bounds = (-math.inf, least, -math.inf)
+    fits = [
+        replace(fitted(at), effects=names, free=(Scalar("x", 0.0, 1.0, low),))
+        for at, names, low in zip([*z, 0.0], (("a",), ("b",), ()), bounds, strict=True)
+    ]
+    evidence = np.array([200.0 + lead, 200.0, 5.0])
+    known = [np.array([[one]]) for one in (*curved, 1.0)]
+    return Odds(fits, evidence, np.zeros(3), np.zeros(3), ROWS, known, [np.zeros(1)] * 3, 2)
+
+
+def of_run(slope: Sequence[float], level: Sequence[float]) -> list[Line]:
+    """What 50 whitened samples show of each: no effect predicts 100 everywhere."""
+    wave = np.resize([1.0, -1.0], 50)
+    whites = [np.column_stack([a * wave, b * wave]) for a, b in zip((*slope, 0.0), (*level, 100.0), strict=True)]
+    return [replace(line(0.0, 0.0), white=white) for white in whites]
 
 
 @pytest.mark.parametrize(("apart", "lead"), [(2.0, 0.0), (3.5, 0.0), (4.5, 6.0), (3.0, -4.0), (0.1, 3.0)])
@@ -215,14 +259,41 @@ def test_the_chance_to_decide_is_that_of_drawn_likelihoods(apart: float, lead: f
     more = np.sum((data - shift) ** 2 - data**2, axis=1)
     first = rng.uniform(size=20000) < 1.0 / (1.0 + math.exp(-0.5 * lead))
     decided = more + np.where(first, lead, -lead) > settings.DECISIVE
-    assert chance_to_decide(apart**2, apart**2, 0.0, lead) == pytest.approx(np.mean(decided), abs=0.02)
+    stated = odds((0.0, 0.0), (1.0, 1.0), lead).chance(of_run((0.0, 0.0), (0.0, apart / math.sqrt(50))), 0.0)[0]
+    assert stated == pytest.approx(np.mean(decided), abs=0.09)  # of 200 machines
 
 
-def test_what_the_model_may_be_off_is_not_made_up_for_by_a_run_like_the_campaign():
-    """A ripple as large as an axis' own: 14.5 standard deviations off none in the campaign, and open. A run that added
-    as much as half of that was to decide with a probability of 1.00."""
-    assert chance_to_decide(110.0, 110.0, now=14.5, lead=2.0) < 0.05
-    assert chance_to_decide(110.0, 110.0, now=14.5, lead=200.0) > 0.99
+def test_a_value_that_the_campaign_left_open_may_decide_though_both_are_alike_at_the_values_fitted():
+    """A carriage's mass error of which a short run said little: a long one was to decide with a probability of 0.00,
+    and did in 15 of 18 simulations."""
+    run = of_run((3.0, 0.0), (0.0, 0.0))  # the first one's value shows, and the rival has none
+    assert odds((0.0, 0.0), (0.1, 1.0)).chance(run, 0.0)[0] > 0.4
+    assert odds((0.0, 0.0), (10.0, 1.0)).chance(run, 0.0)[0] < 0.05
+
+
+def test_a_rival_takes_no_negative_amount_to_predict_what_the_true_one_does():
+    """A loss of less than nothing passed for less friction."""
+    run = of_run((0.0, 3.0), (-1.0, 0.0))
+    free, bounded = (odds((0.0, 0.0), (1e3, 1e-3), least=low).chance(run, 0.0)[0] for low in (-math.inf, 0.0))
+    assert free < 0.6 < 0.9 < bounded
+
+
+def test_values_refitted_to_a_run_stay_within_their_bounds_as_bounded_least_squares_has_it():
+    from scipy.optimize import lsq_linear
+
+    rng = np.random.default_rng(5)
+    many = 5
+    free = tuple(Scalar(f"x{k}", 0.0, 1.0, -0.1, 0.1 if k % 2 else math.inf) for k in range(many))
+    fit = replace(fitted(), free=free, z=np.zeros(many))
+    curved, steep, block = rng.normal(size=(many, many)), rng.normal(size=many), rng.normal(size=(20, many + 1))
+    asked = Odds([fit], *np.zeros((3, 1)), ROWS, [curved], [steep], 1)
+    drawn = 3.0 * rng.normal(size=(30, 20))
+    low, high, _ = bounds_of(free)
+    shifted = np.linalg.solve(curved.T, steep)  # |curved x + shifted|^2 has the slope `steep`
+    for left, data in zip(asked._left(0, block, np.zeros(0), drawn), drawn, strict=True):
+        rows, wanted = np.vstack([block[:, :-1], curved]), -np.append(data + block[:, -1], shifted)
+        x = lsq_linear(rows, wanted, (low, high), method="bvls").x
+        assert left == pytest.approx(np.sum((rows @ x - wanted) ** 2) - shifted @ shifted, rel=1e-6)
 
 
 def test_a_rival_that_cannot_predict_what_the_answer_does_is_open_no_longer():
@@ -240,12 +311,14 @@ def test_a_rival_that_cannot_predict_what_the_answer_does_is_open_no_longer():
 def test_a_plain_run_that_does_not_decide_is_driven_as_often_over_as_it_takes(heavier: SearchResult):
     problem, one = heavier.problem, menu(heavier.problem)[1]
     fits = [heavier.fits[name,] for name in ("torque_offset", "friction_viscous")]
-    question = Question.of(problem, fits, [on_campaign(problem, fit) for fit in fits], False, {})
+    known = compared([on_campaign(problem, fit) for fit in fits])
+    question = Question(problem, fits, known, None, advising._apart(problem, fits, known), False)
     long = 2.5 * one.duration_s
     plain = Offer(one, (), question.now[0] + 1.0, question.now[1] + 1.0)
     asked = SimpleNamespace(
-        problem=problem, fits=fits, now=question.now, offer=question.offer, chance_over=lambda *given: 1.0,
-        chance=lambda this: float(this.planned.duration_s > long),
+        problem=problem, fits=fits, hypotheses=fits,
+        weighed=lambda one, times=1, draws=0: replace(one, chance=1.0) if times > 1 else one,
+        offer=lambda trial, run, planned, signals: Offer(planned, signals, 9.0, 9.0, chance=planned.duration_s > long),
     )  # fmt: skip
     best, usual = _longer(asked, (plain, plain))  # type: ignore[arg-type]
     longer = best.planned
@@ -258,8 +331,9 @@ def test_a_plain_run_that_does_not_decide_is_driven_as_often_over_as_it_takes(he
 
 def test_a_run_that_is_said_to_decide_leaves_room_for_noise_in_what_is_ignored(heavier: SearchResult):
     """Six deviations beyond what is ignored, of nine: next to half of such runs fall short of five."""
-    question = Question(heavier.problem, [], [], True, (0.0, 0.0), 0.0, settings.DECISIVE)
-    assert question.chance(replace(offer(5.5, 9.0), whole=9.0)) < 0.7 < SURE < question.chance(offer(7.5, 9.0))
+    question = Question(heavier.problem, [], [], None, (0.0, 0.0), True)
+    near, far = (question.weighed(replace(offer(apart, 9.0), whole=9.0)).chance for apart in (5.5, 7.5))
+    assert near < 0.7 < SURE < far
 
 
 def test_the_files_of_the_next_run_are_a_study_and_a_motion_for_a_drive(heavier: SearchResult, tmp_path: Path):
@@ -381,7 +455,7 @@ def test_the_run_that_a_closer_value_would_let_decide_is_named(
     fits = [heavier.fits[name,] for name in ("torque_offset", "carriage_mass_error")]
     monkeypatch.setattr(advising, "_apart", lambda *given, closer="": (6.0 if closer else apart, apart))
     best = advising.Offer(menu(heavier.problem)[0], (), apart, apart)
-    question = Question(heavier.problem, fits, [], False, (0.0, 0.0), 0.0, settings.DECISIVE)
+    question = Question(heavier.problem, fits, [], None, (0.0, 0.0), False)
     said = advising._why(question, best)
     *_, named, need = said.split(". ")
     assert "that run" not in need or best.planned.words in named
@@ -389,5 +463,7 @@ def test_the_run_that_a_closer_value_would_let_decide_is_named(
     assert f"known to {CLOSER:g} of it" in need
     for favoured, words in ((False, "apart from a and from b"), (True, "over a and over b")):
         three = [fits[0], *(replace(fits[1], effects=(name,)) for name in "ab")]
-        asked = Question(heavier.problem, three, [], favoured, (0.0, 0.0), 0.0, settings.DECISIVE)
+        asked = Question(
+            heavier.problem, three, [], None if favoured else odds((0.0, 0.0), (1.0, 1.0)), (0.0, 0.0), False
+        )
         assert words in advising._why(asked, best)

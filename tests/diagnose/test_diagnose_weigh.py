@@ -169,6 +169,7 @@ def told_by(
         errors=types.SimpleNamespace(whiten=lambda rows: rows, sizes=(size, 1.0)),
         runs=list(left),
         run_of_row=np.repeat(np.arange(len(left)), left.shape[1]),
+        pulled=np.zeros(0, dtype=int),
         samples=left.size,
         inputs=left.size,
         ways=np.ones((2, len(left))),

@@ -22,7 +22,7 @@ def rms(values: Array) -> float:
 def made_by(problem: Problem, setting: Setting) -> Problem:
     """The problem with the torque that the machine under `setting` takes, to the last bit of it."""
     gain, offset, _ = problem._sensed(setting)
-    predicted = [required[:, 0, 0] for required in problem.bench.required(problem._tables([setting]))]
+    predicted = [required[:, 0, 0] for required in problem.bench.required(problem.tables([setting]))]
     runs = [
         replace(run, signals={**run.signals, "torque_motor_nm": gain * raw + offset})
         for run, raw in zip(problem.runs, predicted, strict=True)

@@ -53,7 +53,6 @@ from workbench.diagnose.verdict.answer import (
 )
 from workbench.diagnose.verdict.judge import (
     Judged,
-    alike,
     alternatives,
     judged_to_help,
     runners_up,
@@ -312,18 +311,8 @@ def diagnose(
     where = where_of(problem, search.within_tolerances, fit, named, seed) if judged.word != "no_gap" else None
     say(Progress(Stage.SEPARATE))
     apart = isolability(problem, search)
-    also, as_good = alike(judged, problem.active.kind), alternatives(judged, problem.active.kind)
-    asked = _open(judged, as_good)
-    evidence = {(): settings.calibration()["threshold"]} | {w.names: w.evidence for w in judged.weighed}
-    more = next_run(problem, search, asked, evidence)
-    if judged.word == "unknown" and more is None:
-        more = next_run(problem, search, unlisted_likely(judged), settled=APART)
-    # Where nothing is open, only what the runs do not vary would tell the answer from its runners-up.
-    if judged.word == "named" and len(asked) == 1 and variety(problem.bench):
-        more = next_run(problem, search, [*asked, *runners_up(judged, problem.active.kind)], settled=APART)
-        if more is not None:
-            as_good = more.rivals
-            also = tuple(dict.fromkeys(name for rival in as_good for name in rival if name not in judged.names))
+    more, as_good = asked_next(search, judged)
+    also = tuple(dict.fromkeys(name for names in as_good for name in names if name not in judged.names))
     rows = candidate_rows(search, judged, keys, as_good)
     say(Progress(Stage.SHRINK))
     unlisted = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.UNLISTED_EXPLAINS_MORE]
@@ -451,7 +440,24 @@ def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effe
     return [known[name] for name in dict.fromkeys(names)]
 
 
-def _open(judged: Judged, also: Sequence[Names]) -> list[Names]:
+def asked_next(search: SearchResult, judged: Judged) -> tuple[NextRun | None, tuple[Names, ...]]:
+    """The run that would decide what the campaign leaves open, None where nothing is; and what it cannot tell from the
+    answer."""
+    problem, kind = search.problem, search.problem.active.kind
+    as_good = alternatives(judged, kind)
+    asked = open_hypotheses(judged, as_good)
+    evidence = {(): settings.calibration()["threshold"]} | {w.names: w.evidence for w in judged.weighed}
+    more = next_run(problem, search, asked, evidence)
+    if judged.word == "unknown" and more is None:
+        more = next_run(problem, search, unlisted_likely(judged), settled=APART)
+    # Where nothing is open, only what the runs do not vary would tell the answer from its runners-up.
+    if judged.word == "named" and len(asked) == 1 and variety(problem.bench):
+        more = next_run(problem, search, [*asked, *runners_up(judged, kind)], settled=APART)
+        as_good = as_good if more is None else more.rivals
+    return more, as_good
+
+
+def open_hypotheses(judged: Judged, also: Sequence[Names]) -> list[Names]:
     """The hypotheses that the campaign does not decide between, the answer first; no gap is that of no effect."""
     first: list[Names] = [judged.names] if judged.word != "unknown" else []
     rest = list(also)

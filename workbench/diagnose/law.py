@@ -236,7 +236,7 @@ def columns(
             forces[:, k] = eval(code, {"__builtins__": {}, "s": s, "p": p, **functions})
         smooth = problem.smooth_at(j)(forces)
         torque.append(gain * lever_of(problem.machine, acts_on) * smooth)
-        if problem.has_tension:
+        if j in problem.tension:
             share = kind_of(problem.machine).ports[acts_on].share
             tension.append(share * problem.noise / problem.tension_noise * smooth)
     return np.concatenate([*torque, *tension])

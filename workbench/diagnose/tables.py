@@ -118,7 +118,7 @@ def columns_of(problem: Problem, rides: Sequence[Ride], variable: Table, at: Arr
         levels = np.hstack([hats * np.maximum(way, 0.0)[:, None], hats * np.minimum(way, 0.0)[:, None]])
         smooth = problem.smooth_at(j)(levels)
         torque.append(input_gain * smooth)
-        if problem.has_tension:
+        if j in problem.tension:
             share = kind_of(problem.machine).ports[variable.acts_on].share
             tension.append(share * problem.noise / problem.tension_noise * smooth)
     return np.concatenate([*torque, *tension])

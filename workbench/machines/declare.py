@@ -429,7 +429,8 @@ class Kind:
     for it. studies: whether the drawing, the multi-body model, the served plant and exported controllers are for it.
     whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.
     longest_step_s: of fixed steps, that follow the machine (s).
-    to_log: signals that one more run could log, cheapest first. zero_input: why an input of zero cannot be.
+    to_log: signals that one more run could log and a diagnosis weighs, cheapest first. zero_input: why an input of zero
+    cannot be.
     """
 
     name: str

@@ -65,7 +65,7 @@ def folds_by_run(problem: Problem) -> np.ndarray:
         mine = np.flatnonzero(folds == j)
         block = np.arange(len(mine)) * BLOCKS // len(mine)
         folds[mine] = np.where(block > 0, len(problem.runs) + k * (BLOCKS - 1) + block - 1, j)
-    return np.tile(folds, problem.samples // max(problem.inputs, 1))
+    return np.append(folds, folds[problem.pulled])
 
 
 def in_parts(problem: Problem) -> list[int]:

@@ -156,19 +156,20 @@ def error_model(
     row_noise: Array,
     share: float,
     noise: float,
+    pulled: np.ndarray,
     tension: float | None,
 ) -> ErrorModel:
     """row_noise: (rows of the input,), rms in the band. share: how many independent values one row stands for.
 
     tension: None, or the model error of the dead line's tension in the unit of its rows, which follow the input's;
-    noise: that of these rows.
+    pulled: of each one, the input's row beside it; noise: that of these rows.
     """
     white = row_noise
     moving, standstill = model_error_of(bench, rows)
     rho = carries(bench, rows)
     if tension is not None:
-        moving = np.concatenate([moving, np.full(len(moving), tension)])
-        standstill = np.concatenate([standstill, np.zeros(len(standstill))])
-        white = np.concatenate([white, np.full(len(rho), noise)])
-        rho = np.concatenate([rho, rho])
+        moving = np.append(moving, np.full(len(pulled), tension))
+        standstill = np.append(standstill, np.zeros(len(pulled)))
+        white = np.append(white, np.full(len(pulled), noise))
+        rho = np.append(rho, rho[pulled])
     return ErrorModel(white / math.sqrt(share), moving, standstill, rho)

@@ -59,8 +59,9 @@ class Problem:
     runs of which something counts; input_noise: the input's part of it;
     row_noise: (inputs,) that of each sample, as it is weighed; run_noise: (runs,) that of each run, as it is stated.
     errors: noise and model error, as the data are weighed (`ErrorModel`).
-    Where every run of a hoist logs the dead line's tension, its residual follows behind
-    that of the torque, on the torque's scale: `inputs` is how many rows are the torque's.
+    Where runs of a hoist log the dead line's tension, its residual follows behind that of the torque, on the torque's
+    scale: `inputs` is how many rows are the torque's; pulled: of each row of a tension, the row of its torque. tension:
+    in the band, by the number of the run.
     """
 
     def __init__(self, machine: Any, runs: Sequence[Run], band_hz: float | None = None) -> None:
@@ -92,10 +93,18 @@ class Problem:
             self.rows.append(every * np.flatnonzero(moving)[::stride])
             spacing.append(stride * step)
         self.run_lengths = tuple(len(rows) for rows in self.rows)
-        self.line = kind.dead_line if kind.dead_line and all(kind.dead_line.signal in run for run in runs) else None
-        self.has_tension = self.line is not None
+        self.line = kind.dead_line if kind.dead_line and any(kind.dead_line.signal in run for run in runs) else None
+        self.has_tension, self.tension = self.line is not None, dict[int, Array]()
+        if self.line is not None:
+            name, logged = self.line.signal, {j: run for j, run in enumerate(self.runs) if self.line.signal in run}
+            self.tension = {j: lowpass(run.time_s, run[name], self.band_hz) for j, run in logged.items()}
+            floor = [noise_rms(run.time_s, run[name], self.band_hz) for run in logged.values()]
+            level = float(np.mean([np.mean(tension) for tension in self.tension.values()]))
+            self.tension_noise = float(np.hypot(np.sqrt(np.mean(np.square(floor))), TENSION_TRUST * level))
         self.inputs = sum(self.run_lengths)
-        self.run_of_row = np.tile(np.repeat(np.arange(len(self.runs)), self.run_lengths), 1 + self.has_tension)
+        of_row = np.repeat(np.arange(len(self.runs)), self.run_lengths)
+        self.pulled = np.flatnonzero(np.isin(of_row, [*self.tension]))
+        self.run_of_row = np.append(of_row, of_row[self.pulled])
         self.share = min(1.0, 2.0 * self.band_hz * float(np.mean(spacing)))
         self.late = ranges_of(self.effect("speed_delay"), machine, self.runs)[0].symbol
         counted = [j for j, rows in enumerate(self.rows) if len(rows)] or range(len(self.runs))
@@ -105,21 +114,15 @@ class Problem:
         self.evaluations = 0
         self.kept: dict[Any, Any] = {}  # held-out fits, by fit and folds: several steps ask for the same
         self.deaf = False
-        if self.line is not None:
-            name = self.line.signal
-            self.tension = [lowpass(run.time_s, run[name], self.band_hz) for run in self.runs]
-            floor = [noise_rms(run.time_s, run[name], self.band_hz) for run in self.runs]
-            level = float(np.mean([np.mean(tension) for tension in self.tension]))
-            self.tension_noise = float(np.hypot(np.sqrt(np.mean(np.square(floor))), TENSION_TRUST * level))
-        self.errors = self._errors()
+        self.errors = self.errors_of_rows()
 
     def effect(self, name: str) -> Effect:
         """A declared effect of the machine's kind."""
         return find(name, self.active.kind)
 
-    def _errors(self) -> ErrorModel:
+    def errors_of_rows(self) -> ErrorModel:
         tension = 0.5 * self.noise if self.has_tension else None
-        return error_model(self.bench, self.rows, self.row_noise, self.share, self.noise, tension)
+        return error_model(self.bench, self.rows, self.row_noise, self.share, self.noise, self.pulled, tension)
 
     def noisier(self, noise: float | Array) -> Problem:
         """The same campaign with further noise, rms in the band, of all samples or of each one, (inputs,), independent
@@ -127,7 +130,7 @@ class Problem:
         beside = copy(self)
         beside.row_noise = np.hypot(self.row_noise, noise)
         beside.noise = math.hypot(self.noise, rms(noise))
-        beside.errors = beside._errors().sized(self.errors.sizes)
+        beside.errors = beside.errors_of_rows().sized(self.errors.sizes)
         return beside
 
     def with_model_error(self, sizes: Sizes) -> Problem:
@@ -155,7 +158,7 @@ class Problem:
         beside.inputs = sum(beside.run_lengths)
         beside.run_of_row = np.repeat(np.arange(len(self.runs)), beside.run_lengths)
         beside.row_noise = self.row_noise[np.concatenate(kept)]
-        beside.errors = beside._errors().sized(self.errors.sizes)
+        beside.errors = beside.errors_of_rows().sized(self.errors.sizes)
         return beside
 
     def exact(self) -> Problem:
@@ -213,7 +216,7 @@ class Problem:
         if not len(others):
             return self._group([base])[0], np.zeros((0, self.samples))
         # Those that need the same part of the model go together.
-        order = np.argsort(self.bench.parts_needed(self._tables(others)), kind="stable")
+        order = np.argsort(self.bench.parts_needed(self.tables(others)), kind="stable")
         change = np.empty((len(others), self.samples))
         first = None
         for k in range(0, len(others), GROUP - 1):
@@ -260,14 +263,14 @@ class Problem:
         return found if known is None else found + (known - found[:1])
 
     def _simulated(self, settings: Sequence[Setting], thin: bool) -> Array:
-        tables = self._tables(settings)
+        tables = self.tables(settings)
         gain, offset, tension_gain = np.array([self._sensed(s) for s in settings]).T
         torque, tension = [], []
         for j, required in enumerate(self.bench.required(tables, thin)):
             rows, smooth = self.rows[j], self.smooth_at(j, thin)
             logged = smooth(self._logged(j, required[:, 0], tables[j], thin)) * gain + offset
             torque.append(self.bench.measured[j][rows, None] - logged)
-            if self.has_tension:
+            if j in self.tension:
                 sets = [self._parameters(tables[j], i) for i in range(len(settings))]
                 pulls = [self._tension(self._time_s(j, thin), required[:, 1:, i], p) for i, p in enumerate(sets)]
                 logged = smooth(np.stack(pulls, axis=-1)) * tension_gain
@@ -297,7 +300,7 @@ class Problem:
         """One set of a run's table, by symbol."""
         return SimpleNamespace(**dict(zip(self.bench.symbols, table[:, i].tolist(), strict=True)))
 
-    def _tables(self, settings: Sequence[Setting]) -> list[Array]:
+    def tables(self, settings: Sequence[Setting]) -> list[Array]:
         """Each run's parameters (symbols, settings)."""
         row_of, tables = self.bench.row_of, np.repeat(self.bench.table[:, :, None], len(settings), axis=2)
         for i, setting in enumerate(settings):

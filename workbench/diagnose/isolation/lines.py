@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +13,7 @@ from workbench.diagnose.hypotheses.evidence import model_error_rms
 from workbench.diagnose.hypotheses.fit import Fitted, is_timing
 from workbench.diagnose.hypotheses.free_parameters import (
     LOAD_CELL_STD,
+    LOG_TIMING,
     TENSION_GAIN,
     FreeParameter,
     PhaseOfEachRun,
@@ -22,12 +21,10 @@ from workbench.diagnose.hypotheses.free_parameters import (
     Setting,
     setting_of,
 )
-from workbench.diagnose.hypotheses.problem import STEP, TENSION, TENSION_TRUST, Problem
+from workbench.diagnose.hypotheses.problem import STEP, TENSION, Problem
 from workbench.machines import kind_of
 
-POSITION = "position_carriage_m"
 LEAST = 0.35  # of the noise, rms: no model is more exact than that
-POSITION_TRUST = 1e-4  # of the wire's length: a usual draw-wire encoder or laser
 
 
 @dataclass(frozen=True)
@@ -37,6 +34,7 @@ class Line:
     residual: (rows,) in standard deviations; jacobian: (rows, len(z)); own: (rows, k) the values that
     each run has of its own (a phase, a load cell's gain). own_hold: (k,) one over their standard deviations.
     channel: (rows,) the signal of each row. least: what is ignored of a difference, rms, in standard deviations.
+    white: (rows, len(z) + k + 1) of a planned run, whitened as the evidence is: jacobian, own and residual.
     """
 
     residual: Array
@@ -46,6 +44,7 @@ class Line:
     channel: np.ndarray
     share: float
     least: float
+    white: Array = field(default_factory=lambda: np.zeros((0, 1)))
 
 
 OnMenu = Callable[[int, tuple[str, ...]], Line]  # the number of the planned run, what is logged
@@ -67,69 +66,67 @@ def on_campaign(problem: Problem, fit: Fitted) -> Line:
     )  # fmt: skip
 
 
-class Ahead(Problem):
-    """Planned runs. Behind the dead line's tension stands the carriage's height below that at its start, in m: the
-    simulation has it anyway. known: symbol -> what one STEP of a base parameter changes, (samples,), which is much the
-    same in every fit."""
-
-    def __init__(self, machine: Any, runs: Sequence[Run], band_hz: float) -> None:
-        super().__init__(machine, runs, band_hz)
-        self.run_of_row = np.tile(self.run_of_row[: self.inputs], 3 if self.has_tension else 1)
-        self._below: list[Array] = []
-        self.known: dict[str, Array] = {}
-
-    def _tension(self, time_s: Array, states: Array, p: SimpleNamespace) -> Array:
-        self._below.append(states[0, 1] - states[:, 1])
-        return super()._tension(time_s, states, p)
-
-    def _simulated(self, settings: Sequence[Setting], thin: bool) -> Array:
-        self._below = []
-        found, below, sets = super()._simulated(settings, thin), self._below, len(settings)
-        of_runs = [np.stack(below[j * sets : (j + 1) * sets])[:, rows] for j, rows in enumerate(self.rows) if below]
-        return np.hstack([found, *of_runs])
+def ahead_of(problem: Problem, runs: Sequence[Run], fit: Fitted) -> Problem:
+    """Planned runs as the campaign is weighed: with its noise and model error, at the input that a fit foretells."""
+    ahead = Problem(problem.machine, runs, problem.band_hz)
+    ahead.noise, ahead.row_noise = problem.noise, np.full(ahead.inputs, problem.noise)
+    if problem.has_tension:
+        ahead.tension_noise = problem.tension_noise
+    required = ahead.bench.required(ahead.tables([_of_one_run(fit.setting)]))
+    ahead.bench.measured = [every[:, 0, 0] for every in required]
+    ahead.errors = ahead.errors_of_rows().sized(problem.errors.sizes)
+    return ahead
 
 
-def on_menu(problem: Problem, ahead: Ahead, fit: Fitted) -> OnMenu:
-    """A hypothesis on the planned runs, by the number of the run and its logged signals."""
-    steps = [fit.z, *(fit.z + STEP * row for row in np.eye(len(fit.z)))]
-    settings: list[Setting] = [_of_one_run(setting_of(fit.free, z)) for z in steps]
-    cell = TENSION_GAIN not in settings[0]
-    if cell:  # a load cell that the campaign did not have: its gain is not known
-        settings.append({**settings[0], TENSION_GAIN: 1.0 + STEP * LOAD_CELL_STD})
-    lasting = [_lasting(parameter) for parameter in fit.free for _ in range(parameter.size)] + [""] * cell
-    anew = [k for k, moved in enumerate(settings[1:]) if lasting[k] not in ahead.known and moved != settings[0]]
+def on_menu(problem: Problem, ahead: Problem, fit: Fitted, rough: Mapping[str, tuple[float, float]]) -> OnMenu:
+    """A hypothesis on the planned runs, by the number of the run and its logged signals. What base parameters change,
+    which is much the same in every fit, is kept with `ahead`, by their symbol. rough: of `rough_of`, each run's own."""
+    steps, anyway = [fit.z, *(fit.z + STEP * row for row in np.eye(len(fit.z)))], {s: v for s, (v, _) in rough.items()}
+    settings: list[Setting] = [{**_of_one_run(setting_of(fit.free, z)), **anyway} for z in steps]
+    own = {symbol: value + STEP * std for symbol, (value, std) in rough.items()}
+    if TENSION_GAIN not in settings[0]:  # a load cell that the campaign did not have: its gain is not known
+        own[TENSION_GAIN] = 1.0 + STEP * LOAD_CELL_STD
+    settings += [{**settings[0], symbol: value} for symbol, value in own.items()]
+    lasting = [_lasting(parameter) for parameter in fit.free for _ in range(parameter.size)] + [""] * len(own)
+    anew = [k for k, moved in enumerate(settings[1:]) if lasting[k] not in ahead.kept and moved != settings[0]]
     change = np.zeros((len(settings) - 1, ahead.samples))
     base, change[anew] = ahead.differences(settings[0], [settings[1 + k] for k in anew])
     for k, symbol in enumerate(lasting):
         if symbol:
-            change[k] = ahead.known.setdefault(symbol, change[k])
+            change[k] = ahead.kept.setdefault(symbol, change[k])
     phases, least = _phases(fit.free), least_of(problem)
+    white = ahead.errors.whiten(np.vstack([change / STEP, base]).T)
+    hold = np.array([0.0] * len(phases) + [1.0] * len(own))
 
     def of_run(k: int, signals: tuple[str, ...]) -> Line:
-        input_rows, *beside = np.flatnonzero(ahead.run_of_row == k).reshape(ahead.samples // ahead.inputs, -1)
-        parts = [(input_rows, problem.noise)]
-        if TENSION in signals:
-            noise = problem.tension_noise if problem.has_tension else _tension_noise(ahead, k)
-            # The menu's tension stands on the scale of its own torque and load cell.
-            parts.append((beside[0], noise * ahead.noise / ahead.tension_noise))
-        if POSITION in signals:
-            length = kind_of(problem.machine).sizes(problem.machine, problem.runs).length
-            parts.append((beside[1], POSITION_TRUST * length))
-        residual = np.concatenate([base[rows] / unit for rows, unit in parts])
-        slopes = np.concatenate([change[:, rows] / (STEP * unit) for rows, unit in parts], axis=1).T
-        channel = np.repeat(np.arange(len(parts)), [len(rows) for rows, _ in parts])
-        jacobian, own, hold = slopes[:, : len(fit.z)].copy(), [], []
-        for first, many in phases:  # a new run has a phase of its own
-            own.append(jacobian[:, first].copy())
-            hold.append(0.0)
-            jacobian[:, first : first + many] = 0.0
-        if cell:
-            own.append(slopes[:, -1])
-            hold.append(1.0)
-        extra = np.stack(own, axis=1) if own else np.zeros((len(residual), 0))
-        return Line(residual, jacobian, extra, np.array(hold), channel, ahead.share, least)
+        rows = np.flatnonzero(ahead.run_of_row == k)
+        channel = np.where(rows < ahead.inputs, 0, 1)
+        rows, channel = (rows, channel) if TENSION in signals else (rows[channel == 0], channel[channel == 0])
+
+        def parts(slopes: Array) -> tuple[Array, Array]:
+            jacobian, count = slopes[:, : len(fit.z)].copy(), len(fit.z)
+            of_its_own = slopes[:, [*(first for first, _ in phases), *range(count, count + len(own))]]
+            for first, many in phases:  # a new run has a phase of its own
+                jacobian[:, first : first + many] = 0.0
+            return jacobian, of_its_own
+
+        whitened = np.column_stack([*parts(white[rows, :-1]), white[rows, -1]])
+        slopes = parts(change[:, rows].T / (STEP * problem.noise))
+        return Line(base[rows] / problem.noise, *slopes, hold, channel, ahead.share, least, whitened)
 
     return of_run
+
+
+def rough_of(problem: Problem, fit: Fitted) -> dict[str, tuple[float, float]]:
+    """Symbol -> value and standard deviation of what no straight line foretells: the log's timing, and nuisances that
+    keep a state."""
+
+    def rough(symbol: str) -> bool:
+        name, _, of_effect = symbol.partition("__")
+        return symbol == LOG_TIMING or bool(of_effect and name not in fit.effects and problem.effect(name).memory)
+
+    scalars = [one for one in fit.free if isinstance(one, Scalar) and rough(one.symbol)]
+    return {one.symbol: (float(np.mean(fit.setting[one.symbol])), one.scale * one.std) for one in scalars}
 
 
 def _lasting(parameter: FreeParameter) -> str:
@@ -137,10 +134,6 @@ def _lasting(parameter: FreeParameter) -> str:
     if not isinstance(parameter, Scalar) or parameter.logarithmic or is_timing(parameter):
         return ""
     return parameter.symbol if math.isfinite(parameter.std) else ""
-
-
-def _tension_noise(ahead: Problem, k: int) -> float:
-    return TENSION_TRUST * float(np.mean(ahead.tension[k]))
 
 
 def _phases(free: Sequence[FreeParameter]) -> list[tuple[int, int]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from statistics import NormalDist
@@ -14,14 +14,15 @@ import numpy as np
 from workbench.core.numbers import figures
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.evidence import nested, same_but_freer
+from workbench.diagnose.hypotheses.evidence import cost, nested, same_but_freer
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection, columns_signed, linear_gain, start_of
-from workbench.diagnose.isolation.lines import Ahead, Line, OnMenu, least_of, on_campaign, on_menu
+from workbench.diagnose.isolation.lines import Line, OnMenu, ahead_of, least_of, on_campaign, on_menu, rough_of
 from workbench.diagnose.isolation.planned import Design, Planned, drawn, menu, planned_as, repeated, seen_in, varied
+from workbench.diagnose.readiness.checks import variety
 from workbench.machines import kind_of
 
 CLOSER = 0.1  # of a tolerance: a value that was measured for the question
@@ -31,6 +32,9 @@ APART = NormalDist().inv_cdf(SURE) + math.sqrt(NormalDist().inv_cdf(SURE) ** 2 +
 TIMES = (2, 3, 4)  # a run of the menu over, in one run
 DRAWN, GENERATIONS = 20, 4  # motions that are simulated at once, and how often
 BETTER = 1.03  # than the best before, to be taken
+DRAWS = 40  # machines of each hypothesis, for the chance
+STATED = 6  # times as many, for the one that is stated
+REFITS = 12  # at the most, each with what left its bounds held there, and what would go back released
 RIVALS = 3  # that the leading hypothesis is held against
 
 
@@ -65,13 +69,17 @@ class NextRun:
 @dataclass(frozen=True)
 class Offer:
     """One entry of the menu: a run and what is logged beside the motors. separation: in standard deviations, beyond
-    what is ignored; whole: with that. shown: what it shows of each pair. design: of a run that is none of the menu."""
+    what is ignored; whole: with that. shown: what it shows of each pair. lines: of each hypothesis on it. short: by how
+    much it falls short of deciding, to be compared. design: of a run that is none of the menu."""
 
     planned: Planned
     signals: tuple[str, ...]
     separation: float
     whole: float
     shown: Sequence[Compared] = ()
+    lines: Sequence[Line] = ()
+    chance: float = 0.0
+    short: float = 0.0
     design: Design | None = None
 
 
@@ -91,56 +99,154 @@ class Compared:
     own_hold: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Odds:
+    """What the campaign says of some hypotheses, and what a run would add: by machines drawn from what each one leaves
+    open, on each of which all are refitted, to second order.
+
+    evidence: as the verdict has it. lost: by how much it is less than the gain, for what the model may be off: a run
+    adds to that as its samples do. paid: for parameters. inputs: samples of the campaign. curved, steep: of each fit a
+    root of the second derivative of its objective over two, and the slope over two, tolerances among them. counts: how
+    many are open; a fit without an effect, which the others gain upon, is one of them or the last.
+    """
+
+    fits: Sequence[Fitted]
+    evidence: Array
+    lost: Array
+    paid: Array
+    inputs: int
+    curved: Sequence[Array]
+    steep: Sequence[Array]
+    counts: int
+
+    @classmethod
+    def of(cls, search: SearchResult, fits: Sequence[Fitted], evidence: Mapping[Names, float]) -> Odds:
+        problem, none = search.problem, search.base
+        every = [*fits, *([] if any(not fit.effects for fit in fits) else [none])]
+        gained = np.array([search.base.objective - fit.objective for fit in every])
+        paid = np.array([cost(problem, max(len(fit.z) - len(none.z), 0)) for fit in every])
+        names = [tuple(sorted(fit.effects)) for fit in every]
+        worth = np.array([evidence.get(one, float(g - p)) for one, g, p in zip(names, gained, paid, strict=True)])
+        curved, steep = [], []
+        for fit in every:
+            hold = 1.0 / bounds_of(fit.free)[2]
+            white = problem.errors.whiten(np.column_stack([fit.jacobian, fit.residual]))
+            curved.append(np.asarray(np.linalg.qr(np.vstack([white[:, :-1], np.diag(hold)]), mode="r")))
+            steep.append(white[:, :-1].T @ white[:, -1] + hold**2 * fit.z)
+        lost = np.maximum(gained - worth - paid, 0.0)
+        return cls(every, worth, lost, paid, problem.inputs, curved, steep, len(fits))
+
+    def chance(
+        self, lines: Sequence[Line], open_still: float, times: int = 1, draws: int = DRAWS
+    ) -> tuple[float, float]:
+        """The probability that a run, driven so many times over, leaves the true hypothesis alone; and how far it
+        falls short of that, 0 to 1, where what lacks DECISIVE of evidence lacks all. lines: of each fit on the run.
+        open_still: the probability that a rival could predict what the true one does, as is asked of those with HALF of
+        its evidence."""
+        sizes = [line.own.shape[1] for line in lines]
+        widths = [len(fit.z) + size + 1 for fit, size in zip(self.fits, sizes, strict=True)]
+        rows = np.asarray(np.linalg.qr(math.sqrt(times) * np.hstack([line.white for line in lines]), mode="r"))
+        blocks = np.split(rows, np.cumsum(widths)[:-1], axis=1)
+        more = times * np.count_nonzero(lines[0].channel == 0) / self.inputs * self.lost
+        likely = np.exp(0.5 * (self.evidence[: self.counts] - np.max(self.evidence[: self.counts])))
+        unlikely = 2.0 * settings.calibration()["temperature"] * math.log(1.0 / LIKELY - 1.0)
+        alone = short = 0.0
+        for true, weight in enumerate(likely / np.sum(likely)):
+            fit, curved, rng = self.fits[true], self.curved[true], np.random.default_rng(true)
+            size = np.maximum(np.linalg.norm(curved, axis=0), 1e-12)
+            low, high, _ = bounds_of(fit.free)
+            spread = rng.normal(size=(draws, len(size))) @ np.linalg.pinv(curved / size, rcond=1e-9).T / size
+            changed = (np.clip(fit.z + spread, low, high) - fit.z) @ blocks[true][:, : len(size)].T
+            drawn = rng.normal(size=changed.shape) - changed - blocks[true][:, -1]
+            left = np.array([self._left(k, blocks[k], lines[k].own_hold, drawn) for k in range(len(self.fits))])
+            none = next(k for k, one in enumerate(self.fits) if not one.effects)
+            gained = (self.evidence + self.paid - more)[:, None] + left[none] - left
+            after = np.maximum(gained, 0.0) - self.paid[:, None]
+            after[none] = self.evidence[none]
+            rivals = [
+                (after[k], len(self.fits[k].effects) == len(fit.effects)) for k in range(self.counts) if k != true
+            ]
+            lead = np.min(
+                [after[true] - one - (settings.DECISIVE if same else unlikely) for one, same in rivals], axis=0
+            )
+            still = open_still * np.any([same & (one > settings.HALF * after[true]) for one, same in rivals], axis=0)
+            alone += weight * np.mean((lead >= 0.0) * (1.0 - still))
+            near = np.clip(1.0 + lead / settings.DECISIVE, 0.0, 1.0)
+            short += weight * np.mean(1.0 - near * (1.0 - still))
+        return float(alone), float(short)
+
+    def _left(self, k: int, block: Array, own_hold: Array, drawn: Array) -> Array:
+        """(draws,) by how much the objective of a hypothesis grows with drawn data, its values refitted in their
+        bounds."""
+        fit, values = self.fits[k], len(self.fits[k].z)
+        free, endless = values + len(own_hold), np.full(len(own_hold), np.inf)
+        lowest, highest, _ = bounds_of(fit.free)
+        low, high = np.append(lowest - fit.z, -endless), np.append(highest - fit.z, endless)
+        rows, wanted = block[:, :-1], -(drawn + block[:, -1])
+        hold = np.zeros((len(self.curved[k]) + len(own_hold), free))
+        hold[: len(self.curved[k]), :values] = self.curved[k]
+        hold[len(self.curved[k]) :, values:] = np.diag(own_hold)
+        size = np.maximum(np.sqrt(np.sum(rows**2, axis=0) + np.sum(hold**2, axis=0)), 1e-12)
+        normal = (rows.T @ rows + hold.T @ hold) / np.outer(size, size) + 1e-10 * np.eye(free)
+        pull = (wanted @ rows - np.append(self.steep[k], np.zeros(len(own_hold)))) / size
+        low, high = low * size, high * size
+        x, side, turning = np.zeros(pull.shape), np.zeros(pull.shape), np.arange(len(pull))
+        for _ in range(REFITS):  # block principal pivoting: J. J. Judice, F. M. Pires, Computers Op. Res. 21, 1994
+            here, held = side[turning], side[turning] != 0.0
+            at = np.where(here < 0.0, low, np.where(here > 0.0, high, 0.0))
+            system = np.where(held[:, :, None] | held[:, None, :], held[:, :, None] * np.eye(free), normal)
+            at = np.linalg.solve(system, np.where(held, at, pull[turning] - at @ normal)[..., None])[..., 0]
+            pushed = here * (at @ normal - pull[turning]) < 0.0  # against the bound where it is held
+            now = np.where(held, here * pushed, 1.0 * (at > high + 1e-9) - (at < low - 1e-9))
+            x[turning] = at
+            side[turning] = now
+            turning = turning[np.any(now != here, axis=1)]
+            if not len(turning):
+                break
+        x = np.clip(x, low, high)
+        return np.asarray(np.sum(wanted**2, axis=1) - 2.0 * np.sum(x * pull, axis=1) + np.sum((x @ normal) * x, axis=1))
+
+
 @dataclass(frozen=True)
 class Question:
     """Which hypothesis holds, the first one or another.
 
-    known: what the campaign shows. favoured: it favours the first one; asked is whether a rival could predict what that
-    one does. now: how far it sets them apart, in standard deviations, beyond what is ignored and whole. lead: the
-    evidence that the first one has more than its best rival; behind: that with which this one would be open no longer.
+    known: what the campaign shows. odds: None where it favours the first one; asked is then whether a rival could
+    predict what that one does. now: how far it sets them apart, in standard deviations, beyond what is ignored and
+    whole. poor: whether the runs do not vary all that tells causes apart.
     """
 
     problem: Problem
     fits: Sequence[Fitted]
     known: Sequence[Compared]
-    favoured: bool
+    odds: Odds | None
     now: tuple[float, float]
-    lead: float
-    behind: float
+    poor: bool
 
-    @classmethod
-    def of(
-        cls, problem: Problem, fits: Sequence[Fitted], campaign: Sequence[Line], favoured: bool,
-        evidence: Mapping[Names, float],
-    ) -> Question:  # fmt: skip
-        known, first = compared(campaign, favoured), fits[0].effects
-        best = max((fit.effects for fit in fits[1:]), key=lambda names: evidence.get(names, -math.inf))
-        lead = evidence[first] - evidence[best] if {first, best} <= set(evidence) else 0.0
-        behind = settings.DECISIVE
-        if len(first) != len(best):
-            behind = 2.0 * settings.calibration()["temperature"] * math.log(1.0 / LIKELY - 1.0)
-        return cls(problem, fits, known, favoured, _apart(problem, fits, known), lead, behind)
+    @property
+    def favoured(self) -> bool:
+        return self.odds is None
+
+    @property
+    def hypotheses(self) -> Sequence[Fitted]:
+        """Whose lines an offer has: those of the question, and that of no effect."""
+        return self.fits if self.odds is None else self.odds.fits
 
     def offer(self, trial: Sequence[OnMenu], run: int, planned: Planned, signals: tuple[str, ...]) -> Offer:
         """One planned run. trial: the hypotheses on several."""
-        shown = compared([of_run(run, signals) for of_run in trial], self.favoured)
-        return Offer(planned, signals, *_apart(self.problem, self.fits, self.known, shown), shown)
+        lines = [of_run(run, signals) for of_run in trial]
+        shown = compared(lines[: len(self.fits)], self.favoured)
+        return self.weighed(Offer(planned, signals, *_apart(self.problem, self.fits, self.known, shown), shown, lines))
 
-    def chance(self, offer: Offer) -> float:
-        """The probability that a run decides, by the evidence; and whether another hypothesis could predict as much as
-        the one that is left, as is asked then of as many effects."""
-        open_still = NormalDist(offer.separation**2, 2.0 * max(offer.whole, 1e-9)).cdf(APART**2)
-        more, spread = (b**2 - a**2 for a, b in zip(self.now, (offer.separation, offer.whole), strict=True))
-        by_evidence = chance_to_decide(more, spread, self.now[0], self.lead, self.behind)
-        if self.favoured:
-            return 1.0 - open_still
-        return min(by_evidence, 1.0 - open_still) if self.behind == settings.DECISIVE else by_evidence
-
-    def chance_over(self, offer: Offer, times: int) -> float:
-        """The same of a run that is driven several times over, each as good as the first."""
+    def weighed(self, offer: Offer, times: int = 1, draws: int = DRAWS) -> Offer:
+        """The offer with its chance to decide, as driven so many times over, each as good as the first."""
         one = zip(self.now, (offer.separation, offer.whole), strict=True)
         apart, whole = (math.sqrt(a**2 + times * max(b**2 - a**2, 0.0)) for a, b in one)
-        return self.chance(replace(offer, separation=apart, whole=whole))
+        open_still = NormalDist(apart**2, 2.0 * max(whole, 1e-9)).cdf(APART**2)
+        if self.odds is None:
+            return replace(offer, chance=1.0 - open_still, short=1.0 / max(apart, 1e-9))
+        chance, short = self.odds.chance(offer.lines, open_still if self.poor else 0.0, times, draws)
+        return replace(offer, chance=chance, short=short)
 
 
 def next_run(
@@ -160,17 +266,20 @@ def next_run(
     """
     fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None]
     campaign, favoured = [on_campaign(problem, fit) for fit in fits], settled < math.inf
+    poor = bool(variety(problem.bench))
 
     def asked(*which: int) -> Question:
         kept = (0, *which)
-        return Question.of(problem, [fits[k] for k in kept], [campaign[k] for k in kept], favoured, evidence or {})
+        chosen, known = [fits[k] for k in kept], compared([campaign[k] for k in kept], favoured)
+        odds = None if favoured else Odds.of(search, chosen, evidence or {})
+        return Question(problem, chosen, known, odds, _apart(problem, chosen, known), poor)
 
     near = [k for k in range(1, len(fits)) if asked(k).now[0] <= settled][:RIVALS]
     planned = sorted(menu(problem), key=lambda one: one.duration_s) if near else []
     if not planned:
         return None
     by_length = [list(alike) for _, alike in groupby(planned, key=lambda one: one.duration_s)]
-    logged = tuple(s for s in kind_of(problem.machine).to_log if all(s in run for run in problem.runs))
+    logged = tuple(s for s in kind_of(problem.machine).to_log if any(s in run for run in problem.runs))
     trials: list[list[OnMenu]] = []  # of the runs of each length the hypotheses
     while True:
         question, tried = asked(*near), list[tuple[Offer, Offer]]()
@@ -178,19 +287,19 @@ def next_run(
             offers = list[Offer]()
             for length, alike in enumerate(by_length):
                 if length == len(trials):
-                    trials.append(_ahead(problem, alike, question.fits))
-                trial = trials[length][: len(question.fits)]
+                    trials.append(_ahead(problem, alike, question.hypotheses))
+                trial = trials[length][: len(question.hypotheses)]
                 offers += [question.offer(trial, k, one, signals) for k, one in enumerate(alike)]
-                if any(question.chance(offer) >= SURE for offer in offers):
+                if any(offer.chance >= SURE for offer in offers):
                     break
-            plain = _stated(question, choose(offers, question.chance))
-            hopeful = question.chance_over(plain, TIMES[-1]) >= SURE
+            plain = _stated(question, choose(offers))
+            hopeful = question.weighed(plain, TIMES[-1]).chance >= settings.HALF
             tried.append(_longer(question, _designed(question, plain)) if hopeful else (plain, plain))
-            if question.chance(tried[-1][0]) >= SURE:
+            if tried[-1][0].chance >= SURE:
                 break
-        best = choose([one for one, _ in tried], question.chance)
+        best = choose([one for one, _ in tried])
         usual = next(plain for one, plain in tried if one is best)
-        if best is usual and question.chance(best) < SURE:
+        if best is usual and best.chance < SURE:
             best, usual = _longer(question, _designed(question, usual))
         if best.separation > settled or not favoured:
             break
@@ -199,41 +308,27 @@ def next_run(
         near = near[:1]  # not all of them, perhaps the best one
     return NextRun(
         _why(question, best), best.planned.payload_kg, best.planned.words, best.signals, best.separation,
-        question.now[0], usual.separation, question.chance(best), best.planned, usual.planned,
+        question.now[0], usual.separation, best.chance, best.planned, usual.planned,
         tuple(fit.effects for fit in question.fits[1:]),
     )  # fmt: skip
 
 
-def _ahead(problem: Problem, planned: Sequence[Planned], fits: Sequence[Fitted]) -> list[OnMenu]:
-    """Each hypothesis on planned runs; they share what base parameters change."""
-    ahead = Ahead(problem.machine, [one.run for one in planned], problem.band_hz)
-    return [on_menu(problem, ahead, fit) for fit in fits]
+def _ahead(problem: Problem, planned: Sequence[Planned], fits: Sequence[Fitted], shared: bool = True) -> list[OnMenu]:
+    """Each hypothesis on planned runs. shared: what base parameters change."""
+    ahead = ahead_of(problem, [one.run for one in planned], fits[0])
+    lines, rough = list[OnMenu](), rough_of(problem, fits[0])
+    for fit in fits:
+        if not shared:
+            ahead.kept.clear()
+        lines.append(on_menu(problem, ahead, fit, rough))
+    return lines
 
 
 def _stated(question: Question, offer: Offer) -> Offer:
     """An offer with the separation that each hypothesis gives with base signatures of its own."""
-    own = [_ahead(question.problem, [offer.planned], [fit])[0] for fit in question.fits]
-    return replace(question.offer(own, 0, offer.planned, offer.signals), design=offer.design)
-
-
-def chance_to_decide(
-    more: float, spread: float, now: float = 0.0, lead: float = 0.0, behind: float = settings.DECISIVE
-) -> float:
-    """The probability that the true one of two hypotheses leads by `behind`, as evidence, with a run that sets them
-    apart by `more` squared standard deviations; `spread`: with what is ignored, whose noise counts as well.
-
-        P = p F((more + lead - behind) / 2 e) + (1 - p) F((more - lead - behind) / 2 e),    p = 1 / (1 + exp(-lead / 2))
-
-    e^2 = spread. lead: what the first one leads by already. Where the campaign sets them APART (now) and the evidence
-    does not, what a machine's model may be off counts for more than noise: a run adds as much less.
-    """
-    if now >= APART:
-        more, spread = (part * min(abs(lead) / now**2, 1.0) for part in (more, spread))
-    if more <= 0.0:
-        return 0.0
-    first = 1.0 / (1.0 + math.exp(-0.5 * max(lead, -100.0)))
-    gained = NormalDist(more, 2.0 * math.sqrt(max(spread, more)))
-    return 1.0 - first * gained.cdf(behind - lead) - (1.0 - first) * gained.cdf(behind + lead)
+    own = _ahead(question.problem, [offer.planned], question.hypotheses, shared=False)
+    stated = question.weighed(question.offer(own, 0, offer.planned, offer.signals), draws=STATED * DRAWS)
+    return replace(stated, design=offer.design)
 
 
 def _designed(question: Question, plain: Offer) -> tuple[Offer, Offer]:
@@ -241,7 +336,7 @@ def _designed(question: Question, plain: Offer) -> tuple[Offer, Offer]:
     by varying the best, or the plain one where that finds none; and the plain one."""
     problem, rng = question.problem, np.random.default_rng(0)
     seen, best = seen_in(problem), plain
-    for _ in range(GENERATIONS if plain.separation > question.now[0] else 0):
+    for _ in range(GENERATIONS):
         design, many = best.design, 4 * DRAWN
         fresh = drawn(problem, many, rng) if design is None else varied(problem, design, many, rng)
         able = [(one, run) for one in fresh if (run := planned_as(problem, seen, one, plain.planned.duration_s))][
@@ -249,13 +344,13 @@ def _designed(question: Question, plain: Offer) -> tuple[Offer, Offer]:
         ]
         if not able:
             break
-        trial = _ahead(problem, [run for _, run in able], question.fits)
+        trial = _ahead(problem, [run for _, run in able], question.hypotheses)
         for k, (one, run) in enumerate(able):
             offer = replace(question.offer(trial, k, run, plain.signals), design=one)
-            if offer.separation > BETTER * best.separation:
+            if BETTER * offer.short < best.short:
                 best = offer
     own = plain if best is plain else _stated(question, best)
-    return max(plain, own, key=lambda one: one.separation), plain
+    return min(plain, own, key=lambda one: (-one.chance, one.short)), plain
 
 
 def _longer(question: Question, pair: tuple[Offer, Offer]) -> tuple[Offer, Offer]:
@@ -272,23 +367,23 @@ def _longer(question: Question, pair: tuple[Offer, Offer]) -> tuple[Offer, Offer
         return _stated(question, replace(offer, planned=run)) if run else offer
 
     for times in TIMES:
-        if question.chance(once) >= SURE or once.separation <= question.now[0]:
+        if once.chance >= SURE:
             break
-        if question.chance_over(once, times) >= SURE:
+        if question.weighed(once, times).chance >= SURE:
             longer = again(once, times)
-            if question.chance(longer) >= SURE:
+            if longer.chance >= SURE:
                 return longer, longer if once is plain else again(plain, times)
     return pair
 
 
-def choose(offers: Sequence[Offer], chance: Callable[[Offer], float]) -> Offer:
-    """The cheapest offer that decides: fewest signals, then the shortest run; else the largest separation."""
-    enough = [offer for offer in offers if chance(offer) >= SURE]
+def choose(offers: Sequence[Offer]) -> Offer:
+    """The cheapest offer that decides: fewest signals, then the shortest run; else the one that falls least short."""
+    enough = [offer for offer in offers if offer.chance >= SURE]
     if enough:
         return min(enough, key=lambda o: (len(o.signals), o.planned.duration_s, -o.separation))
-    most = max(offer.separation for offer in offers)
+    least = min(offer.short for offer in offers)
     return min(
-        (o for o in offers if o.separation >= 0.95 * most), key=lambda o: (len(o.signals), o.planned.duration_s)
+        (o for o in offers if 0.95 * o.short <= least), key=lambda o: (len(o.signals), o.planned.duration_s)
     )  # fmt: skip
 
 
@@ -434,7 +529,7 @@ def _why(question: Question, best: Offer) -> str:
             f"{figures(least, 2)} of the noise, count for nothing"
         )
     run, nothing = f"{load}, {best.planned.words}{signals},", best.separation < 0.05
-    by, chance = f"{best.separation:.1f} standard deviations", question.chance(best)
+    by, chance = f"{best.separation:.1f} standard deviations", best.chance
     decides = f"decide with a probability of {100.0 * chance:.0f} %"
     if chance >= SURE:
         return f"{begin}; {run} would do so by {by}, and {decides}."

@@ -24,7 +24,7 @@ SLOW = 0.2  # of the fastest speed logged
 LONGEST_S = 25.0  # of one way, at the slow speed
 HOLD_PERIODS = 5.0  # of the band, a hold lasts
 LEAD_PERIODS = 3.0  # at rest before and after
-SAMPLES = 10.0  # a period
+SAMPLES = {"sensors": 10.0, "own": 30.0}  # a period, by `Kind.floor`: friction that turns over between two shows
 BETWEEN_S = 60.0  # from the campaign's last run to the next one
 MOST_PAYLOADS = 4
 MOST_LEGS = 6  # of a designed motion
@@ -223,8 +223,9 @@ def _planned(
     limits = _limits(problem, seen, speed)
     span = seen.high - seen.low
     plan = plan_motion("ruckig", steps, begin, limits, (seen.low - span, seen.high + span), rest, rest)
-    profile = plan.sample(1.0 / (SAMPLES * problem.band_hz))
-    kind, machine, n = kind_of(problem.machine), problem.machine, len(profile.time_s)
+    kind, machine = kind_of(problem.machine), problem.machine
+    profile = plan.sample(1.0 / (SAMPLES[kind.floor] * problem.band_hz))
+    n = len(profile.time_s)
     plant = kind.plant
     last = max(problem.runs, key=lambda run: run.start_time_s)
     after = last.start_time_s + last.duration_s + BETWEEN_S

@@ -155,6 +155,7 @@ class Survey:
     runs: tuple[Course, ...]
     run_of_row: np.ndarray
     inputs: int
+    pulled: np.ndarray
     felt: float
     loop: bool
     lever: float
@@ -184,7 +185,7 @@ class Survey:
         """
         parts = [rows]
         if self.felt:
-            parts.append(pull * self.felt * 0.5 / self.lever * rows)
+            parts.append(pull * self.felt * 0.5 / self.lever * rows[self.pulled])
         if self.loop:
             parts.append(rows * float(sensed))
         return np.vstack(parts)
@@ -222,6 +223,7 @@ def survey_of(problem: Problem, fit: Fitted, own: int | None = None) -> Survey:
         runs=tuple(courses_of(problem, setting)),
         run_of_row=np.asarray(problem.run_of_row),
         inputs=problem.inputs,
+        pulled=problem.pulled,
         felt=felt,
         loop=loop is not None,
         lever=lever,

@@ -74,8 +74,8 @@ def side_of(problem: Problem, gap: Array) -> str:
     line = kind_of(problem.machine).dead_line
     if not problem.has_tension or line is None:
         return "unsaid"
-    torque = gap[: problem.inputs]
-    energy = float(torque @ torque) - problem.noise**2 * problem.inputs  # the noise is in the torque only
+    torque = gap[problem.pulled]
+    energy = float(torque @ torque) - problem.noise**2 * len(torque)  # the noise is in the torque only
     newtons = line.pull_per_input(problem.machine)
     felt = gap[problem.inputs :] * problem.tension_noise / problem.noise
     if energy <= 0.0:

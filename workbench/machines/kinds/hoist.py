@@ -849,7 +849,7 @@ KIND = Kind(
         declare.Turning("motor", lambda m: 1.0 / (2.0 * np.pi * m.lift_m_per_rad)),
         declare.Turning("sheave", lambda m: 2.0 / (2.0 * np.pi * m.sheave.diameter_m)),
     ),
-    to_log=(HEIGHT, TENSION),
+    to_log=(TENSION,),
     zero_input="a hoist's motors hold its load",
     cross_checks=_cross_checks,
 )
