@@ -68,6 +68,8 @@ def rig_from(said: Mapping[str, Any]) -> Rig:
     """The rig that `Rig.said` said."""
     kind = said["kind"]
     drawn = kind_of(family_of(kind)).rebuilt(said["machine"], said["drawn"])
-    runs = tuple(RunPlan(**{**run, "reference": run["reference"] and tuple(run["reference"])}) for run in said["runs"])
+    lists = [{"reference": run["reference"], "logs": run.get("logs", ())} for run in said["runs"]]
+    own = [{key: None if values is None else tuple(values) for key, values in one.items()} for one in lists]
+    runs = tuple(RunPlan(**{**run, **more}) for run, more in zip(said["runs"], own, strict=True))
     logging = Logging(**{**said["logging"], "logs": tuple(said["logging"]["logs"])})
     return Rig(kind, drawn, runs, logging, said["sensors"], tuple(said["effects"]), said["unit"])
