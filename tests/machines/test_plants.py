@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.support import by_hand
 from workbench.core.run import Array
 from workbench.engine import kernels
-from workbench.engine.statics import hang_still
+from workbench.engine.statics import hang_still, of_each
 from workbench.machines import PLANTS, Effects, Plant, default_hoist
 from workbench.machines.kinds.two_inertia import coupling
 
@@ -347,3 +347,16 @@ def test_a_load_finds_its_place_behind_play_that_an_effect_adds(load):
     q, u = hang_still(PLANT, effects, table, [0.3], [0.0])
     assert u[0] == pytest.approx(load, abs=1e-6)
     assert q[0, 0] - q[1, 0] == pytest.approx(load / 900.0 + math.copysign(0.01, load) * bool(load), abs=1e-6)
+
+
+def test_parameters_of_all_scenarios_go_through_a_function_at_once_and_one_by_one_where_it_has_branches():
+    calls = []
+
+    def plain(p):
+        calls.append(p)
+        return 2.0 * p.a
+
+    table = np.array([[0.0, 1.0, 2.0]])
+    assert of_each(plain, ["a"], table) == pytest.approx(2.0 * table)
+    assert len(calls) == 1
+    assert of_each(lambda p: p.a or 5.0, ["a"], table) == pytest.approx(np.array([[5.0, 1.0, 2.0]]))

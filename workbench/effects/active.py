@@ -267,7 +267,7 @@ def _memory(effect: Effect, memory: EffectMemory, kind: str) -> Memory:
         effect.memory_symbol(memory),
         rate=lambda s, p: memory.rate(s, own(p), p),
         start=lambda p: memory.start(own(p), p),
-        scale=lambda p: float(memory.scale(own(p), p)),
+        scale=lambda p: memory.scale(own(p), p),
     )
 
 

@@ -9,6 +9,7 @@ plain equilibrium is one, it is kept to the last bit.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -26,23 +27,24 @@ ROUNDS = 20  # a step that has to be halved takes a few more
 AT_REST = 1e-6  # m/s^2 (rad/s^2); rounding of lengths leaves a thousandth of it
 
 
-def of_each(function: Callable[..., Any], names: Sequence[str], table: Array, *at: Any, traced: bool) -> Array:
-    """(numbers, scenarios) what function(*at, p) gives for each scenario: at once where it can be traced, for then it
-    has no branches. table: (names, scenarios), the parameters."""
+def of_each(function: Callable[..., Any], names: Sequence[str], table: Array, *at: Any, traced: bool = True) -> Array:
+    """(numbers, scenarios) what function(*at, p) gives for each scenario: at once, or one after the other where it has
+    branches. table: (names, scenarios), the parameters. traced: whether it may have none."""
 
     def flat(found: Any) -> list[Any]:
         parts = found if isinstance(found, tuple) else (found,)
         return [number for part in parts for number in (part if isinstance(part, list) else [part])]
 
-    if not traced:
-        ways = [
-            (*here, SimpleNamespace(**dict(zip(names, p, strict=True))))
-            for *here, p in zip(*at, table.T.tolist(), strict=True)
-        ]
-        return np.array([flat(function(*way)) for way in ways], dtype=float).T
-    rows = SimpleNamespace(**dict(zip(names, table, strict=True)))
-    found = flat(function(*(np.asarray(row, dtype=float) for row in at), rows))
-    return np.array([np.broadcast_to(numbers, table.shape[1]) for numbers in found], dtype=float)
+    if traced:
+        rows = SimpleNamespace(**dict(zip(names, table, strict=True)))
+        with suppress(TypeError, ValueError):  # a branch of a user's effect
+            found = flat(function(*(np.asarray(row, dtype=float) for row in at), rows))
+            return np.array([np.broadcast_to(numbers, table.shape[1]) for numbers in found], dtype=float)
+    ways = [
+        (*here, SimpleNamespace(**dict(zip(names, p, strict=True))))
+        for *here, p in zip(*at, table.T.tolist(), strict=True)
+    ]
+    return np.array([flat(function(*way)) for way in ways], dtype=float).T
 
 
 def hang_still(
@@ -59,7 +61,7 @@ def hang_still(
     if effects is NO_EFFECTS:
         return q, u
     balance = _balance(plant, effects)
-    kept = [of_each(m.start, names, table, traced=False)[0] for m in effects.memory]
+    kept = [of_each(m.start, names, table)[0] for m in effects.memory]
     free = [i for i in range(len(q)) if i != plant.placed]
     t = np.asarray(times, dtype=float)
 

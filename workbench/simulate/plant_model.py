@@ -76,7 +76,7 @@ class PlantModel:
         plant, names = self.plant, self.names
         found = of_each(plant.start_of, names, table, at, speeds, traced=plant.guess is None)
         y = found[len(plant.positions) :][: len(plant.speeds)]
-        return np.concatenate([y, *(of_each(one, names, table, traced=False) for one in kept)])
+        return np.concatenate([y, *(of_each(one, names, table) for one in kept)])
 
 
 def plant_model(machine: Hoist | Axis, active: Active | None = None) -> PlantModel:

@@ -68,7 +68,7 @@ def _grip_rate(s: Any, e: Any, p: Any) -> Scalar:
     reference="a spring-applied brake whose magnet builds up its field with the time constant τ",
     shows="a burst against the motion at each start that dies away; none at stops",
     dissipative=True,
-    memory=[EffectMemory("z", _grip_rate, start=lambda e, p: e.T, scale=lambda e, p: e.T or 1.0)],
+    memory=[EffectMemory("z", _grip_rate, start=lambda e, p: e.T, scale=lambda e, p: where(e.T > 0.0, e.T, 1.0))],
 )  # fmt: skip
 def brake_drag(s: Any, e: Any, p: Any) -> Scalar:
     """A brake that lets go late at each start."""
