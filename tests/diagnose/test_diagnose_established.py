@@ -614,6 +614,7 @@ def test_a_plays_values_lie_in_their_intervals_and_foretell_left_out_runs_better
     assert better < worse
     true = content.causes[0].library["backlash"]
     for one in estimates(search.problem, fit)["backlash"]:
+        assert isinstance(one.value, float) and isinstance(one.std_error, float)
         assert abs(one.value - true[one.name]) < INSIDE_90 * one.std_error, one
 
 

@@ -37,6 +37,7 @@ from workbench.diagnose.hypotheses.search import Search
 from workbench.diagnose.hypotheses.settings import BY_CHANCE, FORETOLD
 from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
+from workbench.diagnose.verdict import unknown_cause
 from workbench.diagnose.verdict.answer import Left
 from workbench.diagnose.verdict.judge import takes_nothing
 from workbench.diagnose.verdict.unknown_cause import (
@@ -438,6 +439,25 @@ def test_a_hoist_that_leaves_much_is_held_to_its_tolerances_unless_the_cause_tak
 
     assert stretched(1.0) > 2.0
     assert stretched(30.0) == 0.0
+
+
+def test_a_machine_with_a_remainder_is_held_to_its_tolerances_less_by_a_cause_that_takes_nearly_all_of_the_gap(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """Half of a bench's Coulomb friction, 99 % of its gap, was called unknown for a log three samples late."""
+    own = replace(kind_of(default_hoist()), floor="own")
+    monkeypatch.setattr(unknown_cause, "kind_of", lambda _: own)
+    problem, wrong = answered({"payload_mass_error": {"payload_scale": 1.06}}, ["torque_scale"], {"gain": 1.03})
+    swing = 5.0 * problem.noise * np.sin(np.arange(problem.inputs))
+    rows = wrong.residual + np.concatenate([swing, np.zeros(problem.samples - problem.inputs)])
+    held = replace(wrong, residual=rows, chi2=float(np.sum(problem.errors.whiten(rows) ** 2)))
+    score: Any = SimpleNamespace(excess=1.0)
+
+    def stretched(fit: Fitted, share: float) -> float:
+        return signs_of(problem, wrong, fit, score, Left(0.0, 0.0, False), share)["prior"]
+
+    assert stretched(held, 0.0) > 1.5 > stretched(held, 0.99)
+    assert stretched(wrong, 0.99) > 3.0, "what leaves nothing imitates by its base parameters"
 
 
 @pytest.mark.parametrize(("gain", "told"), [(0.0, 0.0), (0.04, 2.0)])

@@ -57,9 +57,12 @@ def signs_of(
     open_share, bent = 1.0, 0.0
     if held.effects:
         open_share, rms = min((1.0 - share) / settings.FORETOLD, 1.0), max(held.rms(problem.inputs), 1e-300)
-        if kind_of(problem.machine).floor == "own":  # what the machine leaves itself bends the base parameters
-            bent = settings.FORETOLD * max(1.0 - (problem.noise / rms) ** 2, 0.0) * held.chi2
-        else:  # only a law does that takes much off the residual, for it is inexact
+        # A law that takes much off the gap is inexact, by LAW of what it takes: it bends the base parameters, as does
+        # what the machine leaves itself.
+        if kind_of(problem.machine).floor == "own":
+            taken = settings.LAW**2 * share / max(1.0 - share, 1e-3)
+            bent = (taken + settings.FORETOLD * max(1.0 - (problem.noise / rms) ** 2, 0.0)) * held.chi2
+        else:
             bent = settings.LAW**2 * max((base.rms(problem.inputs) / rms) ** 2 - 1.0, 0.0) * held.chi2
     return {
         "left": max(
