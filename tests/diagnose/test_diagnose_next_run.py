@@ -286,7 +286,8 @@ def test_values_refitted_to_a_run_stay_within_their_bounds_as_bounded_least_squa
     free = tuple(Scalar(f"x{k}", 0.0, 1.0, -0.1, 0.1 if k % 2 else math.inf) for k in range(many))
     fit = replace(fitted(), free=free, z=np.zeros(many))
     curved, steep, block = rng.normal(size=(many, many)), rng.normal(size=many), rng.normal(size=(20, many + 1))
-    asked = Odds([fit], *np.zeros((3, 1)), ROWS, [curved], [steep], 1)
+    none = np.zeros(1)
+    asked = Odds([fit], none, none, none, ROWS, [curved], [steep], 1)
     drawn = 3.0 * rng.normal(size=(30, 20))
     low, high, _ = bounds_of(free)
     shifted = np.linalg.solve(curved.T, steep)  # |curved x + shifted|^2 has the slope `steep`
