@@ -25,7 +25,7 @@ from workbench import __version__
 from workbench.control import PiSettings
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.identify.fit import Fit, bounded, fit
+from workbench.identify.fit import Fit, bounded, fit, minimise
 from workbench.identify.identify import Identification, friction_levels, identify
 from workbench.identify.model import BalanceModel, free_parameters
 from workbench.logs import Campaign, read_campaign
@@ -513,3 +513,26 @@ def test_least_squares_within_bounds_leave_no_more_than_those_of_scipy(seed):
     best = lsq_linear(columns, aim, (low, high), method="bvls", tol=1e-14, max_iter=500).x
     assert np.all((low <= x) & (x <= high))
     assert np.sum((columns @ x - aim) ** 2) <= np.sum((columns @ best - aim) ** 2) + 1e-12
+
+
+def test_slopes_are_asked_for_only_where_a_step_serves():
+    """Of Rosenbrock's valley, which bends so that some steps lead up its side."""
+    tried, sloped = list[float](), list[float]()
+
+    def evaluate(z):
+        residual = np.array([10.0 * (z[1] - z[0] ** 2), 1.0 - z[0]])
+        tried.append(float(residual @ residual))
+
+        def slopes():
+            sloped.append(float(residual @ residual))
+            return np.array([[-20.0 * z[0], 10.0], [-1.0, 0.0]])
+
+        return residual, slopes
+
+    z = np.array([-1.2, 1.0])
+    residual, slopes = evaluate(z)
+    found = minimise(
+        evaluate, (z, residual, slopes()), np.full(2, -9.0), np.full(2, 9.0), 1.0, np.zeros((2, 2)), most=200
+    )
+    assert found.z == pytest.approx([1.0, 1.0], abs=0.1)
+    assert sloped == [value for k, value in enumerate(tried) if value < min(tried[:k], default=np.inf)] != tried

@@ -17,6 +17,8 @@ ROUND_OFF = 1e-11  # of chi^2, relative: less than this is noise of the arithmet
 MOST = 40  # evaluations
 DAMPING = 1e-4  # to begin with, of the diagonal of J'J
 
+Evaluated = tuple[Array, Callable[[], Array]]  # a residual (n,), and what gives its Jacobian (n, m)
+
 
 @dataclass(frozen=True)
 class Minimum:
@@ -32,7 +34,7 @@ class Minimum:
 
 
 def minimise(
-    evaluate: Callable[[Array], tuple[Array, Array]],
+    evaluate: Callable[[Array], Evaluated],
     begin: tuple[Array, Array, Array],
     lowest: Array,
     reach: Array,
@@ -45,10 +47,9 @@ def minimise(
 ) -> Minimum:
     """Minimise |weight residual(z)|^2 + |prior z|^2 for lowest <= z <= highest, in steps of at most `reach`.
 
-    evaluate(z): residual (n,) and its Jacobian (n, m). begin: z with its residual and
-    Jacobian. damping: to begin with. enough: of chi^2, less is not worth a step. K. Madsen, H. B.
-    Nielsen, O. Tingleff, "Methods for Non-Linear Least Squares Problems", 2004, section 3.2;
-    each step is the best one within bounds and reach.
+    evaluate: its Jacobian is asked for where a step serves. begin: z with its residual and Jacobian. damping: to begin
+    with. enough: of chi^2, less is not worth a step. K. Madsen, H. B. Nielsen, O. Tingleff, "Methods for Non-Linear
+    Least Squares Problems", 2004, section 3.2; each step is the best one within bounds and reach.
     """
     z, residual, jacobian = begin
     growth, evaluations = 2.0, 0
@@ -64,12 +65,12 @@ def minimise(
         promised = float(-(2.0 * gradient @ step + step @ hessian @ step))
         if promised <= max(enough, ROUND_OFF * chi2):
             return Minimum(z, residual, jacobian, evaluations, True, damping)
-        r, j = evaluate(trial)
+        r, slopes = evaluate(trial)
         evaluations += 1
         trial_chi2 = _chi2(trial, r, weight, prior)
         if trial_chi2 < chi2:
             gain = min((chi2 - trial_chi2) / promised, 1.0)
-            z, residual, jacobian, chi2 = trial, r, j, trial_chi2
+            z, residual, jacobian, chi2 = trial, r, slopes(), trial_chi2
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3) * 0.3, 1e-12)
             growth = 2.0
         else:
@@ -190,13 +191,13 @@ def fit(
     reach = np.array([1.0 if f.logarithmic else np.inf for f in free])  # a factor of e at a time
     evaluations = 1
 
-    def both(at: Array) -> tuple[Array, Array]:
+    def both(at: Array) -> Evaluated:
         out = model.residuals(free, [at, *(at + STEP * row for row in np.eye(m))])
-        return out[0], (out[1:] - out[0]).T / STEP
+        return out[0], lambda: (out[1:] - out[0]).T / STEP
 
     z = np.maximum(np.zeros(m), lowest)
-    residual, jacobian = both(z)
-    before = _rms(residual)
+    residual, slopes = both(z)
+    jacobian, before = slopes(), _rms(residual)
     sigma = model.noise
     for _ in range(ROUNDS):
         outcome = minimise(both, (z, residual, jacobian), lowest, reach, 1.0 / sigma, prior)

@@ -38,7 +38,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
-from workbench.identify.fit import DAMPING, minimise
+from workbench.identify.fit import DAMPING, Evaluated, minimise
 
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one fit
 ROUND = 4  # steps with the base parameters' signatures as they were
@@ -116,12 +116,13 @@ def fit_hypothesis(
         jacobian[:, anew], jacobian[:, lasting] = own, known[:, lasting]
     white, slopes = whiten(residual), whiten(jacobian)
     evaluations, settled, damping, elsewhere = 1, False, DAMPING, known is not None and len(lasting) > 0
+    stiff = any(problem.effect(name).memory for name in effects)  # steps are many, and slopes beside them cost little
 
     def renewed() -> tuple[Array, Array]:
         """The Jacobian with the lasting columns differenced at z, and whitened; one beside which the simulation breaks
         down stays what it was."""
         full, full_white = jacobian.copy(), slopes.copy()
-        found = problem.evaluate(free, z, lasting)[1]
+        found = problem.evaluate(free, z, lasting, residual)[1]
         sound = np.all(np.isfinite(found), axis=0)
         full[:, lasting[sound]] = found[:, sound]
         full_white[:, lasting] = whiten(full[:, lasting])
@@ -132,13 +133,17 @@ def fit_hypothesis(
     while evaluations < most:
         raw = {z.tobytes(): (residual, jacobian)}  # the minimum is sought in whitened rows
 
-        def evaluate(at: Array, kept: Array = jacobian, known: Array = slopes, raw: Raw = raw) -> tuple[Array, Array]:
-            r, own = problem.evaluate(free, at, only=anew)
-            full, full_white = kept.copy(), known.copy()
-            both = whiten(np.column_stack([r, own]))
-            full[:, anew], full_white[:, anew] = own, both[:, 1:]
-            raw[at.tobytes()] = r, full
-            return both[:, 0], full_white
+        def evaluate(at: Array, kept: Array = jacobian, known: Array = slopes, raw: Raw = raw) -> Evaluated:
+            r, beside = problem.evaluate(free, at, anew if stiff else [])
+
+            def anew_at() -> Array:
+                full, full_white = kept.copy(), known.copy()
+                full[:, anew] = beside if stiff else problem.evaluate(free, at, anew, r)[1]
+                full_white[:, anew] = whiten(full[:, anew])
+                raw[at.tobytes()] = r, full
+                return full_white
+
+            return whiten(r), anew_at
 
         allowed = min(ROUND, most - evaluations) if len(lasting) else most - evaluations
         minimum = minimise(evaluate, (z, white, slopes), lowest, reach, 1.0, prior, highest, allowed, damping, WORTH)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -42,6 +42,8 @@ TENSION = "tension_dead_line_n"
 LEAST_KEPT = 0.5  # of a run's samples: fewer are no run any more
 TENSION_TRUST = 0.0015  # of the mean tension: a load cell's linearity, beside its noise
 SENSOR_KEYS = (GAIN, OFFSET, TENSION_GAIN)
+
+Found = TypeVar("Found")
 
 
 def rms(values: float | Array) -> float:
@@ -112,13 +114,20 @@ class Problem:
         self.row_noise, self.run_noise = np.full(self.inputs, self.noise), np.array(self.bench.noise)
         self.thin = max(self.bench.every) > 1 or any(map(len, impacts))
         self.evaluations = 0
-        self.kept: dict[Any, Any] = {}  # held-out fits, by fit and folds: several steps ask for the same
+        self.kept: dict[Any, Any] = {}  # as held-out fits, by fit and folds: several steps ask for the same
         self.deaf = False
         self.errors = self.errors_of_rows()
 
     def effect(self, name: str) -> Effect:
         """A declared effect of the machine's kind."""
         return find(name, self.active.kind)
+
+    def once(self, asked: Any, find: Callable[[], Found]) -> Found:
+        """What `find` gives, computed once and kept. asked: what it hangs on."""
+        if asked not in self.kept:
+            self.kept[asked] = find()
+        found: Found = self.kept[asked]
+        return found
 
     def errors_of_rows(self) -> ErrorModel:
         tension = 0.5 * self.noise if self.has_tension else None
@@ -214,7 +223,7 @@ class Problem:
         """Residuals at `base`, (samples,), and what each other setting adds to them, (others, samples). known: the
         former, where that is known."""
         if not len(others):
-            return self._group([base])[0], np.zeros((0, self.samples))
+            return self._group([base])[0] if known is None else known, np.zeros((0, self.samples))
         # Those that need the same part of the model go together.
         order = np.argsort(self.bench.parts_needed(self.tables(others)), kind="stable")
         change = np.empty((len(others), self.samples))
@@ -228,13 +237,14 @@ class Problem:
         return first, change
 
     def evaluate(
-        self, free: Sequence[FreeParameter], z: Array, only: Iterable[int] | None = None
+        self, free: Sequence[FreeParameter], z: Array, only: Iterable[int] | None = None, known: Array | None = None
     ) -> tuple[Array, Array]:
-        """Residual (samples,) and its Jacobian (samples, len(z), or those of `only`) by differences."""
+        """Residual (samples,), `known` where it is, and its Jacobian (samples, len(z), or those of `only`) by
+        differences."""
         which = list(range(len(z)) if only is None else only)
         steps = np.concatenate([self._steps(parameter) for parameter in free])
         moved = [setting_of(free, z + steps[k] * np.eye(len(z))[k]) for k in which]
-        base, change = self.differences(setting_of(free, z), moved)
+        base, change = self.differences(setting_of(free, z), moved, known)
         return base, change.T / steps[which]
 
     def _steps(self, parameter: FreeParameter) -> Array:
