@@ -27,7 +27,7 @@ from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, nuisance_std
 from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel, Sizes
-from workbench.diagnose.hypotheses.problem import Problem, rms
+from workbench.diagnose.hypotheses.problem import Problem, once, rms
 from workbench.effects import effects_for, find, ranges_of
 from workbench.machines import kind_of
 
@@ -49,11 +49,15 @@ class Score:
 
 
 def score_of(problem: Problem, fit: Fitted) -> Score:
-    """A fit's score at the best sizes of the model error, to a factor of STEP."""
-    value, best = likeliest(problem, fit.residual)
+    """A fit's score at the best sizes of the model error, to a factor of STEP. What was computed once is kept."""
+
+    def found() -> Score:
+        value, best = likeliest(problem, fit.residual)
+        excess = rms(errors.sized(best).model_error) / max(rms(errors.sized((1.0, 1.0)).model_error), 1e-300)
+        return Score(value + fit.prior, best, excess)
+
     errors = problem.errors
-    excess = rms(errors.sized(best).model_error) / max(rms(errors.sized((1.0, 1.0)).model_error), 1e-300)
-    return Score(value + fit.prior, best, excess)
+    return once(problem, (fit, errors), found)
 
 
 def likeliest(problem: Problem, residual: Array) -> tuple[float, Sizes]:

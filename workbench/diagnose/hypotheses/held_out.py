@@ -24,7 +24,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     setting_of,
 )
 from workbench.diagnose.hypotheses.model_error import ErrorModel
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem, once
 from workbench.diagnose.hypotheses.search import STUCK, SearchResult
 from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.hypotheses.signatures import Projection
@@ -89,10 +89,7 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
     is kept.
     """
     asked = (fitted, fold_of_row.tobytes(), problem.errors.sizes)
-    if asked not in problem.kept:
-        problem.kept[asked] = _held_out(problem, fitted, fold_of_row)
-    found: HeldOut = problem.kept[asked]
-    return found
+    return once(problem, asked, lambda: _held_out(problem, fitted, fold_of_row))
 
 
 def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:
@@ -219,23 +216,21 @@ def _elsewhere(problem: Problem, fitted: Fitted, std: Array) -> list[Fitted]:
     turns = logarithmic_of(fitted.free) & np.isfinite(std)
     if not np.any(turns & (np.abs(fitted.z) > STUCK)):
         return []
-    asked = (fitted, "elsewhere", problem.errors.sizes)
-    if asked not in problem.kept:
+
+    def found() -> list[Fitted]:
         nominal, base = np.where(turns, 0.0, fitted.z), int(np.count_nonzero(np.isfinite(std)))
-        coarse = problem.coarse([fitted.setting])
+        coarse, known = problem.coarse([fitted.setting]), fitted.jacobian
         try:
-            other = fit_hypothesis(
-                coarse, fitted.effects, fitted.free, nominal, MOST_EVALUATIONS, base, fitted.jacobian
-            )
+            other = fit_hypothesis(coarse, fitted.effects, fitted.free, nominal, MOST_EVALUATIONS, base, known)
         except BREAKDOWNS:  # the simulation breaks down there: that is no minimum
-            return problem.kept.setdefault(asked, [])
+            return []
         residual = fitted.residual + problem.differences(fitted.setting, [other.setting], fitted.residual)[1][0]
         white = problem.errors.whiten(residual)
         other = replace(other, residual=residual, chi2=float(white @ white))
         apart = np.any(turns & (np.abs(other.z - fitted.z) > STUCK))
-        problem.kept[asked] = [other] if apart and other.objective < fitted.objective + AS_GOOD else []
-    found: list[Fitted] = problem.kept[asked]
-    return found
+        return [other] if apart and other.objective < fitted.objective + AS_GOOD else []
+
+    return once(problem, (fitted, "elsewhere", problem.errors.sizes), found)
 
 
 def _pull(z: Array, std: Array) -> float:

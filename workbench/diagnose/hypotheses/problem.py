@@ -122,13 +122,6 @@ class Problem:
         """A declared effect of the machine's kind."""
         return find(name, self.active.kind)
 
-    def once(self, asked: Any, find: Callable[[], Found]) -> Found:
-        """What `find` gives, computed once and kept. asked: what it hangs on."""
-        if asked not in self.kept:
-            self.kept[asked] = find()
-        found: Found = self.kept[asked]
-        return found
-
     def errors_of_rows(self) -> ErrorModel:
         tension = 0.5 * self.noise if self.has_tension else None
         return error_model(self.bench, self.rows, self.row_noise, self.share, self.noise, self.pulled, tension)
@@ -337,3 +330,11 @@ class Problem:
 def counting(problem: Problem) -> int:
     """The number of runs of which anything counts: that move, in the band."""
     return len(np.unique(problem.run_of_row))
+
+
+def once(problem: Problem, asked: Any, find: Callable[[], Found]) -> Found:
+    """What `find` gives, computed once and kept. asked: what it hangs on."""
+    if asked not in problem.kept:
+        problem.kept[asked] = find()
+    found: Found = problem.kept[asked]
+    return found

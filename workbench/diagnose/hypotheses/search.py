@@ -278,8 +278,6 @@ class Search:
             if size == 1:
                 self._joint(result, least)
             self._finish(result.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
-            if size == 1:
-                self._drop(result.base)
             self._offer_standstill(result.base)
             self._fit_simpler_laws(result, size + 1)
             result = self._found(result.base, result.within_tolerances, result.signatures)
@@ -596,7 +594,8 @@ class Search:
                 self._try(names, lambda f=fit: self._again(f))  # type: ignore[misc]
 
     def _offer_standstill(self, base: Fitted) -> None:
-        """Restart the fits close to the best from its values of friction near standstill.
+        """Restart the fits close to the best from its values of friction near standstill, where their slopes promise
+        that another minimum may lie there that competes.
 
         That friction has several local minima. Without this a fit could win by its starting point alone.
         """
@@ -616,7 +615,20 @@ class Search:
             tried.append(begun)
             z = fit.z.copy()
             z[: self.count][turns] = begun
-            self._try(names, lambda f=fit, z=z: self._again(replace(f, z=z)))  # type: ignore[misc]
+            beside, objective = self._promised_at(fit, z)
+            more = cost(self.problem, len(donor.z) - len(fit.z))  # what the donor's further parameters have to earn
+            if objective < min(fit.objective, donor.objective + more) + SLACK:
+                self._try(names, lambda f=fit, z=beside: self._again(replace(f, z=z)))  # type: ignore[misc]
+
+    def _promised_at(self, fit: Fitted, z: Array) -> tuple[Array, float]:
+        """z with the fit's other parameters refitted to how friction turns over there, as far as its slopes tell, and
+        the objective that they promise."""
+        moved = self.problem.residuals([setting_of(fit.free, z)])[0]
+        if not np.all(np.isfinite(moved)):
+            return z, math.inf
+        beside = self._aside(replace(fit, z=z, residual=moved), np.zeros(len(moved)))
+        white = self.problem.errors.whiten(moved + fit.jacobian @ (beside - z))
+        return beside, float(white @ white + np.sum((beside / bounds_of(fit.free)[2]) ** 2))
 
     def _again(self, fit: Fitted) -> Fitted:
         return self._fit(fit.effects, fit.free, fit.z, known=fit.jacobian)
@@ -697,16 +709,6 @@ class Search:
                     z = np.concatenate([begin[:count], kept, alone.z[count:]])
                     self._try(names, lambda order=order, free=free, z=z: self._fit(order, free, z))  # type: ignore[misc]
 
-    def _drop(self, base: Fitted) -> None:
-        """Refit each effect of the leading pair alone, started from the pair: a pair needs both effects to earn their
-        cost."""
-        pair: Names = min((n for n in self.fits if len(n) == 2), key=lambda n: self.fits[n].objective, default=())
-        if any(fit.objective < self.fits[pair].objective for names, fit in self.fits.items() if len(names) < len(pair)):
-            return  # fewer effects explain more
-        for left in pair:
-            self._try((left,), lambda n=left: self._without(self.fits[pair], (n,)))  # type: ignore[misc]
-        self._finish(base, [(left,) for left in pair])
-
     def _without(self, fit: Fitted, kept: Names) -> Fitted:
         """A fit with only the effects `kept` in it, from where it is: its own parameters take up what they can of the
         others' parts."""
@@ -730,7 +732,7 @@ class Search:
         for one, (data, prior, _) in zip(mine, projection.gains(mine), strict=True):
             kept.setdefault(one.effect.id, []).append((data + prior, one))
         shapes = [q for name in sorted(kept) for _, q in sorted(kept[name], key=lambda q: -q[0])[:SHAPES_KEPT]]
-        pairs: dict[tuple[str, str], tuple[float, Signature, Signature, Array]] = {}
+        pairs: dict[Names, tuple[Promise, Promise]] = {}
         if not shapes:
             return
         columns = projection.clean(np.hstack([one.columns for one in shapes]))
@@ -744,10 +746,11 @@ class Search:
             gain, amounts = gain_of(gram[np.ix_(both, both)], pull[both], [*columns_signed(a), *columns_signed(b)])
             self.linear[names] = max(gain, self.linear.get(names, 0.0))
             worth = gain - cost(self.problem, len(both))
-            if gain > enough and worth > pairs.get(names, (-math.inf,))[0]:
-                pairs[names] = (worth, a, b, amounts)
-        for pair, (_, a, b, amounts) in sorted(pairs.items(), key=lambda q: -q[1][0])[:PARTNERS]:
-            self._try(pair, lambda a=a, b=b, m=amounts: self._fit_both(near, a, b, m))  # type: ignore[misc]
+            if gain > enough and (names not in pairs or worth > pairs[names][0].evidence):
+                first, second = np.split(amounts, [len(left)])
+                pairs[names] = (Promise(gain, gain, worth, a, first), Promise(gain, gain, worth, b, second))
+        for pair, promises in sorted(pairs.items(), key=lambda q: -q[1][0].evidence)[:PARTNERS]:
+            self._try(pair, lambda promises=promises: self._fit_with(near, *promises))  # type: ignore[misc]
 
     def _promised(self, at: Fitted, signatures: Sequence[Signature]) -> dict[str, Promise]:
         """Effect -> its best shape, linearly: of the SHAPES_KEPT best the one that explains most beyond the model error
@@ -790,20 +793,14 @@ class Search:
         z = self._aside(at, taken, promise.signature)
         return at.residual - taken + at.jacobian @ (z - at.z)
 
-    def _fit_with(self, at: Fitted, promise: Promise) -> Fitted:
-        more, start = start_of(self.problem, promise.signature, promise.amounts)
-        names = (*at.effects, promise.signature.effect.id)
-        beside = self._aside(at, promise.signature.columns @ promise.amounts, promise.signature)
-        return self._fit_from(names, [*at.free, *more], at.z, beside, start)
-
-    def _fit_both(self, near: Fitted, a: Signature, b: Signature, amounts: Array) -> Fitted:
-        split = a.columns.shape[1]
-        taken = a.columns @ amounts[:split] + b.columns @ amounts[split:]
-        free, start = list(near.free), list[float]()
-        for signature, part in ((a, amounts[:split]), (b, amounts[split:])):
-            more, z = start_of(self.problem, signature, part)
-            free, start = [*free, *more], [*start, *z]
-        return self._fit_from((a.effect.id, b.effect.id), free, near.z, self._aside(near, taken, a, b), start)
+    def _fit_with(self, at: Fitted, *promises: Promise) -> Fitted:
+        free, start, names = list(at.free), list[float](), at.effects
+        for promise in promises:
+            more, z = start_of(self.problem, promise.signature, promise.amounts)
+            free, start, names = [*free, *more], [*start, *z], (*names, promise.signature.effect.id)
+        taken = np.sum([promise.signature.columns @ promise.amounts for promise in promises], axis=0)
+        beside = self._aside(at, taken, *(promise.signature for promise in promises))
+        return self._fit_from(names, free, at.z, beside, start)
 
     def _fit_from(
         self, names: Names, free: Sequence[FreeParameter], at: Array, beside: Array, start: Sequence[float]

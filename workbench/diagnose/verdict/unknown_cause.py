@@ -19,7 +19,7 @@ from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import PLAY, Score
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of, logarithmic_of
-from workbench.diagnose.hypotheses.problem import Problem, rms
+from workbench.diagnose.hypotheses.problem import Problem, once, rms
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.location.profiles import spacing
 from workbench.diagnose.location.where import laws_left
@@ -227,10 +227,14 @@ def cancellation(problem: Problem, fit: Fitted, base: int) -> float:
     """
     if len(fit.effects) < 2:
         return 0.0
-    parts = parts_of(problem, fit, [(name,) for name in fit.effects])
-    first = int(np.searchsorted(np.cumsum([parameter.size for parameter in fit.free]), base)) + 1
-    plain = replace(fit, free=fit.free[:first], z=fit.z[:base], jacobian=fit.jacobian[:, :base])
-    return cancelled(Projection.of(problem, plain).clean(parts.T))
+
+    def found() -> float:
+        parts = parts_of(problem, fit, [(name,) for name in fit.effects])
+        first = int(np.searchsorted(np.cumsum([parameter.size for parameter in fit.free]), base)) + 1
+        plain = replace(fit, free=fit.free[:first], z=fit.z[:base], jacobian=fit.jacobian[:, :base])
+        return cancelled(Projection.of(problem, plain).clean(parts.T))
+
+    return once(problem, (fit, "cancellation", problem.errors.sizes), found)
 
 
 def cancelled(shares: Array) -> float:
