@@ -76,8 +76,8 @@ def test_a_fit_goes_on_where_the_simulation_breaks_down_beside_its_point(
     plain = fit_hypothesis(problem, (), free, np.zeros(len(free)), base=len(free))
     evaluate, broken = Problem.evaluate, list[int]()
 
-    def breaks(self: Problem, free: Any, z: Array, only: Any = None) -> tuple[Array, Array]:
-        residual, jacobian = evaluate(self, free, z, only)
+    def breaks(self: Problem, free: Any, z: Array, only: Any = None, known: Any = None) -> tuple[Array, Array]:
+        residual, jacobian = evaluate(self, free, z, only, known)
         if only is not None and np.any(z) and jacobian.shape[1] > 3:  # the slopes that last, at a point beyond
             broken.append(1)
             jacobian[::7, 2] = np.nan
