@@ -330,11 +330,13 @@ def diagnose(
     shrink = shrink_of(search, keys, judged.names, folds, seed, unknown)
     answers = [fit] if fit is not None else []
     alike_runs = alike_of(problem, [*answers, *(w.fit for w in judged.weighed), search.within_tolerances])
-    delivered = delivered_of(problem.run_noise, refitted_replay, replayed, alike_runs)
+    # Noise of the machine whose residual stands beside it: one as given, of a late log, had a quarter more in one run.
+    noise = with_motion_noise(Problem(corrected, campaign.runs, problem.band_hz), seed).run_noise
+    delivered = delivered_of(noise, refitted_replay, replayed, alike_runs)
     if aside:
         struck = own_impacts(corrected, aside)
         first, last = (replay_runs(m, aside, problem.band_hz, struck) for m in (refitted, corrected))
-        noise = with_motion_noise(Problem(campaign.machine, aside, problem.band_hz), seed).run_noise
+        noise = with_motion_noise(Problem(corrected, aside, problem.band_hz), seed).run_noise
         delivered = replace(delivered, validated=delivered_of(noise, first, last).runs)
     warnings = (*warnings, *differing(delivered))
     if judged.word == "named" and (also or shrink.ci95[0] <= 1.0):  # the runs leave it open

@@ -156,8 +156,9 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
     Where a loop answers what shakes the machine, or its sensor's noise, input and motion are coherent, and yet their
     ratio is that of the controller, not of the machine: for a speed loop -K/(J s), which falls with frequency and leads
     by a quarter turn (direct identification in closed loop; T. Söderström, P. Stoica, System Identification, 1989,
-    10.3). No delay does both, and what filters an input lags. Between the two stands the frequency at which both hold
-    as much of the motion: there the coherence is least, and there the band ends.
+    10.3). No delay does both, what filters an input lags, and noise that no loop answers is not coherent. Between the
+    two stands the frequency at which both hold as much of the motion: there the coherence is least, and there the band
+    ends.
     """
     random = np.random.default_rng(seed)
     noises = [noises_of(run, logged_motion(bench, run)) for run in bench.runs]
@@ -197,7 +198,7 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
         answer, below = _sum(cross, low, high) / whole, abs(_sum(cross, 0.0, low)) / slower
         small = abs(answer) + error < 0.5 * below
         alone |= small and strange > (1.0 - COHERENT) * whole
-        return alone, small and answer.imag - error > abs(answer.real)
+        return alone, small and strange < 0.5 * whole and answer.imag - error > abs(answer.real)
 
     bands = [LOWEST_HZ]
     while bands[-1] * WIDTH**2 < bench.band_hz:

@@ -278,6 +278,8 @@ class Search:
             if size == 1:
                 self._joint(result, least)
             self._finish(result.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
+            if size == 1:
+                self._drop(result.base)
             self._offer_standstill(result.base)
             self._fit_simpler_laws(result, size + 1)
             result = self._found(result.base, result.within_tolerances, result.signatures)
@@ -708,6 +710,16 @@ class Search:
                         break  # it leads to where one effect less is, or further
                     z = np.concatenate([begin[:count], kept, alone.z[count:]])
                     self._try(names, lambda order=order, free=free, z=z: self._fit(order, free, z))  # type: ignore[misc]
+
+    def _drop(self, base: Fitted) -> None:
+        """Refit each effect of the leading pair alone, started from the pair: a pair needs both effects to earn their
+        cost, and a single one that was never fitted is no rival (an offset was named as a carriage's mass, at 0.99)."""
+        pair: Names = min((n for n in self.fits if len(n) == 2), key=lambda n: self.fits[n].objective, default=())
+        if any(fit.objective < self.fits[pair].objective for names, fit in self.fits.items() if len(names) < len(pair)):
+            return  # fewer effects explain more
+        for left in pair:
+            self._try((left,), lambda n=left: self._without(self.fits[pair], (n,)))  # type: ignore[misc]
+        self._finish(base, [(left,) for left in pair])
 
     def _without(self, fit: Fitted, kept: Names) -> Fitted:
         """A fit with only the effects `kept` in it, from where it is: its own parameters take up what they can of the
