@@ -578,6 +578,22 @@ def test_a_pair_does_not_lead_by_a_part_that_was_never_fitted_alone(hoist: Probl
     assert search._leaving_out(found).fits.keys() == found.fits.keys()
 
 
+def test_each_effect_of_a_leading_pair_is_fitted_alone():
+    """An offset was named as a carriage's mass at 0.99: only the mass and both together had been fitted."""
+    machine = with_effects(default_hoist(), {"torque_offset": {"offset_nm": -60.0}})
+    problem = Problem(default_hoist(), hoist_runs(machine))
+    search = Search(problem, [find(name, "hoist") for name in ("carriage_mass_error", "torque_offset")])
+    base, names, free, start = search.base_fit(), list[str](), list[FreeParameter](search.held), [0.0] * search.count
+    for name, at in (("carriage_mass_error", {"mass_kg": -300.0}), ("torque_offset", {"offset_nm": -30.0})):
+        ranges = ranges_of(find(name, "hoist"), problem.machine, problem.runs)
+        more, z = effect_parameters(find(name, "hoist"), ranges, {r.symbol: at[r.name] for r in ranges})
+        free, start, names = [*free, *more], [*start, *z], [*names, name]
+        search.fits[tuple(names)] = search._fit(tuple(names), free, np.array(start))
+    search._drop(base)
+    mass, offset = (search.fits[name,] for name in ("carriage_mass_error", "torque_offset"))
+    assert offset.objective < mass.objective and offset.setting[offset.free[-1].symbol] == pytest.approx(-60.0, rel=0.2)  # type: ignore[attr-defined]
+
+
 def test_no_fit_is_made_twice_from_one_start(monkeypatch: pytest.MonkeyPatch):
     """A second pass of a search asks again for an effect in the place of its nuisance, and for what led nowhere."""
     machine = with_effects(default_hoist(), {"friction_viscous": {"viscous_n_s_per_m": 9000.0}})
