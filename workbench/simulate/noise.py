@@ -192,7 +192,7 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
         high = low * OCTAVE  # of less in so noisy an input nothing could be told
         whole, strange, known = (_energy(one, low, high) for one in (own, unanswered, measured))
         count, slower = _averages(bench.runs, own, low, high), _energy(own, 0.0, low)
-        if not count or not slower:
+        if not (count and slower and whole):
             return alone, False
         error = 2.0 * math.sqrt(known / (2.0 * count * whole))
         answer, below = _sum(cross, low, high) / whole, abs(_sum(cross, 0.0, low)) / slower
