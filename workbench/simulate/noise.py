@@ -185,7 +185,7 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
         for one in (before, moving)
     ]
 
-    def by_others(own: Spectrum, unanswered: Spectrum, cross: Spectrum, low: float) -> tuple[bool, bool]:
+    def made_by_others(own: Spectrum, unanswered: Spectrum, cross: Spectrum, low: float) -> tuple[bool, bool]:
         """Whether other things than the measured input made the motion in a band; whether the input answers them."""
         whole, strange, known = (_energy(one, low, low * WIDTH) for one in (own, unanswered, measured))
         alone = strange > max(0.5 * whole, known)
@@ -210,7 +210,9 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
             _energy(one, low, low * WIDTH) for one in (own, unanswered, with_noise, *noise)
         )
         coherence.append(1.0 - strange / whole if whole else 0.0)
-        alone, answered = (all(both) for both in zip(*(by_others(*spectra, low) for spectra in predicted), strict=True))
+        alone, answered = (
+            all(both) for both in zip(*(made_by_others(*spectra, low) for spectra in predicted), strict=True)
+        )
         noisy_there = total < (1.0 + EQUAL) * sum(parts) / REALISATIONS
         if alone or noisy_there:
             end = min(end, low)

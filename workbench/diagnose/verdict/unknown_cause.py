@@ -50,7 +50,7 @@ def signs_of(
     energy, less where less; or what speaks from a log that keeps its values (`kept_percent`). prior: the distance of
     the base parameters from nominal beyond chance and beyond what an inexact effect explains, in standard deviations
     above BY_CHANCE (see `tolerance_excess`). A machine that leaves nothing itself is held to its tolerances in full by
-    a cause that base parameters could take up.
+    a cause that base parameters could take up; one with a remainder the less, the more of the gap the cause takes.
     """
     if problem.struck:  # what stays beside an impact are its rebounds, which no law foretells
         return {"left": 0.0 if PLAY in held.effects else UNHEARD, "prior": 0.0}
