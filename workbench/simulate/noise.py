@@ -205,7 +205,7 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
         bands.append(bands[-1] * WIDTH)
     end, coherence = bench.band_hz, list[float]()
     own, unanswered, _ = predicted[0]
-    for i, low in enumerate(bands):
+    for low in bands:
         whole, strange, total, *parts = (
             _energy(one, low, low * WIDTH) for one in (own, unanswered, with_noise, *noise)
         )
@@ -217,9 +217,7 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
         if alone or noisy_there:
             end = min(end, low)
         if answered:
-            while i and coherence[i - 1] < coherence[i]:
-                i -= 1
-            return min(end, bands[i])
+            return min(end, bands[int(np.argmin(coherence))])
     return end
 
 

@@ -23,7 +23,7 @@ ABOVE_NOISE = 5.0  # in the band: less is no motion
 WRONG_UNIT = 5.0  # inertia over the nominal one, or the inverse: no such machine, but such units
 ODD_INERTIA, ODD_LOAD = 2.0, 1.4  # over the nominal ones: worth a warning
 LOADS_APART = 1.25  # of the loads that runs hold over the nominal ones: offsets and payload errors stay below
-INERTIAS_APART = 2.0  # a lag of a tenth of a second takes a third off the inertia of a brisk run
+INERTIAS_APART = 2.0  # play and friction that builds up over a distance take a third off the inertia of a brisk run
 SPEED_SLIPS = (("rpm", 60.0 / (2.0 * math.pi)), ("degrees per second", 180.0 / math.pi))
 TOO_FAST = 3.0  # times the nominal speed
 FAR = 2.0  # a ratio beyond this or its inverse is a unit, not a machine
@@ -183,16 +183,16 @@ class Rigid:
         input = inertia · acceleration + friction · sign(speed) + load
 
     fitted by least squares to each run for itself, low-passed to half the band; an axis' friction has a viscous part
-    too, and the load of one that turns against gravity a wave over its angle. Coarse, but every error of sign, unit or
-    machine shows: every effect of the library leaves inertia and load within a third of the nominal ones. Friction
-    that builds up over a distance is a spring after each reversal, as an inertia below zero would be; a wrong sign
-    shows one too, but then the input takes power from the motion. So an axis' run with an inertia below zero whose
-    input gives power says nothing of its inertia.
+    too, its input a lag, less lag · d(input)/dt, for one behind a filter would hide the inertia, and the load of one
+    that turns against gravity a wave over its angle. Coarse, but every error of sign, unit or machine shows: every
+    effect of the library leaves inertia and load within a third of the nominal ones. Friction that builds up over a
+    distance is a spring after each reversal, as an inertia below zero would be; a wrong sign shows one too, but then
+    the input takes power from the motion. So an axis' run with an inertia below zero whose input gives power says
+    nothing of its inertia.
 
     inertia: None where the run does not accelerate enough to tell, or is not like a rigid machine at all: of an axis,
-    where more is left than the inertia takes. hold: mean
-    load, None on an axis or where friction hides it. friction: in the input's unit, against the motion positive.
-    shown: what the nominal inertia takes of the input, rms.
+    where more is left than the inertia takes. hold: mean load, None on an axis or where friction hides it. friction: in
+    the input's unit, against the motion positive. shown: what the nominal inertia takes of the input, rms.
     """
 
     run: str
@@ -212,14 +212,14 @@ def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
     sign = lowpass(run.time_s, np.clip(speed / (TURNS_OVER * bench.scale), -1.0, 1.0), band)
     kind = kind_of(machine)
     body = kind.rigid(machine, run.payload_kg)
+    measured = lowpass(run.time_s, run[bench.plant.input], band)
     columns = [body.inertia * np.gradient(speed, run.time_s), np.ones_like(speed), sign]
     if kind.friction.viscous:
-        columns.append(speed)
+        columns += [speed, -np.gradient(measured, run.time_s)]
     if body.wave:
         angle = bench.motions[j].position
         columns += [lowpass(run.time_s, wave(angle), band) for wave in (np.sin, np.cos)]
-    x = np.stack(columns, axis=1)[rows]
-    y = lowpass(run.time_s, run[bench.plant.input], band)[rows]
+    x, y = np.stack(columns, axis=1)[rows], measured[rows]
     independent = 2.0 * band * run.sample_time_s * len(y)
     if independent < 2.0 * x.shape[1]:
         return Rigid(run.name, None, float("inf"), None, 0.0)
