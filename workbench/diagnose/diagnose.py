@@ -296,7 +296,7 @@ def diagnose(
     judged = judged_to_help(search)
     say(Progress(Stage.LOCATE))
     refitted = refitted_machine(problem, keys, search.within_tolerances)
-    fit = play_estimated(search, judged.names) if judged.names else None
+    fit = play_estimated(problem, search.fits[judged.names], len(search.base.z)) if judged.names else None
     if fit is not None:
         search = replace(search, fits={**search.fits, judged.names: fit})
         mine = tuple(replace(w, fit=search.fits[w.names]) for w in judged.weighed)

@@ -160,6 +160,9 @@ def fit_hypothesis(
         evaluations += 1
     if elsewhere:
         jacobian, _ = renewed()
+    if stiff:  # what the machine leaves alone: beside its slopes it took other steps, and teeth met at other times
+        residual = problem.residuals([setting_of(free, z)])[0]
+        white = whiten(residual)
     return Fitted(
         tuple(effects), tuple(free), z, residual, jacobian, float(white @ white), float(np.sum((z / std) ** 2)),
         evaluations, settled,

@@ -15,7 +15,6 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.evidence import PLAY
 from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, parameters_of, uncorrelated
 from workbench.diagnose.hypotheses.free_parameters import (
-    Names,
     PhaseOfEachRun,
     Scalar,
     Setting,
@@ -25,7 +24,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem, once
-from workbench.diagnose.hypotheses.search import STUCK, SearchResult
+from workbench.diagnose.hypotheses.search import STUCK
 from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.effects import ranges_of
@@ -269,18 +268,28 @@ def _own_step(fitted: Fitted, fold: np.ndarray, step: Array) -> Array:
     return moved
 
 
-def play_estimated(result: SearchResult, names: Names) -> Fitted:
-    """The fit of a hypothesis; with a play in it the better on left-out folds of two, weighed as the problem is and by
-    plain least squares, each with the other's z.
+def play_estimated(problem: Problem, fit: Fitted, base: int) -> Fitted:
+    """A fit of a play as it foretells left-out folds better: weighed as the problem is, or by plain least squares."""
+    folds = folds_by_run(problem)
+    both = weighed_both_ways(problem, fit, base)
+    return min(both, key=lambda one: held_out(problem, one, folds).rms(problem.inputs)) if len(both) > 1 else fit
+
+
+def weighed_both_ways(problem: Problem, fit: Fitted, base: int) -> tuple[Fitted, ...]:
+    """A fit, and with a play in it the same hypothesis by plain least squares, each with the other's z. base: how many
+    of the first z are the base parameters'.
 
     The motor's flights through a play are short, mostly slow, and no law foretells their ends: as a model error is, so
     a whitened residual holds little of them. Plain least squares starts from the best shape of all that are tried.
     """
-    fit, problem, count = result.fits[names], result.problem, len(result.base.z)
-    if PLAY not in names or not kind_of(problem.machine).bridged_impacts:
-        return fit
+    if PLAY not in fit.effects or not kind_of(problem.machine).bridged_impacts:
+        return (fit,)
+    return once(problem, (fit, "both ways", problem.errors.sizes), lambda: _both_ways(problem, fit, base))
+
+
+def _both_ways(problem: Problem, fit: Fitted, base: int) -> tuple[Fitted, ...]:
     plain = problem.weighed_by(uncorrelated(problem, fit))
-    own = [k for k in parameters_of(fit, (PLAY,), count)[0] if isinstance(k, Scalar)]
+    own = [k for k in parameters_of(fit, (PLAY,), base)[0] if isinstance(k, Scalar)]
     mine = np.repeat([k in own for k in fit.free], [k.size for k in fit.free])
     ranges = ranges_of(problem.effect(PLAY), problem.machine, problem.runs)
     tries = {r.symbol: r.tries[::2] if r.vanishes_at is not None else r.tries for r in ranges}
@@ -293,13 +302,12 @@ def play_estimated(result: SearchResult, names: Names) -> Fitted:
     left = np.sum((beside.residual[:, None] + beside.clean(change.T)) ** 2, axis=0)
     z = starts[int(np.argmin(np.where(np.isfinite(left), left, np.inf)))]
     try:
-        found = fit_hypothesis(plain, fit.effects, fit.free, z, base=count)
+        found = fit_hypothesis(plain, fit.effects, fit.free, z, base=base)
     except BREAKDOWNS:
-        return fit
+        return (fit,)
     white = problem.errors.whiten(found.residual)
     found = replace(found, chi2=float(white @ white), errors=plain.errors, other=fit.z)
-    folds = folds_by_run(problem)
-    return min((replace(fit, other=found.z), found), key=lambda one: held_out(problem, one, folds).rms(problem.inputs))
+    return replace(fit, other=found.z), found
 
 
 def significance(problem: Problem, without: Fitted, fit: Fitted, *, by_runs_alone: bool = False) -> float:

@@ -35,7 +35,15 @@ from workbench.diagnose.hypotheses.evidence import (
     score_of,
     weigh,
 )
-from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, parameters_of, parts_of, stepped
+from workbench.diagnose.hypotheses.fit import (
+    BREAKDOWNS,
+    Fitted,
+    fit_hypothesis,
+    parameters_of,
+    parts_of,
+    stepped,
+    uncorrelated,
+)
 from workbench.diagnose.hypotheses.free_parameters import (
     LOG_TIMING,
     FreeParameter,
@@ -235,12 +243,16 @@ class Search:
     def hear_impacts(self) -> None:
         """Take impacts for a play's only where the inertia that the base fit asks for hears them too, at any timing of
         the log up to what it asks for: with a wrong inertia, and in a late motion, each change of the acceleration
-        looks like an impact."""
+        looks like an impact. That fit is by plain least squares: whitened, it is bent to what rings after each
+        impact."""
         if self.problem.struck:
-            machine, setting = self.problem.machine, self.base_fit().setting
+            machine, fit = self.problem.machine, self.base_fit()
+            plain = self.problem.weighed_by(uncorrelated(self.problem, fit))
+            with suppress(*BREAKDOWNS):
+                fit = fit_hypothesis(plain, (), fit.free, np.zeros(self.count), LAST_ROUND, self.count)
             own = set(self.base) & set(value_names(machine))
-            fitted = with_values(machine, {key: float(np.mean(setting[self.base[key].symbol])) for key in own})
-            late_s = float(np.mean(setting.get(LOG_TIMING, 0.0)))
+            fitted = with_values(machine, {key: float(np.mean(fit.setting[self.base[key].symbol])) for key in own})
+            late_s = float(np.mean(fit.setting.get(LOG_TIMING, 0.0)))
             for part in TIMINGS:
                 runs = [_ahead(run, part * late_s, kind_of(machine).plant) for run in self.problem.runs]
                 if not any(len(impacts) for impacts in impacts_of(fitted, runs)):
