@@ -24,7 +24,7 @@ from workbench.engine import kernels
 from workbench.engine.kernels import FEW_LANES, MOST_STEPS, lanes_for
 from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
-from workbench.simulate.motion import GUARD_S, Motion, beside, bridged, motion_of, moving
+from workbench.simulate.motion import GUARD_S, PLAY, Motion, beside, bridged, motion_of, moving
 from workbench.simulate.plant_model import PlantModel, plant_model
 
 # Relative to the speed scale, per sample. A measured speed is noisy; its noise need not be integrated exactly.
@@ -32,6 +32,7 @@ TOLERANCE = 1e-4
 THIN_TOLERANCE = 1e-3  # between thinned samples: what one step there is off is a fraction of the noise
 MOTIONS_KEPT = 4  # of each run, behind a late sensor
 FEW_STEPS = 16  # between two thinned samples: more follow the noise of a speed at rest
+STEPS_OF_PLAY = 256  # between two samples, at most: parts that meet bounce within milliseconds, samples lie 20 apart
 SMOOTH = 0.25  # of the sampling rate of thinned times: the band that a motion keeps there
 
 
@@ -196,7 +197,7 @@ class InverseSimulation:
 
         still = [0.0] * len(moved)
         travelled = [motion.position - motion.position[0] for motion in moved]
-        start = start[:, columns]
+        start, played = start[:, columns], any(one.symbol.startswith(PLAY) for one in model.effects.memory)
         out = kernels.driven(
             self.plant,
             np.hstack([tables[j] for j in group])[:, full],
@@ -210,7 +211,7 @@ class InverseSimulation:
             tolerance=THIN_TOLERANCE if thin and min(self.every) > 1 else TOLERANCE,
             threads=1,
             lanes=lanes,
-            most_steps=FEW_STEPS if thin else MOST_STEPS,
+            most_steps=FEW_STEPS if thin else STEPS_OF_PLAY if played else MOST_STEPS,
         )
         lengths = [len(self.times[j]) if thin else len(self.runs[j].time_s) for j in group]
         return [out[:length, :, k * sets : (k + 1) * sets] for k, length in enumerate(lengths)]
