@@ -110,6 +110,22 @@ def test_a_ripple_has_one_phase_in_all_runs_that_log_where_they_are():
         assert [r.per_run for r in ranges if r.scan == "phase"] == [own], (kind, runs)
 
 
+@pytest.mark.parametrize("step_s", [0.001, 0.01, 0.03])
+def test_a_tight_stretch_is_as_wide_as_the_samples_show_it(step_s: float):
+    """However the samples fall on it, at the highest speed: their sum is the bell's integral, √(2π) b over their way.
+    An untouched spindle that moves 1 mm between two samples was given a tight stretch of 0.1 mm, at 0.99."""
+    t = np.arange(0.0, 10.0, step_s)
+    run = Run("a", t, {"position_m": 0.006 * np.sin(18.0 * t), "velocity_m_s": 0.108 * np.cos(18.0 * t), "force_n": t})
+    effect = find("friction_position_dependent", "axis-linear")
+    width = next(r for r in ranges_of(effect, MACHINES["axis-linear"], [run]) if r.name == "width_m")
+    apart = 0.108 * step_s
+    for b in {width.lowest, *width.tries, width.start} - {width.highest}:
+        for off in np.linspace(0.0, apart, 7):
+            seen = np.sum(np.exp(-0.5 * ((off + apart * np.arange(-50, 51)) / b) ** 2)) * apart
+            assert b > 10.0 * apart or seen == pytest.approx(np.sqrt(2.0 * np.pi) * b, rel=0.015)
+    assert width.lowest <= min(width.tries) and width.start <= width.highest
+
+
 @pytest.mark.parametrize(
     ("chosen", "said"),
     [

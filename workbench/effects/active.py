@@ -283,13 +283,20 @@ def sizes_of(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Sizes:
 
 def _where_it_went(r: Ranged, machine: Hoist | Axis, runs: Sequence[Run]) -> Ranged:
     """Where the log says where a machine is, its zero may lie anywhere: a place along its way is looked for where
-    its runs have been. A wave is one that comes again on that way: of less than WAVES, nobody can say so; and it has
-    one phase in all runs that log where they are."""
+    its runs have been. A stretch of width b is at least half as wide as the way d between two samples, which show it to
+    2 exp(-2 (pi b/d)^2), by Poisson's sum; a narrower one is what single samples are off. A wave is one that comes
+    again on that way: of less than WAVES, nobody can say so; and it has one phase in all runs that log where they are.
+    """
     kind = kind_of(machine)
-    if r.scan not in ("position", "order", "phase") or not kind.moved.placed_by_log:
+    if r.scan not in ("position", "width", "order", "phase") or not kind.moved.placed_by_log:
         return r
     position = kind.plant.positions[kind.plant.placed]
     been = [run[position] for run in runs if position in run]
+    if r.scan == "width":
+        apart = max((run.sample_time_s for run in runs), default=0.0) * sizes_of(machine, runs).speed
+        wider, least = max(apart / r.tries[0], 1.0), min(max(r.lowest, 0.5 * apart), r.highest)
+        tries = tuple(dict.fromkeys(min(wider * width, r.highest) for width in r.tries))
+        return replace(r, lowest=least, start=min(wider * r.start, r.highest), tries=tries)
     if r.scan == "phase":
         return replace(r, per_run=r.per_run and (len(been) < len(runs) or not runs))
     low, high = min(map(np.min, been), default=0.0), max(map(np.max, been), default=0.0)

@@ -165,7 +165,7 @@ def friction_quadratic(s: Any, e: Any, p: Any) -> Scalar:
         amount("F", "peak_{n}", "friction at the middle of the stretch", "force", 1.0, 0.02, 0.04),
         Parameter("x_0", "centre_{m}", "position of its middle", "length", -1.0, 1.0, 0.02, 0.3, scan="position"),
         Parameter("b", "width_{m}", "from the middle to 61 %", "length", 0.002, 0.3, 0.01, 0.02, domain="positive",
-                  tries=(0.01, 0.02, 0.04)),
+                  scan="width", tries=(0.01, 0.02, 0.04)),
     ],
     reads=SWITCH | {"x": "position, {m}"},
     equation="F = −F_peak exp(−½ ((x − x_0)/b)²) S(v)",
