@@ -30,7 +30,7 @@ from workbench.diagnose.hypotheses.evidence import (
 )
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis, is_timing, parameters_of
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, Scalar, bounds_of, within
-from workbench.diagnose.hypotheses.held_out import significance, weighed_both_ways
+from workbench.diagnose.hypotheses.held_out import folds_by_run, foretold, held_out, significance, weighed_both_ways
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
@@ -186,10 +186,10 @@ def judged_to_help(search: SearchResult) -> Judged:
 
 def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
-    does, and the runs by themselves not significantly worse, a play in one of its two fits (`weighed_both_ways`); and
-    with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than with a
-    free law of one variable in its place (`worth`). A delay beside others has to take something, too, of what the log's
-    timing leaves (`takes_nothing`): a machine's own lags may be some sampling steps."""
+    does, and the runs by themselves not significantly worse; or a play so by plain least squares (`weighed_both_ways`);
+    and with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than
+    with a free law of one variable in its place (`worth`). A delay beside others has to take something, too, of what
+    the log's timing leaves (`takes_nothing`): a machine's own lags may be some sampling steps."""
     problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
@@ -198,11 +198,15 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
             return False
         if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
             return False
-    by_chance, fits = -float(ndtri(SIGNIFICANT)), weighed_both_ways(problem, w.fit, len(base.z))
-    if max(significance(problem, near, fit) for fit in fits) <= by_chance:
-        return False
-    if max(significance(problem, near, fit, by_runs_alone=True) for fit in fits) <= -by_chance:
-        return False
+    by_chance, (_, *plain) = -float(ndtri(SIGNIFICANT)), weighed_both_ways(problem, w.fit, len(base.z))
+    if not any(
+        foretold(problem, *(held_out(problem, one, folds_by_run(problem)) for one in (near, fit))) > by_chance
+        for fit in plain
+    ):
+        if significance(problem, near, w.fit) <= by_chance:
+            return False
+        if significance(problem, near, w.fit, by_runs_alone=True) <= -by_chance:
+            return False
     least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
     return all(significance(problem, rest, w.fit) > least for rest in sorted(less, key=lambda rest: rest.objective))
 
