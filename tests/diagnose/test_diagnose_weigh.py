@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 
 from tests.support.axes import emps
 from tests.support.driven_campaign import driven
@@ -34,7 +35,14 @@ from workbench.diagnose.hypotheses.free_parameters import (
     effect_parameters,
     setting_of,
 )
-from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, in_parts, significance
+from workbench.diagnose.hypotheses.held_out import (
+    SETTLED,
+    fitted_without,
+    folds_by_run,
+    held_out,
+    in_parts,
+    significance,
+)
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import calibration
@@ -102,6 +110,37 @@ def test_a_fit_goes_on_where_the_simulation_breaks_down_beside_its_point(
     found = fit_hypothesis(problem, (), free, np.zeros(len(free)), base=len(free))
     assert broken and np.all(np.isfinite(found.jacobian))
     assert found.objective == pytest.approx(plain.objective, rel=1e-3)
+
+
+@given(st.integers(0, 10**6))
+def test_a_refit_to_the_other_rows_is_the_best_one_within_bounds(seed: int):
+    """A Newton step that was cut at the bounds led uphill, did not serve, and ended the refit where it had begun: of a
+    linear hypothesis scipy's bounded least squares leave as much."""
+    draw = np.random.default_rng(seed)
+    count, inside = 12, np.arange(60) % 3 == 0
+    common = draw.normal(size=(60, 1))  # columns that are alike share what they take
+    slopes, target = draw.normal(size=(60, count)) + 10.0 * common, 4.0 * draw.normal(size=60)
+    free = tuple(
+        Scalar(f"x{k}", 0.0, 1.0, min(end, 0.0), max(end, 0.0), std=float(draw.choice([0.5, 3.0])))
+        for k, end in enumerate(draw.choice([-1.5, 1.5], count))
+    )
+    begin = np.array([draw.uniform(low, high) for one in free for low, high in [(one.least, one.most)]])
+    begin = np.where(draw.random(count) < 0.5, [one.least for one in free], begin)
+
+    def rows(setting: Mapping[str, Any]) -> Array:
+        return np.asarray(target + slopes @ [setting[one.symbol] for one in free])
+
+    def differences(_: Any, settings: Sequence[Mapping[str, Any]], known: Array) -> tuple[Array, Array]:
+        return known, np.array([rows(one) - known for one in settings])
+
+    errors = types.SimpleNamespace(whiten=lambda white: white, sizes=(1.0, 1.0))
+    posed = cast("Problem", types.SimpleNamespace(errors=errors, differences=differences))
+    first = Fitted((), free, begin, target + slopes @ begin, slopes, 1.0, 1.0, 0, True)
+    (found,) = fitted_without(posed, first, [inside])
+    matrix = np.vstack([slopes[~inside], np.diag([1.0 / one.std for one in free])])
+    right = np.concatenate([-target[~inside], np.zeros(count)])
+    best = lsq_linear(matrix, right, ([one.least for one in free], [one.most for one in free]), tol=1e-12)
+    assert found.objective == pytest.approx(2.0 * best.cost, abs=2.0 * SETTLED)
 
 
 def test_a_phase_that_is_a_runs_own_is_taken_from_that_run():

@@ -28,6 +28,7 @@ from workbench.diagnose.hypotheses.search import STUCK
 from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.effects import ranges_of
+from workbench.identify.fit import bounded
 from workbench.machines import kind_of
 
 BLOCKS = 4  # of a run that no other can foretell
@@ -141,10 +142,9 @@ def fitted_without(
                 tried += [(fold, np.clip(at + part * step, lowest, highest)) for part in PARTS]
                 continue
             gradient, hessian = j.T @ rows[fold] + at / std**2, j.T @ j + prior
-            free = shown[fold] & ((at > lowest) | (gradient < 0.0)) & ((at < highest) | (gradient > 0.0))
-            steps[fold] = step = _step(hessian, gradient, free)
+            steps[fold] = step = _step(hessian, gradient, (lowest - at, highest - at), shown[fold])
             moved = np.clip(at + step, lowest, highest) - at
-            if 0.0 <= -(2.0 * gradient + hessian @ moved) @ moved < SETTLED:
+            if -(2.0 * gradient + hessian @ moved) @ moved < SETTLED:
                 del steps[fold]
             else:
                 tried.append((fold, at + moved))
@@ -236,16 +236,13 @@ def _pull(z: Array, std: Array) -> float:
     return float(np.sum((z / std) ** 2))
 
 
-def _step(hessian: Array, gradient: Array, moving: np.ndarray) -> Array:
-    """The Newton step of what is not held at a bound that it wants to cross.
+def _step(hessian: Array, gradient: Array, box: tuple[Array, Array], shown: np.ndarray) -> Array:
+    """The Newton step, the best one within the box around 0.
 
     What these rows do not show stays: rounding over a curvature of zero would throw it anywhere.
     """
-    free = np.flatnonzero(moving & (np.diag(hessian) > 0.0))
-    h = hessian[np.ix_(free, free)]
-    scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
-    step = np.zeros(len(gradient))
-    step[free] = np.linalg.lstsq(h / np.outer(scale, scale), -gradient[free] / scale, rcond=1e-10)[0] / scale
+    free, step = np.flatnonzero(shown & (np.diag(hessian) > 0.0)), np.zeros(len(gradient))
+    step[free] = bounded(hessian[np.ix_(free, free)], -gradient[free], box[0][free], box[1][free])
     return step
 
 
@@ -352,8 +349,8 @@ def _strain(problem: Problem, fitted: Fitted, wider: float) -> float:
     (lowest, highest, std), z = bounds_of(fitted.free), fitted.z
     white = problem.errors.whiten(np.column_stack([fitted.jacobian, fitted.residual])) / math.sqrt(wider)
     gradient, hessian = white[:, :-1].T @ white[:, -1] + z / std**2, white[:, :-1].T @ white[:, :-1]
-    free = ((z > lowest) | (gradient < 0.0)) & ((z < highest) | (gradient > 0.0))
-    return _pull(np.clip(z + _step(hessian + np.diag(1.0 / std**2), gradient, free), lowest, highest), std)
+    step = _step(hessian + np.diag(1.0 / std**2), gradient, (lowest - z, highest - z), np.ones(len(z), dtype=bool))
+    return _pull(z + step, std)
 
 
 def stretches(problem: Problem) -> np.ndarray:
