@@ -339,10 +339,11 @@ def diagnose(
         noise = with_motion_noise(Problem(corrected, aside, problem.band_hz), seed).run_noise
         delivered = replace(delivered, validated=delivered_of(noise, first, last).runs)
     warnings = (*warnings, *differing(delivered))
-    if judged.word == "named" and (also or shrink.ci95[0] <= 1.0):  # the runs leave it open
-        judged = replace(judged, ranking=shared(judged.ranking, also))
     held = fit or (unknown.fitted if unknown else search.within_tolerances)
     remainder = remainder_of(problem, held, len(search.base.z), shrink, seed)
+    leaves_most = remainder.share > 1.0 - settings.MINOR
+    if judged.word == "named" and (also or leaves_most or shrink.ci95[0] <= 1.0):  # the runs leave it open
+        judged = replace(judged, ranking=shared(judged.ranking, also))
     say(Progress(Stage.CONSEQUENCES))
     changes, why_not = None, "Not asked for."
     if study and judged.word == "no_gap":
