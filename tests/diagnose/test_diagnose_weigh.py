@@ -395,12 +395,19 @@ def test_what_is_stated_sums_to_one_changes_no_answer_and_makes_no_other_likelie
 def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):
     problem, fit = tight
 
-    def weighed(names: Names, merit: float, off: float = 0.0) -> Weighed:
-        moved = replace(fit, residual=fit.residual + off * problem.noise)
+    def weighed(names: Names, merit: float, off: float = 0.0, strain: float = 0.0) -> Weighed:
+        moved = replace(fit, residual=fit.residual + off * problem.noise, prior=fit.prior + strain)
         return Weighed(names, moved, 0.0, merit, Score(0.0, (1.0, 1.0), 1.0))
 
-    told = [weighed(("a",), 40.0), weighed(("b",), 40.0), weighed(("c",), 40.0, 1.0), weighed(("d",), 39.0)]
+    told = [weighed(("a",), 40.0), weighed(("b",), 40.0), weighed(("c",), 40.0, 1.0), weighed(("d",), 39.0, strain=1.0)]
     assert groups_of(problem, told) == ((("a",), ("b",)),)
+    # Of two exact twins one was named at 0.99: what is ordinary of its friction had been taken off the other alone.
+    less = [weighed(("a",), 4337.5), weighed(("b",), 4282.6)]
+    assert groups_of(problem, less) == ((("a",), ("b",)),)
+    own = {"word": "named", "names": ("torque_offset",), "groups": ((("torque_offset",), ("carriage_mass_error",)),)}
+    said = [weighed(("torque_offset",), 4337.5), weighed(("carriage_mass_error",), 4282.6)]
+    judged = cast(Judged, types.SimpleNamespace(**own, weighed=said))
+    assert alternatives(judged, "hoist") == (("carriage_mass_error",),)
     pairs = [weighed(("a", "e"), 50.0), weighed(("b", "e"), 50.0), weighed(("b", "c"), 50.0), *told]
     assert groups_of(problem, pairs)[0] == (("a", "e"), ("b", "e"))
     assert groups_of(problem, [weighed(("a",), -1.0), weighed(("b",), -1.0)]) == ()
@@ -412,7 +419,7 @@ def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Probl
             Weighed(n, replace(tight[1], prior=worse_prior * (n != names)), 0.0, m, Score(0.0, (1.0, 1.0), 1.0))
             for n, m in merits.items()
         ]
-        return cast(Judged, types.SimpleNamespace(word="named", names=names, weighed=weighed))
+        return cast(Judged, types.SimpleNamespace(word="named", names=names, weighed=weighed, groups=()))
 
     viscous, offset, mass = "friction_viscous", "torque_offset", "carriage_mass_error"
     pair = {(viscous, offset): 100.0, (mass, viscous): 95.0, ("heave", viscous): 80.0, (offset, "heave"): 40.0}

@@ -39,7 +39,7 @@ from workbench.diagnose.verdict.free_law import worth
 from workbench.diagnose.verdict.unknown_cause import beyond_noise, cancellation, kept_percent, signs_of
 from workbench.effects import ranges_of
 
-SAME = 0.5  # evidence between two hypotheses that differ in name only
+SAME = 0.5  # chi^2 and prior between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
 SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
 # What speaks against a fit that is none of its law.
@@ -301,16 +301,18 @@ def takes_nothing(problem: Problem, near: Fitted, fit: Fitted) -> bool:
 
 def groups_of(problem: Problem, weighed: Sequence[Weighed]) -> tuple[tuple[Names, ...], ...]:
     """Groups of two and more hypotheses that differ in name only: they predict the same input, at base parameters that
-    are as likely. Each with its best first; weighed: the best first.
+    are as likely, with as many parameters. Each with its best first; weighed: the best first.
 
-    Such hypotheses are of as many effects, all but one of them the same.
+    Such hypotheses are of as many effects, all but one of them the same. Their evidence may differ, by the ordinary
+    amount of an effect that every machine has: so may the other have it.
     """
 
     def same(one: Weighed, other: Weighed) -> bool:
         if len(one.names) != len(other.names) or len(set(one.names) - set(other.names)) != 1:
             return False
         apart = problem.errors.whiten(one.fit.residual - other.fit.residual)
-        return abs(one.evidence - other.evidence) < SAME and float(np.sum(apart**2)) < IDENTICAL
+        as_likely = abs(one.fit.objective - other.fit.objective) < SAME and len(one.fit.z) == len(other.fit.z)
+        return as_likely and float(np.sum(apart**2)) < IDENTICAL
 
     groups: list[list[Weighed]] = []
     for hypothesis in weighed:
@@ -365,9 +367,9 @@ def _on_bound(fit: Fitted, base: int) -> bool:
 
 def alternatives(judged: Judged, kind: str) -> tuple[Names, ...]:
     """Hypotheses that explain the gap about as well as the answer does, the best first: with another effect in place of
-    one of its own, of another place or regime, and about its evidence; a freer law of the same, where it explains more
-    than its parameters cost, if not by the threshold. In place of a single one, also the simpler law of its own place
-    and regime where that leaves little more."""
+    one of its own, of another place or regime, and about its evidence or in name only; a freer law of the same, where
+    it explains more than its parameters cost, if not by the threshold. In place of a single one, also the simpler law
+    of its own place and regime where that leaves little more."""
     best = next((w for w in judged.weighed if w.names == judged.names), None)
     if judged.word != "named" or best is None:
         return ()
@@ -379,7 +381,8 @@ def alternatives(judged: Judged, kind: str) -> tuple[Names, ...]:
         freer, simpler = same_but_freer(other, mine, kind), same_but_freer(mine, other, kind)
         single = len(best.names) == 1
         reach = settings.calibration()["threshold"] if freer else settings.DECISIVE
-        as_good = best.evidence - w.evidence < reach and (single or not simpler)
+        in_name_only = any({best.names, w.names} <= {*group} for group in judged.groups)
+        as_good = in_name_only or (best.evidence - w.evidence < reach and (single or not simpler))
         little_more = single and simpler and w.evidence > (1.0 - settings.SIMPLER) * best.evidence
         if w.fit.prior - best.fit.prior < settings.NUISANCE**2 and (as_good or little_more):
             others.append(w.names)
