@@ -233,7 +233,8 @@ def test_a_cause_that_leaves_most_of_the_gap_is_stated_at_one_half_at_most(monke
     for least in (settings.MINOR, 1.1):  # of the gap: what no cause explains
         monkeypatch.setattr(settings, "MINOR", least)
         d = diagnose(campaign, candidates=["torque_ripple", "friction_viscous"], most_effects=1, study=False)
-        assert d.verdict.effects == ("torque_ripple",) and d.verdict.remainder.share < 0.1
+        assert d.verdict.effects == ("torque_ripple",)
+        assert d.verdict.remainder is not None and d.verdict.remainder.share < 0.1
         said.append(d.verdict.ranking[0].probability)
         assert sum(row.probability for row in d.verdict.ranking) == pytest.approx(1.0)
     assert said[0] > 0.9 and said[1] == 0.5
