@@ -236,6 +236,7 @@ def test_a_cause_that_leaves_most_of_the_gap_is_stated_at_one_half_at_most(monke
         assert d.verdict.effects == ("torque_ripple",)
         assert d.verdict.remainder is not None and d.verdict.remainder.share < 0.1
         said.append(d.verdict.ranking[0].probability)
+        assert d.verdict.sentence.startswith("The gap" if least < 1.0 else "A small part of the gap")
         assert sum(row.probability for row in d.verdict.ranking) == pytest.approx(1.0)
     assert said[0] > 0.9 and said[1] == 0.5
 

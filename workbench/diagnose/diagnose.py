@@ -152,18 +152,25 @@ def sentence_of(
             + "."
         )
     same = judged.of_answer
-    text = f"The gap comes from {either(judged.names, same)} ({chance(sure)}): "
+    cause = f"comes from {either(judged.names, same)} ({chance(sure)})"
     if gap is not None and shrink.after > STAYS * shrink.before and (stretch := stretch_of(gap)):
-        text += f"without it these runs put {stretch}; the residual on runs held out, {after} {unit}, stays"
+        text = f"The gap {cause}: without it these runs put {stretch}; "
+        text += f"the residual on runs held out, {after} {unit}, stays"
     else:
-        text += f"on runs held out it shrinks from {before} to {after} {unit}, noise "
-        text += f"{noise}. It explains {percent_of(1.0 - rest.share)} of the gap's energy beyond noise"
+        text = f"{'A small part of the' if leaves_most(rest) else 'The'} gap {cause}: on runs held out it shrinks from "
+        text += f"{before} to {after} {unit}, noise {noise}. It explains {percent_of(1.0 - rest.share)} of the gap's "
+        text += "energy beyond noise"
     if rest.rms > 0.0:
         text += f"; {figures(rest.rms, 2)} {unit} remain, {_of_input(rest)}"
     if others := [name for name in also if not any(name in names for names in same)]:
         it = "it" if len(judged.names) == 1 else "one of them"
         text += f"; these runs cannot tell {it} from {', '.join(others)}"
     return text + "."
+
+
+def leaves_most(rest: Remainder) -> bool:
+    """Whether an answer explains so little of the gap that it is no more than a part of it."""
+    return rest.share > 1.0 - settings.MINOR
 
 
 def _of_input(rest: Remainder) -> str:
@@ -341,8 +348,7 @@ def diagnose(
     warnings = (*warnings, *differing(delivered))
     held = fit or (unknown.fitted if unknown else search.within_tolerances)
     remainder = remainder_of(problem, held, len(search.base.z), shrink, seed)
-    leaves_most = remainder.share > 1.0 - settings.MINOR
-    if judged.word == "named" and (also or leaves_most or shrink.ci95[0] <= 1.0):  # the runs leave it open
+    if judged.word == "named" and (also or leaves_most(remainder) or shrink.ci95[0] <= 1.0):  # the runs leave it open
         judged = replace(judged, ranking=shared(judged.ranking, also))
     say(Progress(Stage.CONSEQUENCES))
     changes, why_not = None, "Not asked for."

@@ -30,7 +30,7 @@ RESTS = 0.25  # rest: 0.2 at most, and 0.4 and more
 FORETOLD = 0.1  # of an energy: so much a curve, a change of amount, another lag or the base parameters take by chance
 SMOOTHED = 0.2  # of a filter's lag: as far the delays of two causes agree by chance in one of ten
 HALF = 0.5  # of the best one's evidence: what a part of it needs; of the energy of several shares: their sum
-MINOR = 0.2  # of the gap: of four causes surer than one half that explained less two were none, of nine up to 0.36 one
+MINOR = 0.2  # of the gap: of five causes surer than one half that explained less two were none, of nine up to 0.36 one
 
 # An unknown cause
 BY_CHANCE = {False: 2.0, True: 1.0}  # standard deviations by which tolerances are stretched by chance: more without a

@@ -198,15 +198,16 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
             return False
         if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
             return False
-    by_chance, (_, *plain) = -float(ndtri(SIGNIFICANT)), weighed_both_ways(problem, w.fit, len(base.z))
-    if not any(
+    by_chance = -float(ndtri(SIGNIFICANT))
+    _, *plain = weighed_both_ways(problem, w.fit, len(base.z))
+    told = any(
         foretold(problem, *(held_out(problem, one, folds_by_run(problem)) for one in (near, fit))) > by_chance
         for fit in plain
-    ):
-        if significance(problem, near, w.fit) <= by_chance:
-            return False
-        if significance(problem, near, w.fit, by_runs_alone=True) <= -by_chance:
-            return False
+    )
+    if not told and significance(problem, near, w.fit) <= by_chance:
+        return False
+    if not told and significance(problem, near, w.fit, by_runs_alone=True) <= -by_chance:
+        return False
     least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
     return all(significance(problem, rest, w.fit) > least for rest in sorted(less, key=lambda rest: rest.objective))
 
@@ -303,8 +304,8 @@ def groups_of(problem: Problem, weighed: Sequence[Weighed]) -> tuple[tuple[Names
     """Groups of two and more hypotheses that differ in name only: they predict the same input, at base parameters that
     are as likely, with as many parameters. Each with its best first; weighed: the best first.
 
-    Such hypotheses are of as many effects, all but one of them the same. Their evidence may differ, by the ordinary
-    amount of an effect that every machine has: so may the other have it.
+    Such hypotheses are of as many effects, all but one of them the same. Their evidence may differ: of an effect
+    that every machine has a little of, that little is taken off it alone.
     """
 
     def same(one: Weighed, other: Weighed) -> bool:
