@@ -158,7 +158,7 @@ def _where(campaign: Campaign, balances: list[Balance], kind: str) -> Where:
         profiles.append(_profile(balances, "position", "carriage height", "m", "position", 1))
     profiles.append(_profile(balances, "time", "time since the start", "s", "start", None))
     return Where(
-        *place, windows, 0.81, (0.76, 0.85), tuple(profiles),
+        *place, windows, 0.81, 0.15, (0.76, 0.85), tuple(profiles),
         "carriage" if kind in ("named", "pair") else "unsaid", ("It grows with the speed, alike both ways.",),
     )  # fmt: skip
 

@@ -126,8 +126,10 @@ def shrink_sentence(d: Diagnosis) -> str:
 
 def next_run_sentence(d: Diagnosis) -> str:
     """The run that would decide between open hypotheses, or that none is open."""
+    if d.next_run is not None:
+        return d.next_run.why
     first = d.verdict.ranking[0]
-    return said.no_next_run(first.verdict, first.probability) if d.next_run is None else d.next_run.why
+    return said.no_next_run(first.verdict, first.probability, d.verdict.left.relevant)
 
 
 def unknown_sentences(d: Diagnosis) -> list[str]:

@@ -46,7 +46,8 @@ class Window:
 
 @dataclass(frozen=True)
 class Where:
-    """Where the gap lies. share: of its energy in the windows and the regime. side: drive, carriage, or unsaid.
+    """Where the gap lies. share: of its energy in the windows and the regime; time: of the time in motion that the
+    windows take. side: drive, carriage, or unsaid.
 
     places: the likeliest first, probabilities that sum to one. events: the brief stretches, where that is what it is.
     """
@@ -55,6 +56,7 @@ class Where:
     regime: str
     windows: tuple[Window, ...]
     share: float
+    time: float
     interval: tuple[float, float]
     profiles: tuple[Profile, ...]
     side: str
@@ -223,7 +225,8 @@ def where_of(
     whose = "the gap's energy" if named is None or not effects else f"what {effects[largest].id} does"
     sentences = _sentences(windows, best, other, said, side, whose)
     return Where(
-        subsystem, regime, windows.windows, share, interval, tuple(profiles), side, tuple(sentences), places, events,
+        subsystem, regime, windows.windows, share, windows.time, interval, tuple(profiles), side, tuple(sentences),
+        places, events,
     )  # fmt: skip
 
 
