@@ -202,6 +202,19 @@ def test_irregular_time_and_gaps_are_kept_and_said(tmp_path):
     )
 
 
+def test_a_pause_of_the_recorder_is_a_hole_too(tmp_path):
+    """It was bridged by straight lines with a note, and the noise of the log was that of a line over an hour."""
+    kept = {name: np.delete(column, slice(300, 450)) for name, column in hoist_columns().items()}
+    first, second = read_campaign(write_campaign(tmp_path, kept)).runs
+    assert np.array_equal(np.concatenate([first.time_s, second.time_s]), kept["time_s"]) and len(first.time_s) == 300
+    said = "samples are missing from 2.99 s to 4.5 s; the stretches before and behind are used, each as a run"
+    assert first.notes[0] == second.notes[0] == said
+    way_m = kind_of(default_hoist()).transmission_of(default_hoist()) * np.trapezoid(
+        kept[SPEED][:301], kept["time_s"][:301]
+    )
+    assert second.start_position_m == pytest.approx(first.start_position_m + way_m, abs=1e-6)
+
+
 def test_the_stretches_before_and_behind_a_hole_are_used_each_as_a_run(tmp_path):
     columns = changed(SECOND, slice(300, 400), np.nan)
     first, second = read_campaign(write_campaign(tmp_path, columns)).runs

@@ -138,6 +138,8 @@ def _check_torque(run: RawRun, limits: Limits) -> None:
     # Compared as products: a machine whose load is nearly nothing has no ratio.
     if not TORQUE_RATIO[0] * holding <= abs(mean) <= TORQUE_RATIO[1] * holding:
         unit = "is it in kN m or per cent" if abs(mean) < holding else "is it in another unit, a mass in tonnes"
+        if strong.any():
+            unit = f"are its {_samples(run, strong)} {beyond} spikes, is it in another unit"
         raise run.fault(f"{text}; {unit}, or is the payload wrong?")
     if mean < 0.0:
         run.notes.append(f"{text}; is its sign flipped?")

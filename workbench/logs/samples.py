@@ -22,6 +22,7 @@ MAX_STEP_S = 0.5  # the median step; machines of this kind swing at some hertz
 MIN_STEP_S = 2e-6
 IRREGULAR = 0.1  # a step that far off the median, relative, makes time irregular
 GAP_STEPS = 5.0  # a step of that many medians is a gap
+HOLE_S = 1.0  # … and from so long on a hole: the recorder paused
 MAX_AVERAGED = 0.01  # share of samples that may carry a repeated stamp with other values
 MAX_MISSING = 5  # samples in a row that may be bridged …
 MAX_BRIDGE_S = 0.1  # … as long as the samples either side are no farther apart
@@ -121,7 +122,7 @@ def _too_long(time_s: Array, starts: np.ndarray, ends: np.ndarray) -> tuple[np.n
 
 
 def whole_stretches(run: RawRun) -> list[tuple[int, int]]:
-    """(first, end) of the stretches of a run between holes of its needed signals that are too long to bridge.
+    """(first, end) of the stretches of a run between holes of its needed signals, or in time, too long to bridge.
 
     Only stretches of at least LEAST_PART of the run count, and a hole at the run's end is not one; [] where what is
     left is too little of the run, or nothing has to be cut.
@@ -133,9 +134,13 @@ def whole_stretches(run: RawRun) -> list[tuple[int, int]]:
         cut = _too_long(run.time_s, starts, ends)[0] & (ends < n)
         for start, end in zip(starts[cut], ends[cut], strict=True):
             hole[start:end] = True
-    if not hole.any():
+    steps = np.diff(run.time_s)
+    pauses = 1 + np.flatnonzero(steps > max(HOLE_S, GAP_STEPS * float(np.median(steps))))
+    if not (hole.any() or len(pauses)):
         return []
-    kept = [(int(a), int(b)) for a, b in zip(*stretches(~hole), strict=True) if b - a >= LEAST_PART * n]
+    whole = [(int(a), int(b)) for a, b in zip(*stretches(~hole), strict=True)]
+    edges = [sorted({a, b, *(int(k) for k in pauses if a < k < b)}) for a, b in whole]
+    kept = [part for ends in edges for part in pairwise(ends) if part[1] - part[0] >= LEAST_PART * n]
     return kept if sum(b - a for a, b in kept) >= MIN_KEPT * n else []
 
 
@@ -484,7 +489,9 @@ def checked_runs(raw: RawRun, *, whole: bool = False) -> list[Run]:
             there = ~np.isnan(column)
             if there.any():
                 known[name] = np.interp(time_s, time_s[there], column[there])
-        holes = [f"{seconds(time_s[b])} to {seconds(time_s[a - 1])}" for (_, b), (a, _) in pairwise(parts)]
+        # Between the last sample before and the first one behind, where no row of the log is empty.
+        ends = [(b, a - 1) if a > b else (b - 1, a) for (_, b), (a, _) in pairwise(parts)]
+        holes = [f"{seconds(time_s[b])} to {seconds(time_s[a])}" for b, a in ends]
         holes = ([f"the start to {seconds(time_s[parts[0][0] - 1])}"] if parts[0][0] else []) + holes
         holes += [f"{seconds(time_s[parts[-1][1]])} to the end"] if parts[-1][1] < len(time_s) else []
         said = f"samples are missing from {', '.join(holes)}; the stretches before and behind are used, each as a run"
