@@ -12,6 +12,7 @@ import pytest
 
 from tests.support.ideal import ideal_hoist
 from workbench.analysis.margins import family, operating_points, weakest
+from workbench.core.numbers import figures
 from workbench.core.run import Run
 from workbench.machines import ROTARY, Hoist, default_hoist, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
@@ -102,6 +103,16 @@ def test_a_row_is_the_run_of_the_closed_loop(heavier: Consequences):
     for metric in ("peak_torque_motor_nm", "speed_error_max_rad_s", "min_wire_tension_n"):
         assert row.after[metric] == pytest.approx(run.metrics[metric], rel=1e-9)
     assert row.after["move_time_s"] == pytest.approx(sum(end - start for start, end in plan.move_windows))
+
+
+def test_at_equal_limits_the_smoother_reference_is_said_to_take_longer_and_by_how_much(heavier: Consequences):
+    s = heavier.study
+    steps = [Step(by_m=s.travel_m), Step(dwell_s=2.0), Step(by_m=-s.travel_m)]
+    text = said(heavier, "At equal limits is not at equal time")
+    for name in ("trapezoid", "ruckig"):
+        plan = plan_motion(name, steps, s.start_position_m, s.limits, (0.0, 25.0), 1.0, 2.0)
+        assert f"{name} takes at most {figures(sum(b - a for a, b in plan.move_windows))} s" in text
+    assert "not at equal time" not in " ".join(_sentences(replace(heavier, rows=heavier.rows[:1]), HEAVIER))
 
 
 def test_the_loop_is_the_weakest_of_the_family_of_each_machine(heavier: Consequences):
