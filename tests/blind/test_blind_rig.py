@@ -28,6 +28,7 @@ from workbench.blind.recorded import SINGLES, bent
 from workbench.blind.recording import Recording, recording, rms
 from workbench.blind.seal import Order, key_of, read_manifest, unseal
 from workbench.core.errors import InputError
+from workbench.core.record import LogTraits
 from workbench.logs import read_campaign
 from workbench.machines import Hoist
 
@@ -278,6 +279,16 @@ def test_with_what_the_label_says_the_bent_axis_leaves_what_the_machine_does(emp
     before, after = explained(known_of(emps), name)
     assert before > 1.1
     assert abs(after**2 - 1.0) < 0.2 * (before**2 - 1.0)
+
+
+def test_a_bent_sensor_leaves_the_lateness_that_a_log_has(emps: Path):
+    """It was put on once more."""
+    known = known_of(emps)
+    late = replace(known, machine=known.machine.model_copy(update={"log": LogTraits(speed_late_s=0.005)}))
+    made = SINGLES["gain"](np.random.default_rng(1), late)
+    assert made is not None
+    for run, before in zip(made.runs, known.runs, strict=True):
+        assert np.array_equal(run["position_m"], before["position_m"])
 
 
 # Half of one level is taken up there by both levels' tolerances of 15 % with those of the mass and of the offset.

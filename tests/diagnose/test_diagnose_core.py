@@ -18,6 +18,7 @@ from scipy.optimize import minimize
 from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
+from workbench.core.record import LogTraits
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.evidence import Score
 from workbench.diagnose.hypotheses.fit import fit_hypothesis
@@ -184,6 +185,18 @@ def test_a_logs_timing_comes_on_top_of_an_effects_delay(axis: Problem):
     assert both == pytest.approx(one, abs=1e-6)
     assert other == pytest.approx(one, abs=1e-6)
     assert rms(one) > 5.0 * axis.noise
+
+
+def test_an_effects_delay_comes_on_top_of_what_is_known_of_the_log(axis: Problem):
+    """It stood in its place, and both were delivered."""
+    late, known = "speed_delay__delay_s", {"log": LogTraits(speed_late_s=0.02)}
+    told = Problem(axis.machine.model_copy(update=known), axis.runs, axis.band_hz)
+    told.rows = axis.rows  # what is at speed in a late log too
+    none, more = told.residuals([{}, {late: 0.03}])
+    as_known, as_sum = axis.residuals([{late: 0.02}, {late: 0.05}])
+    assert none == pytest.approx(as_known, abs=1e-6)
+    assert more == pytest.approx(as_sum, abs=1e-6)
+    assert base_parameters(told.machine, told.runs)[LOG_TIMING].lowest[0] < 0.0  # what is known may be too much
 
 
 def test_the_jacobian_is_the_slope(hoist: Problem):

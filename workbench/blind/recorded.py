@@ -20,6 +20,7 @@ import yaml
 from workbench.blind.recording import FEW, Recording, cut, rms
 from workbench.blind.seal import Label, Order
 from workbench.core.errors import InputError
+from workbench.core.record import LogTraits
 from workbench.core.run import Array, Run
 from workbench.effects import effects_for, find, logged, of, ranges_of, sizes_of
 from workbench.machines import get_value, kind_of, save_machine, with_values
@@ -138,7 +139,8 @@ def _payload(rng: np.random.Generator, known: Recording) -> Bent | None:
 
 def _on_sensor(known: Recording, name: str, parameters: Mapping[str, float]) -> Bent:
     """The logs as a sensor with the effect would have shown them."""
-    active = of(known.machine.model_copy(update={"effects": {}}), {name: dict(parameters)})
+    sound = known.machine.model_copy(update={"effects": {}, "log": LogTraits()})  # what the log has is in it already
+    active = of(sound, {name: dict(parameters)})
     runs = tuple(logged(run, active) for run in known.runs)
     return replace(_missing(known, name, known.machine, parameters), runs=runs)
 

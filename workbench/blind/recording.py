@@ -16,7 +16,7 @@ from scipy.optimize import lsq_linear
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.effects import effects_for, sizes_of
-from workbench.identify.identify import Identification, identify
+from workbench.identify.identify import LATE, Identification, identify
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import Axis, get_value, kind_of, with_values
 from workbench.simulate.driven import InverseSimulation
@@ -162,7 +162,7 @@ def _identified(campaign: Campaign, band_hz: float | None = None) -> Identificat
     free: list[str] | None = None
     machine = campaign.machine
     if kind_of(machine).whole and (axis := cast(Axis, machine)).role("gravity_sine"):
-        free = [*kind_of(machine).free, axis.value_of["gravity_sine"]]
+        free = [*kind_of(machine).free, axis.value_of["gravity_sine"], LATE]
     return identify(campaign, free=free, band_hz=band_hz)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,8 +13,9 @@ from workbench import __version__
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.shown import Shown
+from workbench.effects import find, of, ranges_of
 from workbench.identify.fit import Fit, fit
-from workbench.identify.model import BalanceModel, free_parameters
+from workbench.identify.model import BalanceModel, Free, free_parameters
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, Kind, kind_of, with_values
 from workbench.simulate.driven import Balance, InverseSimulation, changed, sensor
@@ -24,6 +25,9 @@ from workbench.simulate.replay import ReplayResult, own_log, replay_runs
 
 MOST_ROUNDS = 30
 SETTLED = 1e-4  # of the level
+LATE = "log.speed_late_s"  # fitted before the other values: friction jumps over it
+LATE_SCALE = 50.0  # periods of the band: a step for derivatives is a twentieth of one, for friction jumps over less
+SURE = 3.0  # standard errors
 
 
 @dataclass(frozen=True)
@@ -128,8 +132,13 @@ def identify(
     if band_hz is None and (band := usable_band(bench)) < bench.band_hz:
         bench = InverseSimulation(machine, campaign.runs, band)
     check_band(bench.band_hz, campaign.runs)
+    others = free and [key for key in free if key != LATE]
+    parameters = free_parameters(machine, campaign.runs, others)
+    late = late_s(bench, parameters) if free is None or LATE in free else machine.log.speed_late_s
+    if late != machine.log.speed_late_s:
+        machine = machine.model_copy(update={"log": machine.log.model_copy(update={"speed_late_s": late})})
+        bench = InverseSimulation(machine, campaign.runs, bench.band_hz)
     levels = friction_levels(bench)
-    parameters = free_parameters(machine, campaign.runs, free)
     ties = _ties(machine, [f.key for f in parameters])
     model = BalanceModel(bench)
 
@@ -143,6 +152,9 @@ def identify(
     except (np.linalg.LinAlgError, ZeroDivisionError, OverflowError) as error:
         problem = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
         raise InputError(problem, file=campaign.path) from error
+    if late > 0.0:
+        told = f"{LATE}: the logged motion is {1e3 * late:.3g} ms later than the logged input"
+        result = replace(result, statements=(*result.statements, told))
     identified = with_values(machine, result.values())
     identified = identified.model_copy(update={"identified": record(campaign, result, levels, bench.band_hz, date)})
     return Identification(
@@ -150,9 +162,27 @@ def identify(
         identified,
         result,
         levels,
-        replay_runs(machine, campaign.runs, bench.band_hz),
+        replay_runs(campaign.machine, campaign.runs, bench.band_hz),
         replay_runs(identified, campaign.runs, bench.band_hz),
     )
+
+
+def late_s(bench: InverseSimulation, parameters: Sequence[Free]) -> float:
+    """By how much the logged motion is later than the logged input, s, by least squares beside `parameters`; as it is
+    known where that may be off by chance, or is by less than a sampling step: within one, two channels are sampled."""
+    machine, runs = bench.machine, bench.runs
+    (delay,) = ranges_of(find("speed_delay", bench.plant.kind), machine, runs)
+    log = machine.log.speed_late_s
+    known = log + machine.effects.get("speed_delay", {}).get(delay.name, 0.0)
+    active = of(machine, {"speed_delay": {delay.name: known}})
+    model = BalanceModel(InverseSimulation(machine, runs, bench.band_hz, active)).at_speed()
+    free = [*parameters, Free(LATE, delay.symbol, known, LATE_SCALE / bench.band_hz, False, known - log, None)]
+    if sum(model.run_lengths) <= len(free):
+        return log
+    found = fit(model, free)
+    off = found.value[-1] - known
+    sure = abs(off) > max(SURE * found.std_error[-1], *(run.sample_time_s for run in runs))
+    return log + off if sure else log
 
 
 def _ties(machine: Hoist | Axis, keys: Sequence[str]) -> list[tuple[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Protocol
@@ -154,6 +155,18 @@ class BalanceModel:
             self.rows.append(np.flatnonzero(moving)[::stride])
         self.run_lengths = tuple(len(rows) for rows in self.rows)
         self.lags = int(2 * SAMPLES_PER_PERIOD)
+
+    def at_speed(self) -> BalanceModel:
+        """Without what lies within half a period of the band of where the machine is slow: there friction turns over
+        as bristles do, later than its law, which looks like a motion that is logged too early."""
+        other, slow = copy(self), kind_of(self.bench.machine).model_error.slow * self.bench.scale
+        other.rows = []
+        for run, motion, rows in zip(self.bench.runs, self.bench.motions, self.rows, strict=True):
+            beside = np.ones(2 * int(0.5 / (self.bench.band_hz * run.sample_time_s)) + 1)
+            near = np.convolve(np.abs(motion.speed) < slow, beside, mode="same") > 0.5
+            other.rows.append(rows[~near[rows]])
+        other.run_lengths = tuple(len(rows) for rows in other.rows if len(rows))
+        return other
 
     def on(self, runs: Sequence[Run]) -> BalanceModel:
         """The same samples of other runs that were sampled alike."""

@@ -423,8 +423,8 @@ class Kind:
     take it.
     transmitted(p, frame, input, acceleration, payload_kg): of an input, (n,), what goes through to the load, and the
     mass or inertia that moves there. gravity: m/s^2.
-    log_timing: whether one sampling step between the channels of a log is a base parameter. bridged_impacts: whether a
-    diagnosis takes the impacts of a play out of its logs (`simulate/motion.py`), for no law of the library has them.
+    bridged_impacts: whether a diagnosis takes the impacts of a play out of its logs (`simulate/motion.py`), for no law
+    of the library has them.
     payload: whether runs carry payloads. closed_loop: what studies, loop and tune ask of the kind; None: they are not
     for it. studies: whether the drawing, the multi-body model, the served plant and exported controllers are for it.
     whole: the subsystem an unnamed gap is laid to, "" where rules tell the parts apart.
@@ -463,7 +463,6 @@ class Kind:
     motor_torque: Callable[[Any], float] | None = None
     watched: tuple[str, ...] = ()
     ties: tuple[tuple[tuple[str, str], str], ...] = ()
-    log_timing: bool = True
     bridged_impacts: bool = False
     payload: bool = False
     studies: bool = False

@@ -243,10 +243,9 @@ def base_parameters(machine: Any, runs: Sequence[Run]) -> dict[str, Scalar]:
             continue
         least = -math.inf if value.signed else 0.0 if "coulomb" in value.key else 1e-3 * abs(nominal)
         free[value.key] = Scalar(symbol, nominal, std, least, std=1.0)
-    if kind.log_timing:
-        # The channels of one log are rarely sampled at one instant: one sampling step is no gap.
-        step = float(np.median([run.sample_time_s for run in runs]))
-        free[LOG_TIMING] = Scalar(LOG_TIMING, 0.0, step, 0.0, std=TIMING_STD)
+    # The channels of one log are rarely sampled at one instant: one sampling step is no gap.
+    step = float(np.median([run.sample_time_s for run in runs]))
+    free[LOG_TIMING] = Scalar(LOG_TIMING, 0.0, step, -machine.log.speed_late_s, std=TIMING_STD)
     if kind.dead_line is not None and any(kind.dead_line.signal in run for run in runs):
         free[TENSION_GAIN] = Scalar(TENSION_GAIN, 1.0, LOAD_CELL_STD, std=1.0)
     return free

@@ -310,8 +310,9 @@ class Problem:
             for symbol, value in setting.items():
                 if symbol not in SENSOR_KEYS and symbol != LOG_TIMING:
                     tables[:, row_of[symbol], i] = value
-            # Added, so that an effect's delay is weighed from none at all.
-            tables[:, row_of[self.late], i] += setting.get(LOG_TIMING, 0.0)
+            # Added, so that an effect's delay is weighed from none at all, which is beside what is known of the log.
+            known = self.machine.log.speed_late_s if self.late in setting else 0.0
+            tables[:, row_of[self.late], i] += np.add(known, setting.get(LOG_TIMING, 0.0))
         return list(tables)
 
     def _tension(self, time_s: Array, states: Array, p: SimpleNamespace) -> Array:

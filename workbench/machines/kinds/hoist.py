@@ -825,7 +825,6 @@ KIND = Kind(
     transmission=lambda m: float(m.lift_m_per_rad),
     nominal_speed=lambda m: float(m.motor.nominal_speed_rad_s),
     motor_torque=lambda m: float(m.motor.nominal_torque_nm),
-    log_timing=True,
     payload=True,
     studies=True,
     closed_loop=CLOSED_LOOP,
