@@ -118,14 +118,12 @@ def fit_hypothesis(
     evaluations, settled, damping, elsewhere = 1, False, DAMPING, known is not None and len(lasting) > 0
     stiff = any(problem.effect(name).memory for name in effects)  # steps are many, and slopes beside them cost little
 
-    def renewed() -> tuple[Array, Array]:
-        """The Jacobian with the lasting columns differenced at z, and whitened; one beside which the simulation breaks
-        down stays what it was."""
-        full, full_white = jacobian.copy(), slopes.copy()
-        found = problem.evaluate(free, z, lasting, residual)[1]
-        sound = np.all(np.isfinite(found), axis=0)
-        full[:, lasting[sound]] = found[:, sound]
-        full_white[:, lasting] = whiten(full[:, lasting])
+    def renewed(which: Array, found: Array, full: Array, full_white: Array) -> tuple[Array, Array]:
+        """The Jacobian and the whitened one with these columns found anew; one beside which the simulation breaks down
+        stays what it was."""
+        full, full_white, sound = full.copy(), full_white.copy(), np.all(np.isfinite(found), axis=0)
+        full[:, which[sound]] = found[:, sound]
+        full_white[:, which] = whiten(full[:, which])
         return full, full_white
 
     before = _objective(white, z, std)
@@ -137,9 +135,8 @@ def fit_hypothesis(
             r, beside = problem.evaluate(free, at, anew if stiff else [])
 
             def anew_at() -> Array:
-                full, full_white = kept.copy(), known.copy()
-                full[:, anew] = beside if stiff else problem.evaluate(free, at, anew, r)[1]
-                full_white[:, anew] = whiten(full[:, anew])
+                found = beside if stiff else problem.evaluate(free, at, anew, r)[1]
+                full, full_white = renewed(anew, found, kept, known)
                 raw[at.tobytes()] = r, full
                 return full_white
 
@@ -155,11 +152,11 @@ def fit_hypothesis(
             settled = minimum.settled or before - after < enough
             break
         before = after
-        jacobian, slopes = renewed()
+        jacobian, slopes = renewed(lasting, problem.evaluate(free, z, lasting, residual)[1], jacobian, slopes)
         elsewhere = False
         evaluations += 1
     if elsewhere:
-        jacobian, _ = renewed()
+        jacobian, _ = renewed(lasting, problem.evaluate(free, z, lasting, residual)[1], jacobian, slopes)
     if stiff:  # what the machine leaves alone: beside its slopes it took other steps, and teeth met at other times
         residual = problem.residuals([setting_of(free, z)])[0]
         white = whiten(residual)
