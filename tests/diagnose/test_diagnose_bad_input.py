@@ -14,6 +14,7 @@ from tests.support.log_campaign import AXIS, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
+from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search
 from workbench.diagnose.readiness.checks import check_runs, rigid_of
@@ -298,6 +299,16 @@ def test_the_band_of_an_axis_ends_where_its_motion_is_not_the_inputs_work(axis: 
     filtered = logged(by_drive, of(axis.machine, {"torque_filter": {"time_constant_s": 0.01}}))
     for run_of_gap in (light, late, filtered):  # a gap is no reason to look away
         assert informative_band(InverseSimulation(axis.machine, [run_of_gap]), 0) == pytest.approx(whole, rel=0.3)
+
+
+def test_a_motion_that_is_late_by_much_of_its_period_is_late_and_not_upside_down(axis: Campaign):
+    """A spindle and a crank of square waves were refused, unknown or given another inertia beyond 0.1 s."""
+    delay = of(axis.machine, {"speed_delay": {"delay_s": 0.22}})
+    late = replace(axis, runs=tuple(logged(run, delay) for run in axis.runs))
+    found = diagnose(late, quick=True)
+    assert found.verdict.effects == ("speed_delay",)
+    (told,) = found.corrected.effects["speed_delay"].values()
+    assert told == pytest.approx(0.22, abs=0.002)
 
 
 def test_a_shaking_that_the_noise_of_the_input_hides_ends_the_band_as_well(axis: Campaign):

@@ -23,6 +23,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.identify.fit import bounded
 from workbench.machines import kind_of
+from workbench.simulate.motion import PLAY
 
 PLACES_TRIED = 24  # along what the runs have passed
 WAVES_TRIED = 120  # along the way
@@ -81,7 +82,8 @@ def signatures_of(
 ) -> list[Signature]:
     """Every effect's signatures around the setting `base`. shapes_of: an effect's shapes, None to try all.
 
-    Where impacts come again, an amount that has `tries` starts from each of them: a play shows at its own share only.
+    An amount that has `tries` starts from each of them: a long delay does not look like a short one. That of a play
+    does where impacts come again.
     """
     planned: list[tuple[Effect, dict[str, float], tuple[Ranged, ...], Ranged | None, list[dict[str, float]]]] = []
     for effect in effects:
@@ -97,7 +99,7 @@ def signatures_of(
             tried = product(*(_tried(problem, r, base) for r in shapes))
             points = [dict(zip(symbols, point, strict=True)) for point in tried]
         starts = [amounts]
-        if problem.struck and len(amounts) == 1 and amounts[0].tries:
+        if (problem.struck or effect.id != PLAY) and len(amounts) == 1 and amounts[0].tries:
             starts = [(replace(amounts[0], start=start),) for start in amounts[0].tries]
         for at, amounts in product(points, starts):
             lanes: list[dict[str, float]] = []

@@ -39,6 +39,7 @@ SURE = 5.0  # standard errors
 SHOWN = 0.05  # of the input, rms: beside a lag of friction or load, less of it says nothing of the inertia
 MOST = 0.5  # of the input
 UNLIKE = 0.2  # of the input's variance: a run of which a rigid machine leaves more says nothing of its inertia
+LATEST_S, AS_LATE = 1.0, 0.5  # a motion that is logged so late at most leaves less than this part of it
 WORKS = 0.2  # of the power's size: what the input gives on average, at least
 AS_WELL = 0.4  # of what the inertia takes in the run that shows it best: an axis' slower runs show friction's lag
 
@@ -102,6 +103,8 @@ def _faults(bench: InverseSimulation, going: Sequence[int], warnings: list[str])
             None,
         )
     rigid = [rigid_of(bench, j) for j in going]
+    if any(r.late for r in rigid):  # one log: where it turns again and again it may look like either
+        rigid = [replace(r, inertia=None) if (r.inertia or 0.0) < 0.0 else r for r in rigid]
     odd: list[str] = []
     if kind_of(bench.machine).holds_load:  # the load says which signal is upside down; else the signals have to say it
         yield from _machine_faults(bench, rigid, odd)
@@ -187,8 +190,9 @@ class Rigid:
     that turns against gravity a wave over its angle. Coarse, but every error of sign, unit or machine shows: every
     effect of the library leaves inertia and load within a third of the nominal ones. Friction that builds up over a
     distance is a spring after each reversal, as an inertia below zero would be; a wrong sign shows one too, but then
-    the input takes power from the motion. So an axis' run with an inertia below zero whose input gives power says
-    nothing of its inertia.
+    the input takes power from the motion. So does a motion that is logged late by a part of its period. So an axis' run
+    with an inertia below zero whose input gives power, or that is explained much better if it is late, says nothing of
+    its inertia. late: whether it is.
 
     inertia: None where the run does not accelerate enough to tell, or is not like a rigid machine at all: of an axis,
     where more is left than the inertia takes. hold: mean load, None on an axis or where friction hides it. friction: in
@@ -201,30 +205,31 @@ class Rigid:
     hold: float | None
     friction: float
     shown: float = 0.0
+    late: bool = False
 
 
 def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
     """Run j of the bench as a rigid machine."""
-    run, machine = bench.runs[j], bench.machine
-    rows = bench.moving[j]
+    run, rows, kind = bench.runs[j], bench.moving[j], kind_of(bench.machine)
     band = BAND_SHARE * bench.band_hz
-    speed = lowpass(run.time_s, bench.motions[j].speed, band)
-    sign = lowpass(run.time_s, np.clip(speed / (TURNS_OVER * bench.scale), -1.0, 1.0), band)
-    kind = kind_of(machine)
-    body = kind.rigid(machine, run.payload_kg)
+    body = kind.rigid(bench.machine, run.payload_kg)
     measured = lowpass(run.time_s, run[bench.plant.input], band)
-    columns = [body.inertia * np.gradient(speed, run.time_s), np.ones_like(speed), sign]
-    if kind.friction.viscous:
-        columns += [speed, -np.gradient(measured, run.time_s)]
-    if body.wave:
-        angle = bench.motions[j].position
-        columns += [lowpass(run.time_s, wave(angle), band) for wave in (np.sin, np.cos)]
-    x, y = np.stack(columns, axis=1)[rows], measured[rows]
+    angle = bench.motions[j].position
+    waves = [lowpass(run.time_s, wave(angle), band) for wave in (np.sin, np.cos)] if body.wave else []
+    logged, y = lowpass(run.time_s, bench.motions[j].speed, band), measured[rows]
+
+    def columns(speed: Array) -> Array:
+        sign = lowpass(run.time_s, np.clip(speed / (TURNS_OVER * bench.scale), -1.0, 1.0), band)
+        own = [speed, -np.gradient(measured, run.time_s)] if kind.friction.viscous else []
+        all_of = [body.inertia * np.gradient(speed, run.time_s), np.ones_like(speed), sign, *own, *waves]
+        return np.stack(all_of, axis=1)[rows]
+
+    x = columns(logged)
     independent = 2.0 * band * run.sample_time_s * len(y)
     if independent < 2.0 * x.shape[1]:
         return Rigid(run.name, None, float("inf"), None, 0.0)
     values, std = _least_squares(x, y, independent)
-    power = y * speed[rows]
+    power = y * logged[rows]
     works = kind.friction.viscous and float(np.mean(power)) > WORKS * float(np.mean(np.abs(power)))
     size = max(float(np.std(y)), 1e-300)
     shown = float(np.sqrt(np.mean(x[:, 0] ** 2))) / size
@@ -232,9 +237,14 @@ def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
     taken = abs(float(values[0])) * shown
     like = left < UNLIKE and not (kind.friction.viscous and left > taken**2)
     springs = values[0] < 0.0 and works  # with a wrong sign the input would take power from friction
-    told = like and not springs and std[0] < np.inf and abs(values[0]) > SURE * std[0] and taken > SHOWN
+    late = False
+    for late_s in np.arange(0.125 / band, LATEST_S, 0.125 / band) if kind.friction.viscous and values[0] < 0.0 else ():
+        early = columns(np.interp(run.time_s + late_s, run.time_s, logged))
+        its, _ = _least_squares(early, y, independent)
+        late |= its[0] > 0.0 and float(np.var(y - early @ its)) < min(AS_LATE * left, UNLIKE) * size**2
+    told = like and not (springs or late) and std[0] < np.inf and abs(values[0]) > SURE * std[0] and taken > SHOWN
     hold = float(values[1]) / body.hold if body.hold and std[1] < 0.1 * body.hold else None
-    return Rigid(run.name, float(values[0]) if told else None, float(std[0]), hold, float(values[2]), shown)
+    return Rigid(run.name, float(values[0]) if told else None, float(std[0]), hold, float(values[2]), shown, late)
 
 
 def as_well_shown(rigid: Sequence[Rigid]) -> list[Rigid]:

@@ -98,7 +98,7 @@ def _early(s: Any, e: Any, p: Any) -> Array:
 
 @effect(
     place=SPEED, subsystem="speed_sensor", regime="acceleration",
-    parameters=[amount("delay", "delay_s", "logged after true", "1", 1.0, 0.01, 0.05)],
+    parameters=[amount("delay", "delay_s", "logged after true", "1", 1.0, 0.01, 0.05, tries=(0.05, 0.1, 0.2, 0.4))],
     reads=READS,
     equation="logged(t) = true(t − delay), linear between samples",
     reference="a bus or a filter between encoder and log",
