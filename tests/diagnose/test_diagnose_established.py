@@ -712,6 +712,42 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     assert not deserved(cast(Any, search), both)
 
 
+@pytest.mark.parametrize(("struck", "plain", "named"), [(True, 2.0, True), (True, 1.0, False), (False, 2.0, False)])
+def test_a_play_that_impacts_tell_of_is_told_beside_another_cause_as_it_is_alone(
+    struck: bool, plain: float, named: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """Beside a drift that took nine tenths of the gap a play's flights were worth 0.3 whitened deviations, 2.3 plain
+    ones: the play alone was named, and left six times as much."""
+    drift, play = "friction_thermal_drift", "backlash"
+    fits = {
+        some: SimpleNamespace(effects=some, objective=0.0, z=(), left=10.0 if play in some else 10.0 - plain)
+        for some in ((drift,), (play,), (play, drift))
+    }
+    search = SimpleNamespace(
+        problem=SimpleNamespace(struck=struck), base=fits[play,], within_tolerances=fits[play,], fits=fits
+    )
+    monkeypatch.setattr(judge, "significance", lambda problem, rest, *_, **__: 9.0 if play in rest.effects else 0.3)
+    monkeypatch.setattr(judge, "worth", lambda *_: (40.0, "speed"))
+    monkeypatch.setattr(judge, "only_late", lambda *_: False)
+    monkeypatch.setattr(judge, "weighed_both_ways", lambda problem, fit, base: (fit, fit))
+    monkeypatch.setattr(judge, "folds_by_run", lambda problem: None)
+    monkeypatch.setattr(judge, "held_out", lambda problem, fit, folds: fit)
+    monkeypatch.setattr(judge, "foretold", lambda problem, before, after: after.left - before.left)
+    both = cast(Any, SimpleNamespace(names=(play, drift), fit=fits[play, drift]))
+    assert deserved(cast(Any, search), both) == named
+
+
+def test_what_only_smooths_the_prediction_is_no_way_to_further_causes(monkeypatch: pytest.MonkeyPatch):
+    """A filter beside a late motion, which nobody names, led the search of an inertia beside an offset: the offset
+    alone was named, its inertia twelve deviations off."""
+    weighed = [SimpleNamespace(names=(name,), rival=name == "rival", fit=name) for name in ("smooth", "rival", "true")]
+    monkeypatch.setattr(Search, "weighed", lambda self, result: weighed)
+    monkeypatch.setattr(search_module, "smooths", lambda problem, fit: fit == "smooth")
+    search = Search.__new__(Search)
+    search.problem = cast(Any, None)
+    assert search.leading(cast(Any, None)) is cast(Any, weighed[2])
+
+
 @pytest.mark.parametrize(
     ("name", "left", "only"), [("speed_delay", 1.0, True), ("speed_delay", 2.0, False), ("x", 1.0, False)]
 )

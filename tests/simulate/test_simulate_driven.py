@@ -104,7 +104,7 @@ def test_a_play_logged_at_50_hz_is_followed_through_the_milliseconds_in_which_it
         return np.concatenate([balance.residual[balance.moving] for balance in bench.balances()])
 
     found = residuals()
-    monkeypatch.setattr(driven, "STEPS_OF_PLAY", 8192)
+    monkeypatch.setattr(driven, "STEP_OF_PLAY_S", 2.5e-6)
     monkeypatch.setattr(driven, "TOLERANCE", 1e-7)
     exact = residuals()
     assert np.sqrt(np.mean((found - exact) ** 2)) < 0.3 * np.sqrt(np.mean(exact**2))

@@ -31,7 +31,7 @@ from workbench.simulate.plant_model import PlantModel, plant_model
 TOLERANCE = 1e-4
 THIN_TOLERANCE = 1e-3  # between thinned samples: what one step there is off is a fraction of the noise
 MOTIONS_KEPT = 4  # of each run, behind a late sensor
-STEPS_OF_PLAY = 256  # between two samples, at most: parts that meet bounce within milliseconds, samples lie 20 apart
+STEP_OF_PLAY_S = 8e-5  # at least: a twentieth of the time in which parts that meet come apart, or to rest
 SMOOTH = 0.25  # of the sampling rate of thinned times: the band that a motion keeps there
 
 
@@ -210,7 +210,7 @@ class InverseSimulation:
             tolerance=THIN_TOLERANCE if thin and min(self.every) > 1 else TOLERANCE,
             threads=1,
             lanes=lanes,
-            most_steps=STEPS_OF_PLAY if played and not thin else MOST_STEPS,
+            most_steps=round(max(t[1] - t[0] for t in times) / STEP_OF_PLAY_S) if played else MOST_STEPS,
         )
         lengths = [len(self.times[j]) if thin else len(self.runs[j].time_s) for j in group]
         return [out[:length, :, k * sets : (k + 1) * sets] for k, length in enumerate(lengths)]

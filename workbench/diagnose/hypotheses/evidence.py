@@ -30,12 +30,12 @@ from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel, Sizes
 from workbench.diagnose.hypotheses.problem import Problem, once, rms
 from workbench.effects import effects_for, find, ranges_of
 from workbench.machines import kind_of
+from workbench.simulate.motion import PLAY
 
 STEP = 2.0  # of both sizes, from one tried to the next
 BOUNDS = ((0.5, 1024.0), (1.0, 16.0))
 MOST = 500.0  # independent samples that a parameter pays for
 FILTER = "torque_filter"
-PLAY = "backlash"  # the effect whose impacts are found in the logs (`simulate/motion.py`)
 
 
 @dataclass(frozen=True)
@@ -294,7 +294,8 @@ def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: S
         data = beyond(gain - prior, least)
         added = prior + (min(data, 0.0) if only_mends(problem, last) else data)
     evidence = added - cost(problem, len(fit.z) - len(first.fit.z))
-    return beyond_nuisance(problem, fit, last, evidence) - price(problem)
+    evidence = beyond_nuisance(problem, fit, last, evidence) - price(problem)
+    return of_impacts(problem, {last}, evidence) if last == PLAY else evidence
 
 
 def _not_freer(

@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,9 +43,6 @@ BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one fit
 ROUND = 4  # steps with the base parameters' signatures as they were
 WORTH = 0.05  # of the objective: less is not worth another step, nor another round
 WORTH_OF_ALL = 2e-5  # the same, of the whole
-SIZES = (0.2, 0.07, 0.025, 0.008)  # of the steps of a pattern search: of a value, or of LEAST of its scale if more
-LEAST = 0.1
-AGAIN = 2  # steps of one size
 SLOPE_STEP = 1e-4  # of z, for the values' slopes
 
 Raw = dict[bytes, tuple[Array, Array]]  # z -> residual and Jacobian, in the input's unit
@@ -172,34 +168,6 @@ def _objective(white: Array, z: Array, std: Array) -> float:
 
 def is_timing(parameter: FreeParameter) -> bool:
     return isinstance(parameter, Scalar) and parameter.symbol == LOG_TIMING
-
-
-def stepped(problem: Problem, fit: Fitted, base: int) -> Array:
-    """z of the best point found around a fit by a pattern search, its first `base` values kept.
-
-    The teeth of a play meet between two samples: a small change of its law moves no sample at all, a larger one several
-    (R. Hooke, T. A. Jeeves, Direct search solution of numerical and statistical problems, J. ACM 8, 1961).
-    """
-    scalars = [k for k in fit.free if isinstance(k, Scalar)]
-    if len(scalars) != len(fit.z):
-        return fit.z
-    lowest, highest, std = bounds_of(fit.free)
-    values = np.array([float(np.mean(fit.setting[k.symbol])) for k in scalars])
-    scales = np.array([k.scale for k in scalars])
-    best, worth = fit.z, fit.objective
-    moves = [np.array(move) for move in product((-1.0, 0.0, 1.0), repeat=len(fit.z) - base) if any(move)]
-    for size in SIZES:
-        for _ in range(AGAIN):
-            reach = size * np.maximum(np.abs(values / scales), LEAST)[base:]
-            tried = [np.clip(best + np.concatenate([np.zeros(base), move * reach]), lowest, highest) for move in moves]
-            residuals = problem.residuals([setting_of(fit.free, z) for z in tried])
-            white = problem.errors.whiten(residuals.T)
-            objectives = np.sum(white**2, axis=0) + np.array([np.sum((z / std) ** 2) for z in tried])
-            k = int(np.argmin(objectives))
-            if objectives[k] >= worth:
-                break
-            best, worth = tried[k], float(objectives[k])
-    return best
 
 
 def parameters_of(fit: Fitted, effects: Collection[str], base: int) -> tuple[list[FreeParameter], Array]:

@@ -7,16 +7,13 @@ from collections import Counter
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.evidence import PLAY
-from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, parameters_of, uncorrelated
+from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, uncorrelated
 from workbench.diagnose.hypotheses.free_parameters import (
     PhaseOfEachRun,
-    Scalar,
     Setting,
     bounds_of,
     logarithmic_of,
@@ -26,10 +23,10 @@ from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem, once
 from workbench.diagnose.hypotheses.search import STUCK
 from workbench.diagnose.hypotheses.settings import FORETOLD
-from workbench.diagnose.hypotheses.signatures import Projection
-from workbench.effects import ranges_of
+from workbench.diagnose.hypotheses.signatures import stepped
 from workbench.identify.fit import bounded
 from workbench.machines import kind_of
+from workbench.simulate.motion import PLAY
 
 BLOCKS = 4  # of a run that no other can foretell
 STRETCHES = 8  # of a run: so long a residual may hang together
@@ -286,18 +283,7 @@ def weighed_both_ways(problem: Problem, fit: Fitted, base: int) -> tuple[Fitted,
 
 def _both_ways(problem: Problem, fit: Fitted, base: int) -> tuple[Fitted, ...]:
     plain = problem.weighed_by(uncorrelated(problem, fit))
-    own = [k for k in parameters_of(fit, (PLAY,), base)[0] if isinstance(k, Scalar)]
-    mine = np.repeat([k in own for k in fit.free], [k.size for k in fit.free])
-    ranges = ranges_of(problem.effect(PLAY), problem.machine, problem.runs)
-    tries = {r.symbol: r.tries[::2] if r.vanishes_at is not None else r.tries for r in ranges}
-    tried = list(product(*([k.z_of(value) for value in tries[k.symbol]] for k in own)))
-    starts = np.tile(fit.z, (1 + len(tried), 1))
-    starts[1:, mine] = tried
-    change = problem.differences(fit.setting, [setting_of(fit.free, z) for z in starts], fit.residual)[1]
-    others = tuple(k for k in fit.free if k not in own)
-    beside = Projection.of(plain, replace(fit, free=others, z=fit.z[~mine], jacobian=fit.jacobian[:, ~mine]))
-    left = np.sum((beside.residual[:, None] + beside.clean(change.T)) ** 2, axis=0)
-    z = starts[int(np.argmin(np.where(np.isfinite(left), left, np.inf)))]
+    z = stepped(plain, fit, PLAY, base, everywhere=True)
     try:
         found = fit_hypothesis(plain, fit.effects, fit.free, z, base=base)
     except BREAKDOWNS:

@@ -70,11 +70,9 @@ class Problem:
         kind = kind_of(machine)
         self.machine, self.runs = machine, tuple(runs)
         self.active = searchable(machine, runs)
-        impacts = impacts_of(machine, runs)
         self.bench = InverseSimulation(
-            machine, runs, band_hz, active=self.active, parts=parts(machine, runs), impacts=impacts,
-            thin=0.0 if any(map(len, impacts)) else THIN[kind.floor],
-        )  # fmt: skip
+            machine, runs, band_hz, self.active, parts(machine, runs), impacts_of(machine, runs), THIN[kind.floor]
+        )
         self._idle = idle_sensors(machine, runs)
         ranges = [r for effect in effects_for(kind.name).values() for r in ranges_of(effect, machine, runs)]
         self._turning = {r.symbol for r in ranges if r.scan == "order"}
@@ -112,7 +110,7 @@ class Problem:
         counted = [j for j, rows in enumerate(self.rows) if len(rows)] or range(len(self.runs))
         self.noise = self.input_noise = max(rms(np.array([self.bench.noise[j] for j in counted])), 1e-12)
         self.row_noise, self.run_noise = np.full(self.inputs, self.noise), np.array(self.bench.noise)
-        self.thin = max(self.bench.every) > 1 or any(map(len, impacts))
+        self.thin = max(self.bench.every) > 1 or any(map(len, self.bench.impacts))
         self.evaluations = 0
         self.kept: dict[Any, Any] = {}  # as held-out fits, by fit and folds: several steps ask for the same
         self.deaf = False

@@ -20,7 +20,6 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
-    PLAY,
     STEP,
     Weighed,
     beyond,
@@ -33,6 +32,7 @@ from workbench.diagnose.hypotheses.evidence import (
     price,
     same_but_freer,
     score_of,
+    smooths,
     weigh,
 )
 from workbench.diagnose.hypotheses.fit import (
@@ -41,7 +41,6 @@ from workbench.diagnose.hypotheses.fit import (
     fit_hypothesis,
     parameters_of,
     parts_of,
-    stepped,
     uncorrelated,
 )
 from workbench.diagnose.hypotheses.free_parameters import (
@@ -65,12 +64,13 @@ from workbench.diagnose.hypotheses.signatures import (
     gain_of,
     signatures_of,
     start_of,
+    stepped,
     stepped_aside,
 )
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.machines import Plant, kind_of, value_names, with_values
-from workbench.simulate.motion import impacts_of
+from workbench.simulate.motion import PLAY, impacts_of
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
 FEW = 3  # of them to begin with
@@ -520,15 +520,12 @@ class Search:
         singles = [fit.objective for names, fit in self.fits.items() if len(names) == 1]
         for _ in range(ROUNDS_OF_PLAY):
             fit = self.fits.get((PLAY,))
-            if fit is not None and not self.problem.struck and fit.objective > min(singles):
-                return  # one among others: its steps are not worth their time
-            if fit is None or fit is self._still:
+            # One among others: its steps are not worth their time.
+            if fit is None or fit is self._still or (not self.problem.struck and fit.objective > min(singles)):
                 return
-            z = stepped(self.problem, fit, self.count)
-            if not np.any(z != fit.z):
-                self._still = fit
-                return
-            self._try((PLAY,), lambda fit=fit, z=z: self._again(replace(fit, z=z)))  # type: ignore[misc]
+            z, self._still = stepped(self.problem, fit, PLAY, self.count, everywhere=self._still is None), fit
+            if np.any(z != fit.z):
+                self._try((PLAY,), lambda fit=fit, z=z: self._again(replace(fit, z=z)))  # type: ignore[misc]
 
     def _strained(self, base: Fitted) -> dict[str, float]:
         """The effects whose nuisance amount the base fit puts far off its tolerance, and by how much chi^2: one of them
@@ -659,7 +656,7 @@ class Search:
     def _extend(self, result: SearchResult, size: int, least: float) -> None:
         """The leading hypotheses of `size` effects, extended by the further effects that promise evidence, and `least`
         of what a leader leaves."""
-        weighed = [w for w in self.weighed(result) if not w.rival]
+        weighed = self._nameable(result)
         leaders = [w for w in weighed if len(w.names) == size and w.evidence >= LEADS * weighed[0].evidence > 0.0]
         ways: dict[Names, list[_Way]] = {}
         for k, w in enumerate(leaders[:LEADERS]):
@@ -702,13 +699,16 @@ class Search:
 
     def leading(self, result: SearchResult) -> Weighed | None:
         """The listed hypothesis with most evidence so far."""
-        return next((w for w in self.weighed(result) if not w.rival), None)
+        return next(iter(self._nameable(result)), None)
+
+    def _nameable(self, result: SearchResult) -> list[Weighed]:
+        """The listed hypotheses so far; none that only smooths the prediction, which nobody names."""
+        return [w for w in self.weighed(result) if not w.rival and not smooths(self.problem, w.fit)]
 
     def _fit_simpler_laws(self, result: SearchResult, size: int) -> None:
         """Refit the leading hypotheses of `size` effects with the simpler law in the place of each freer one."""
         own, count = len(self.held), self.count
-        leading = [w for w in self.weighed(result) if not w.rival]
-        for w in [w for w in leading[:LEADERS] if len(w.names) == size]:
+        for w in [w for w in self._nameable(result)[:LEADERS] if len(w.names) == size]:
             for freer, simpler in product(w.names, self.effects):
                 names = tuple(sorted({*w.names, simpler} - {freer}))
                 alone = self.fits.get((simpler,))

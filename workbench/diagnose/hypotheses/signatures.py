@@ -11,12 +11,14 @@ from itertools import product
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fit import Fitted, is_timing
+from workbench.diagnose.hypotheses.fit import Fitted, is_timing, parameters_of
 from workbench.diagnose.hypotheses.free_parameters import (
     FreeParameter,
+    Scalar,
     Setting,
     bounds_of,
     effect_parameters,
+    setting_of,
 )
 from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
@@ -31,6 +33,9 @@ WAVES_WEIGHED = 6000  # along the way, of which the residual's loudest are tried
 ORDERS_TRIED = 6  # of a turn, the residual's loudest, beside those that are common
 APART = 0.4  # of a wave over the whole way, from one tried to the next
 SHAPES_TRIED = 4  # of a shape that says nothing else
+SIZES = (0.2, 0.07, 0.025, 0.008)  # of the steps of a pattern search: of a value, or of LEAST of its scale if more
+LEAST = 0.1
+AGAIN = 2  # steps of one size
 
 
 @dataclass(frozen=True)
@@ -305,6 +310,52 @@ def stepped_aside(problem: Problem, at: Fitted, taken: Array, delay: bool = Fals
     z = at.z.copy()
     z[moved] += bounded(both[:-1, :-1], -both[:-1, -1], (lowest - at.z)[moved], (highest - at.z)[moved])
     return np.clip(z, lowest, highest)
+
+
+def stepped(problem: Problem, fit: Fitted, name: str, base: int, everywhere: bool = False) -> Array:
+    """z of the best point found around a fit by a pattern search of an effect's values, all else refitted linearly
+    beside each. everywhere: from the best of what is tried first. base: how many of the first z are the base
+    parameters'.
+
+    The teeth of a play meet between two samples: a small change of its law moves no sample at all, a larger one several
+    (R. Hooke, T. A. Jeeves, Direct search solution of numerical and statistical problems, J. ACM 8, 1961); what is
+    linear follows along the valley (G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10, 1973).
+    """
+    own = [k for k in parameters_of(fit, (name,), base)[0] if isinstance(k, Scalar)]
+    mine = np.repeat([k in own for k in fit.free], [k.size for k in fit.free])
+    others = tuple(k for k in fit.free if k not in own)
+    at = replace(fit, free=others, z=fit.z[~mine], jacobian=fit.jacobian[:, ~mine])
+    beside, (lowest, highest, _) = Projection.of(problem, at), bounds_of(own)
+
+    def best_of(tried: Sequence[Array]) -> tuple[float, Array, Array]:
+        """What the best leaves; its values' z; what it takes off the residual."""
+        z = np.tile(fit.z, (len(tried), 1))
+        z[:, mine] = np.clip(tried, lowest, highest)
+        change = problem.differences(fit.setting, [setting_of(fit.free, one) for one in z], fit.residual)[1]
+        left = np.sum((beside.residual[:, None] + beside.clean(change.T)) ** 2, axis=0)
+        k = int(np.argmin(np.where(np.isfinite(left), left, np.inf)))
+        return float(left[k]), z[k, mine], -change[k]
+
+    ranges = {r.symbol: r for r in ranges_of(problem.effect(name), problem.machine, problem.runs)}
+    tries = [ranges[k.symbol].tries[:: 2 if k.amount else 1] for k in own] if everywhere else [()]
+    first = [np.array([k.z_of(x) for k, x in zip(own, point, strict=True)]) for point in product(*tries)]
+    best = best_of([fit.z[mine], *first])
+    # Along each value, and along all at once.
+    moves = [
+        np.array(move) for move in product((-1.0, 0.0, 1.0), repeat=len(own)) if np.sum(np.abs(move)) in (1, len(own))
+    ]
+    for size in SIZES:
+        for _ in range(AGAIN):
+            reach = size * np.where([k.logarithmic for k in own], 1.0, np.maximum(np.abs(best[1]), LEAST))
+            found = best_of([best[1] + move * reach for move in moves])
+            if found[0] >= best[0]:
+                break
+            best = found
+    if not np.any(best[1] != fit.z[mine]):
+        return fit.z
+    z = fit.z.copy()
+    z[~mine], z[mine] = stepped_aside(problem, at, best[2]), best[1]
+    return z
 
 
 def columns_signed(signature: Signature) -> list[bool]:

@@ -25,12 +25,12 @@ from scipy.linalg import block_diag
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.evidence import PLAY
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.held_out import STRETCHES, stretches
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.profiles import OnTop, basis, hats, spacing, variables
 from workbench.diagnose.location.where import free_of
+from workbench.simulate.motion import PLAY
 
 LEAST = 1e-3  # of what is left
 EVERYWHERE = ("all", "time")  # regimes of the variables over which every amount is constant

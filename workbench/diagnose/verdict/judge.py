@@ -17,7 +17,6 @@ from scipy.special import ndtri
 
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
-    PLAY,
     Score,
     Weighed,
     advantage,
@@ -38,6 +37,7 @@ from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.free_law import worth
 from workbench.diagnose.verdict.unknown_cause import beyond_noise, cancellation, kept_percent, signs_of
 from workbench.effects import ranges_of
+from workbench.simulate.motion import PLAY
 
 SAME = 0.5  # chi^2 and prior between two hypotheses that differ in name only
 IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
@@ -188,8 +188,9 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
     does, and the runs by themselves not significantly worse; or a play so by plain least squares (`weighed_both_ways`);
     and with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than
-    with a free law of one variable in its place (`worth`). A delay beside others has to take something, too, of what
-    the log's timing leaves (`takes_nothing`): a machine's own lags may be some sampling steps."""
+    with a free law of one variable in its place (`worth`); a play that impacts tell of is chosen from none. A delay
+    beside others has to take something, too, of what the log's timing leaves (`takes_nothing`): a machine's own lags
+    may be some sampling steps."""
     problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
@@ -200,16 +201,20 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
             return False
     by_chance = -float(ndtri(SIGNIFICANT))
     _, *plain = weighed_both_ways(problem, w.fit, len(base.z))
-    told = any(
-        foretold(problem, *(held_out(problem, one, folds_by_run(problem)) for one in (near, fit))) > by_chance
-        for fit in plain
-    )
-    if not told and significance(problem, near, w.fit) <= by_chance:
-        return False
-    if not told and significance(problem, near, w.fit, by_runs_alone=True) <= -by_chance:
-        return False
+
+    def told(before: Fitted) -> bool:
+        both = ((held_out(problem, one, folds_by_run(problem)) for one in (before, after)) for after in plain)
+        return any(foretold(problem, *two) > by_chance for two in both)
+
+    if not told(near):
+        for by_runs_alone, enough in ((False, by_chance), (True, -by_chance)):
+            if significance(problem, near, w.fit, by_runs_alone=by_runs_alone) <= enough:
+                return False
     least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
-    return all(significance(problem, rest, w.fit) > least for rest in sorted(less, key=lambda rest: rest.objective))
+    return all(
+        significance(problem, rest, w.fit) > least or (problem.struck and PLAY not in rest.effects and told(rest))
+        for rest in sorted(less, key=lambda rest: rest.objective)
+    )
 
 
 def only_late(problem: Problem, less: Fitted, fit: Fitted, name: str, base: int) -> bool:

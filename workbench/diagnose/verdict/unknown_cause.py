@@ -16,7 +16,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.evidence import PLAY, Score
+from workbench.diagnose.hypotheses.evidence import Score
 from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of, logarithmic_of
 from workbench.diagnose.hypotheses.problem import Problem, once, rms
@@ -27,6 +27,7 @@ from workbench.diagnose.verdict.answer import Left
 from workbench.diagnose.verdict.constancy import by_halves
 from workbench.logs.doubts import dead_band
 from workbench.machines import kind_of
+from workbench.simulate.motion import PLAY
 
 AGAIN = 2.0  # as evidence: what comes again with twice its own size is as much as a model error of seven times its size
 UNHEARD = 10.0  # as evidence: impacts that come again, and a hypothesis without play
