@@ -114,7 +114,7 @@ def fit_hypothesis(
     evaluations, settled, damping, elsewhere = 1, False, DAMPING, known is not None and len(lasting) > 0
     stiff = any(problem.effect(name).memory for name in effects)  # steps are many, and slopes beside them cost little
 
-    def renewed(which: Array, found: Array, full: Array, full_white: Array) -> tuple[Array, Array]:
+    def renewed(which: np.ndarray, found: Array, full: Array, full_white: Array) -> tuple[Array, Array]:
         """The Jacobian and the whitened one with these columns found anew; one beside which the simulation breaks down
         stays what it was."""
         full, full_white, sound = full.copy(), full_white.copy(), np.all(np.isfinite(found), axis=0)
