@@ -37,17 +37,14 @@ PLACES = ("workbench/diagnose/hypotheses/settings.py", "workbench/diagnose/verdi
 FACTORS = (0.7, 1.3)
 CALIBRATION = "calibration.json"
 SHARE = "missed_"  # how names begin that are shares, 1 at most
-# Why calibration.json has each number; a weight of evidence for an unknown cause has the evidence's own reason.
+# Why calibration.json has each number.
 REASONS = {
     "threshold": "merit that a machine without a gap does not reach, nor a freer law over a simpler one by chance",
-    "temperature": "merits count divided by it: the sureness of the answers",
     "elsewhere": "of the logarithm of the number of hypotheses: of many, one looks good by chance",
     "surer": "factor on the log odds where nothing speaks for an unknown cause: of what is stated, no answer changes",
     "missed_no_gap": "of answers of no gap, as stated: so many have a listed cause that is too small to see",
     "missed_unknown": "of unknown causes, as stated: so many are a listed one that the fits miss",
     "unknown_bias": "log odds of an unknown cause where nothing speaks for one",
-    "unknown_left": "weight of what the best hypothesis leaves",
-    "unknown_prior": "weight of tolerances stretched beyond chance",
 }
 
 
@@ -80,16 +77,12 @@ def numbers() -> list[Number]:
     """In the order of the code; the calibration's first."""
     from workbench.diagnose.hypotheses.settings import calibration
 
-    listed = [Number(CALIBRATION, name, value, reason_of(name)) for name, value in calibration().items()]
+    listed = [Number(CALIBRATION, name, value, REASONS[name]) for name, value in calibration().items()]
     for place in PLACES:
         path = ROOT / place
         for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
             listed += constants(file)
     return listed
-
-
-def reason_of(name: str) -> str:
-    return REASONS.get(name, f"weight of {name.removeprefix('unknown_').replace('_', ' ')}")
 
 
 def constants(file: Path) -> list[Number]:

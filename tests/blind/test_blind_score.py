@@ -16,10 +16,7 @@ from workbench.blind.measures import Share
 from workbench.diagnose.hypotheses.settings import calibration
 from workbench.view import blind as tables
 
-SPEAKS = "unknown_"
-EVIDENCE = {
-    name.removeprefix(SPEAKS): 0.0 for name in calibration() if name.startswith(SPEAKS) and name != f"{SPEAKS}bias"
-}
+EVIDENCE = {"left": 0.0, "prior": 0.0}
 GUIDE = {"subsystem": "guide", "regime": "speed"}
 
 
@@ -203,8 +200,6 @@ def test_a_campaign_that_the_diagnosis_refuses_is_a_miss_that_says_so(tmp_path: 
 
 
 # Calibration
-# What is left, in whatever measure the verdict has of it.
-MAIN = next(name for name in EVIDENCE if name not in ("prior", "bound", "against"))
 
 
 def none_of(merit: float) -> dict[str, Any]:
@@ -218,12 +213,12 @@ def sure(lead: float, right: bool) -> dict[str, Any]:
 
 
 def campaigns() -> list[dict[str, Any]]:
-    """Known causes leave noise, unknown ones leave structure; the bound says nothing, rather the opposite."""
+    """Known causes leave noise, unknown ones leave structure."""
     rows = [none_of(float(k % 7) - 3.0) for k in range(20)]
     for k in range(30):
-        left = {**EVIDENCE, MAIN: 0.03 * (k % 5), "prior": 0.1 * (k % 3), "bound": float(k % 4 == 0)}
+        left = {"left": 0.1 * (k % 5), "prior": 0.1 * (k % 3)}
         rows.append({**sure(5.0 + k, k % 10 != 0), "evidence": left})
-        left = {**EVIDENCE, MAIN: 0.2 + 0.05 * (k % 6), "prior": 0.4 * (k % 3)}
+        left = {"left": 1.1 + 0.1 * (k % 6), "prior": 0.4 * (k % 3)}
         rows.append(
             made(["unlisted: a fan"], "unknown", merits=[((VISCOUS,), 30.0 + k)], evidence=left, folder=f"{k:03d}")
         )
@@ -237,7 +232,7 @@ def test_what_is_stated_is_fitted_to_how_often_answers_are_right():
     rows += [
         {**none_of(-5.0), "label": {**none_of(-5.0)["label"], "effects": [VISCOUS] * (k % 10 == 0)}} for k in range(60)
     ]
-    left = {**EVIDENCE, MAIN: 4.0}
+    left = {**EVIDENCE, "left": 4.0}
     for k in range(60):
         told = ["unlisted: a fan"] if k % 4 else [OFFSET]
         rows.append(made(told, "unknown", merits=[((VISCOUS,), 30.0)], evidence=left))

@@ -117,13 +117,13 @@ def test_the_reason_is_that_against_the_hypothesis_with_most_evidence_and_names_
         ("heave",): Constancy("heave", judge.BOUND, 1.0),
         first: Constancy("friction_coulomb", "carriage height", 0.0, free=True),
     }
-    tolerances, said = judge._reasons(signs, None, None, first, mimics, 0.0)
+    tolerances, said = judge._reasons(signs, None, first, mimics, 0.0)
     assert (said.kind, said.effects, said.over) == (ReasonKind.FREE_LAW, first, "carriage height")
     assert tolerances.effects == ()  # of the refit without an effect, which the sign is of
     varies: dict[Names, Constancy] = {first: Constancy("friction_coulomb", "carriage_speed", 1.0)}
-    (_, said) = judge._reasons(signs, None, None, first, varies, 0.0)
+    (_, said) = judge._reasons(signs, None, first, varies, 0.0)
     assert (said.kind, said.over) == (ReasonKind.VARIES, "carriage speed")
-    assert len(judge._reasons(signs, None, None, ("backlash",), mimics, 0.0)) == 1
+    assert len(judge._reasons(signs, None, ("backlash",), mimics, 0.0)) == 1
 
 
 @pytest.mark.parametrize(

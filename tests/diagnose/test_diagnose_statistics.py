@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -34,20 +33,12 @@ from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.model_error import ErrorModel, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem, counting
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.hypotheses.settings import BY_CHANCE, FORETOLD
+from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
-from workbench.diagnose.verdict import unknown_cause
 from workbench.diagnose.verdict.answer import Left
 from workbench.diagnose.verdict.judge import takes_nothing
-from workbench.diagnose.verdict.unknown_cause import (
-    cancellation,
-    lasting_share,
-    signs_of,
-    sudden_share,
-    tolerance_excess,
-    wandering_share,
-)
+from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of, tolerance_excess
 from workbench.effects import Effect, find, library_effects, ranges_of
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import KINDS, Hoist, default_hoist, kind_of, with_values
@@ -297,51 +288,6 @@ def test_noise_follows_no_law_and_what_wanders_one_of_the_time_alone(seed: int):
     assert laws_of(wandering) <= {"run_time", "campaign_time"}
 
 
-def test_an_impact_is_sudden_and_noise_is_not(problem: Problem):
-    noise = np.random.default_rng(1).normal(size=problem.samples)
-    impact = np.where(np.arange(problem.samples) == problem.samples // 3, 100.0, 0.0)
-    assert sudden_share(problem, noise) == 0.0
-    assert sudden_share(problem, noise + impact) > 0.8
-
-
-def test_an_impact_near_standstill_is_friction_and_not_sudden():
-    """An axis forth and back: the same impact, once at full speed and once while it turns."""
-    speed = np.sin(np.linspace(0.0, 4.0 * np.pi, 1001))
-    motion, rows = SimpleNamespace(speed=speed), np.arange(len(speed))
-    axis: Any = SimpleNamespace(inputs=len(speed), rows=[rows], bench=SimpleNamespace(motions=[motion]))
-    noise = np.random.default_rng(1).normal(size=len(speed))
-    turning, fast = (np.where(rows == at, 100.0, 0.0) for at in (500, 625))
-    assert sudden_share(axis, noise + turning) == 0.0
-    assert sudden_share(axis, noise + fast) > 0.8
-
-
-def test_friction_that_sets_in_during_each_run_lasts(problem: Problem):
-    """A stick that jams: friction from some moment of each run on."""
-    speed, lengths = of_rows(problem, "speed"), [len(rows) for rows in problem.rows]
-    later = np.concatenate([np.arange(n) > 0.6 * n for n in lengths])
-    noise = 0.1 * np.random.default_rng(1).normal(size=len(speed))
-    assert lasting_share(problem, np.sign(speed) * (later - 0.4) + noise) > 0.8
-
-
-def test_neither_noise_nor_what_wanders_a_little_lasts(problem: Problem):
-    rng = np.random.default_rng(1)
-    assert lasting_share(problem, rng.normal(size=problem.samples)) == 0.0
-    assert lasting_share(problem, np.zeros(problem.samples)) == 0.0
-    wandering = np.convolve(rng.normal(size=problem.samples), np.ones(10) / 10.0, mode="same")
-    assert lasting_share(problem, wandering) < 0.1
-
-
-def test_an_offset_of_each_half_run_wanders_and_what_hangs_together_for_less_does_not(problem: Problem):
-    rng, n = np.random.default_rng(1), problem.samples
-    noise = 0.1 * rng.normal(size=n)
-    walk = np.cumsum(rng.normal(size=n)) / math.sqrt(n)
-    assert wandering_share(problem, walk + noise) > 0.5
-    assert wandering_share(problem, noise) == wandering_share(problem, np.zeros(n)) == 0.0
-    slow = np.convolve(rng.normal(size=n), np.ones(20) / 20.0, mode="same")
-    assert wandering_share(problem, slow) < 0.05
-    assert wandering_share(problem, of_rows(problem, "speed")) < 0.05
-
-
 # A wrong answer that leaves no residual stretches the base parameters' tolerances; a true one does not.
 
 
@@ -380,14 +326,6 @@ def test_tolerances_that_are_not_kept_are_stretched():
     assert np.median([tolerance_excess(LINEAR, linear(random, off=3.0)) for _ in range(40)]) > 3.0
 
 
-def test_what_an_inexact_effect_may_bend_is_no_stretch():
-    fit = linear(np.random.default_rng(8), off=4.0)
-    excesses = [tolerance_excess(LINEAR, fit, allowed) for allowed in (0.0, 1.0, 10.0, 100.0, 1e6)]
-    assert excesses[0] == tolerance_excess(LINEAR, fit) > 3.0
-    assert all(a > b for a, b in itertools.pairwise(excesses))
-    assert excesses[-1] < 0.0
-
-
 # On a hoist
 
 
@@ -424,44 +362,8 @@ def test_a_stand_in_that_leaves_no_residual_stretches_the_tolerances(
     assert tolerance_excess(same, wrong) > 3.0
 
 
-def test_a_hoist_that_leaves_much_is_held_to_its_tolerances_unless_the_cause_takes_much():
-    """A dead band of the torque's log: base parameters take what friction would, once named at 0.99."""
-    problem, wrong = answered({"payload_mass_error": {"payload_scale": 1.06}}, ["torque_scale"], {"gain": 1.03})
-    swing = 200.0 * problem.noise * np.sin(np.arange(problem.inputs))
-    rows = wrong.residual + np.concatenate([swing, np.zeros(problem.samples - problem.inputs)])
-    held = replace(wrong, residual=rows, chi2=float(np.sum(problem.errors.whiten(rows) ** 2)))
-    score: Any = SimpleNamespace(excess=1.0)
-
-    def stretched(before: float) -> float:
-        """before: of what stays, rms: what base parameters alone leave."""
-        base = replace(held, effects=(), residual=before * rows)
-        return signs_of(problem, base, held, score, Left(0.0, 0.0, False), 0.0)["prior"]
-
-    assert stretched(1.0) > 2.0
-    assert stretched(30.0) == 0.0
-
-
-def test_a_machine_with_a_remainder_is_held_to_its_tolerances_less_by_a_cause_that_takes_nearly_all_of_the_gap(
-    monkeypatch: pytest.MonkeyPatch,
-):
-    """Half of a bench's Coulomb friction, 99 % of its gap, was called unknown for a log three samples late."""
-    own = replace(kind_of(default_hoist()), floor="own")
-    monkeypatch.setattr(unknown_cause, "kind_of", lambda _: own)
-    problem, wrong = answered({"payload_mass_error": {"payload_scale": 1.06}}, ["torque_scale"], {"gain": 1.03})
-    swing = 5.0 * problem.noise * np.sin(np.arange(problem.inputs))
-    rows = wrong.residual + np.concatenate([swing, np.zeros(problem.samples - problem.inputs)])
-    held = replace(wrong, residual=rows, chi2=float(np.sum(problem.errors.whiten(rows) ** 2)))
-    score: Any = SimpleNamespace(excess=1.0)
-
-    def stretched(fit: Fitted, share: float) -> float:
-        return signs_of(problem, wrong, fit, score, Left(0.0, 0.0, False), share)["prior"]
-
-    assert stretched(held, 0.0) > 1.5 > stretched(held, 0.99)
-    assert stretched(wrong, 0.99) > 3.0, "what leaves nothing imitates by its base parameters"
-
-
-@pytest.mark.parametrize(("gain", "told"), [(0.0, 0.0), (0.04, 2.0)])
-def test_a_law_that_holds_on_other_runs_is_a_gap_of_a_hoist_below_its_model_error(gain: float, told: float):
+@pytest.mark.parametrize(("gain", "told"), [(0.0, False), (0.04, True)])
+def test_a_law_that_holds_on_other_runs_is_a_gap_of_a_hoist_below_its_model_error(gain: float, told: bool):
     """A gain of the torque sensor by direction: base values take the most of it, and what stays goes with the load."""
     runs = [
         replace(run, signals={**run.signals, "torque_motor_nm": run["torque_motor_nm"] * ways})
@@ -470,18 +372,8 @@ def test_a_law_that_holds_on_other_runs_is_a_gap_of_a_hoist_below_its_model_erro
     ]
     problem = Problem(default_hoist(), runs)
     free = list(base_parameters(problem.machine, problem.runs).values())
-    near, score = fit_hypothesis(problem, (), free, np.zeros(len(free)), 60), cast(Any, SimpleNamespace(excess=1.0))
-    assert signs_of(problem, near, near, score, Left(0.0, 0.0, False), 0.0)["left"] == told
-
-
-def test_tolerances_that_a_cause_relieves_are_not_stretched_by_chance_though_it_may_not_be_named():
-    """A motor bench was called one without a gap, four deviations off its tolerances, for its offset had no gain."""
-    problem, held = answered({"payload_mass_error": {"payload_scale": 1.06}}, [], {})
-    score: Any = SimpleNamespace(excess=1.0)
-    alone, relieved = (
-        signs_of(problem, held, held, score, Left(0.0, 0.0, False), 0.0, known)["prior"] for known in (False, True)
-    )
-    assert relieved - alone == pytest.approx(BY_CHANCE[False] - BY_CHANCE[True])
+    near = fit_hypothesis(problem, (), free, np.zeros(len(free)), 60)
+    assert (signs_of(problem, near, Left(0.0, 0.0, False))["left"] > 1.0) == told
 
 
 def test_a_cause_that_takes_nothing_and_relieves_nothing_is_not_named():
@@ -508,8 +400,7 @@ def test_a_cause_that_takes_nothing_and_relieves_nothing_is_not_named():
 
 def test_a_log_by_exception_is_no_machine_without_a_gap():
     """98 % of the samples of an axis' force repeated the last one; the answer was no gap."""
-    problem, own = answered({}, ["torque_scale"], {"gain": 1.0})
-    score: Any = SimpleNamespace(excess=1.0)
+    problem, own = answered({}, [], {})
 
     def left(band: float) -> float:
         runs = []
@@ -519,7 +410,7 @@ def test_a_log_by_exception_is_no_machine_without_a_gap():
                 kept[k] = value[k] if abs(value[k] - kept[k - 1]) > band else kept[k - 1]
             runs.append(replace(run, signals={**run.signals, "torque_motor_nm": kept}))
         by_exception = Problem(problem.machine, runs)
-        return signs_of(by_exception, own, own, score, Left(0.0, 0.0, False), 0.0)["left"]
+        return signs_of(by_exception, own, Left(0.0, 0.0, False))["left"]
 
     assert left(0.0) == 0.0
     assert left(40.0) > 1.0

@@ -55,7 +55,7 @@ from workbench.references import Limits, Step, plan_motion
 TORQUE = "torque_motor_nm"
 AS_DECIDED = {"surer": 1.0, "missed_no_gap": 0.0, "missed_unknown": 0.0}  # and so stated
 NUMBERS = {
-    **calibration(), "threshold": 6.0, "temperature": 2.0, "unknown_bias": -6.0, "unknown_left": 6.0, **AS_DECIDED
+    **calibration(), "threshold": 6.0, "unknown_bias": -6.0, **AS_DECIDED
 }  # fmt: skip
 
 
@@ -365,7 +365,7 @@ def test_a_large_merit_without_evidence_against_it_is_named(numbers: dict[str, f
 
 @pytest.mark.parametrize("numbers", [NUMBERS, dict(calibration())])
 def test_structure_that_the_best_leaves_makes_the_cause_unknown(numbers: dict[str, float]):
-    left = {**NO_EVIDENCE, "left": math.log(16.0)}
+    left = {**NO_EVIDENCE, "left": 2.0}
     rows = rank(named([400.0]), left, numbers)
     assert (rows[0].verdict, rows[0].effects) == ("unknown", ())
 

@@ -206,7 +206,7 @@ def discounted(
     machine that leaves itself laws of its own with all of it, for it may be no more than that. What acts at speed is
     compared with that at speed: rows count less the more of their model error is that near standstill. What the machine
     has shown is no more than what is left beside the effect: the sizes follow the quick part of a residual, and may
-    promise more of the slow. An axis' noise is what its log shows, to NOISE_KNOWN: where it is larger, a lag explains
+    promise more of the slow. An axis' noise is what its log shows, to LAW: where it is larger, a lag explains
     the rest. A wrong law of the machine's own is wrong alike in every run, and is no drift over a campaign: what it has
     shown of that is what the runs differ by.
     """
@@ -228,7 +228,7 @@ def discounted(
         along, size = (np.bincount(of_run, share * form * x) for x in (after[rows], form))
         shown = min(shown, float(np.sum(along**2 / np.maximum(size, 1e-300))) / problem.inputs)
     if own:
-        default += ((1.0 + settings.NOISE_KNOWN) ** 2 - 1.0) * float(np.mean(share * problem.row_noise**2))
+        default += ((1.0 + settings.LAW) ** 2 - 1.0) * float(np.mean(share * problem.row_noise**2))
     taken = float(np.mean(share * (before[rows] ** 2 - after[rows] ** 2)))
     return data * max(1.0 - max(default, shown) / max(taken, 1e-300), 0.0)
 

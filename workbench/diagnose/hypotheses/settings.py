@@ -15,10 +15,8 @@ CALIBRATION = Path(__file__).with_name("calibration.json")
 MOST_EFFECTS = 5  # that are looked for at once
 
 # Evidence
-NOISE_KNOWN = 0.15  # of an axis' noise, rms: what is told of it by its log, which is all that is known of it
-LAW = 0.15  # of what a law explains, rms: so far a real machine is off the simpler law; EMPS 0.1 off viscous friction
+LAW = 0.15  # of what a law explains, rms, and of an axis' noise: so far a real machine is off both; EMPS 0.1 off one
 DECISIVE = 12.0  # evidence within which another hypothesis is as good, listed or not
-SIMPLER = 0.05  # of its evidence: a simpler law that lacks no more of it is alike
 NUISANCE = 3.0  # standard deviations of a tolerance or an effect's nuisance amount, by chance
 
 # Impacts of a play
@@ -33,17 +31,13 @@ HALF = 0.5  # of the best one's evidence: what a part of it needs; of the energy
 MINOR = 0.2  # of the gap: of five causes surer than one half that explained less two were none, of nine up to 0.36 one
 
 # An unknown cause
-BY_CHANCE = {False: 2.0, True: 1.0}  # standard deviations by which tolerances are stretched by chance: more without a
-# cause that explains anything than with one, for of all causes weighed one would have relieved them, named or not
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
-OWN = 0.02  # of the largest input: what an axis may leave itself at speed; the EMPS axis leaves 0.008 to 0.016
-OWN_LAW = 1.0  # % of the input's rms: what an axis may leave of a law of one variable; simulated ones leave 0.24
-OWN_SUDDEN = 0.002  # of the largest input: what comes in a few moments at speed; the EMPS axis leaves none
+OWN_PERCENT = 1.5  # of the input's rms: what an axis may leave of a law of one variable; simulated ones leave 0.24
 
 
 @cache
 def calibration() -> Mapping[str, float]:
-    """What decides: threshold: evidence that no gap has; temperature: of evidence; unknown_*: the logistic's weights.
+    """What decides: threshold: evidence that no gap has; unknown_bias: log odds of an unknown cause.
 
     What is stated of the decision (`answer._stated`): surer, and misses: of no gap, and of an unknown cause.
     """

@@ -149,7 +149,7 @@ class Odds:
         blocks = np.split(rows, np.cumsum(widths)[:-1], axis=1)
         more = times * np.count_nonzero(lines[0].channel == 0) / self.inputs * self.lost
         likely = np.exp(0.5 * (self.evidence[: self.counts] - np.max(self.evidence[: self.counts])))
-        unlikely = 2.0 * settings.calibration()["temperature"] * math.log(1.0 / LIKELY - 1.0)
+        unlikely = 2.0 * math.log(1.0 / LIKELY - 1.0)
         alone = short = 0.0
         for true, weight in enumerate(likely / np.sum(likely)):
             fit, curved, rng = self.fits[true], self.curved[true], np.random.default_rng(true)

@@ -150,8 +150,8 @@ def rank(
 ) -> tuple[Hypothesis, ...]:
     """The ranking, the answer first, from evidence and the signs of an unknown cause.
 
-    Named hypotheses share what no unknown cause takes with no gap, whose evidence is the threshold; evidence counts
-    divided by the temperature. Evidence without names speaks for an unknown cause. The answer is the likeliest of the
+    Named hypotheses share what no unknown cause takes with no gap, whose evidence is the threshold; evidence is twice
+    the logarithm of a likelihood. Evidence without names speaks for an unknown cause. The answer is the likeliest of the
     three words. groups: of hypotheses that differ in name only, the first one's name leading; each group is one row,
     with one probability.
     """
@@ -193,8 +193,9 @@ def shared(ranking: Sequence[Hypothesis], alike: Names, most: float = 0.5) -> tu
 
 
 def logistic_argument(signs: Mapping[str, float], numbers: Mapping[str, float]) -> float:
-    """Of an unknown cause: below 0 it is the less likely."""
-    return numbers["unknown_bias"] + sum(numbers.get(f"unknown_{name}", 0.0) * value for name, value in signs.items())
+    """Of an unknown cause: below 0 it is the less likely. A sign at its limit, 1, brings it to 0, and many to no more
+    than speaks against such a cause where there is none."""
+    return numbers["unknown_bias"] * (1.0 - min(sum(value**2 for value in signs.values()), 2.0))
 
 
 @dataclass(frozen=True)
@@ -210,7 +211,7 @@ class _Shares:
 def _shares(evidence: Sequence[tuple[Names, float]], x: float, numbers: Mapping[str, float]) -> _Shares:
     """x: the logistic's argument, of an unknown cause."""
     unknown = 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0)))
-    exponents = np.array([numbers["threshold"], *(one for _, one in evidence)]) / (2.0 * numbers["temperature"])
+    exponents = np.array([numbers["threshold"], *(one for _, one in evidence)]) / 2.0
     # Of many causes weighed one looks good by chance.
     exponents[1:] -= numbers["elsewhere"] * math.log(max(len(evidence), 1))
     shares = np.exp(exponents - np.max(exponents))

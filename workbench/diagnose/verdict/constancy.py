@@ -32,7 +32,6 @@ from workbench.diagnose.location.profiles import OnTop, basis, hats, spacing, va
 from workbench.diagnose.location.where import free_of
 from workbench.simulate.motion import PLAY
 
-LEAST = 1e-3  # of what is left
 EVERYWHERE = ("all", "time")  # regimes of the variables over which every amount is constant
 OWN = {
     "low_speed": ("speed",),
@@ -71,7 +70,8 @@ def constancies(problem: Problem, base: Fitted, near: Fitted, fit: Fitted) -> tu
     def left_by(columns: Array, penalty: Array) -> float:
         return float(weight @ on_top.after(columns, penalty) ** 2)
 
-    taken, noise = max(before - energy, LEAST * energy), problem.noise**2 * float(np.sum(weight))
+    chance, noise = settings.FORETOLD * energy, problem.noise**2 * float(np.sum(weight))
+    taken = max(before - energy, chance)
     by_tolerances = base.prior - fit.prior > base.chi2 - fit.chi2
     found = []
     for name, part in zip(fit.effects, parts_of(problem, fit, [(name,) for name in fit.effects]), strict=True):
@@ -93,13 +93,13 @@ def constancies(problem: Problem, base: Fitted, near: Fitted, fit: Fitted) -> tu
             if not (within or always or of_load):  # a remainder that goes with the speed is no drift that does
                 beside, shape = min(left_by(*law), energy), np.hstack([law[0], shape])
                 bend = block_diag(law[1], bend)
-            chance, changing = settings.FORETOLD * energy, beside - left_by(shape, bend)
+            changing = beside - left_by(shape, bend)
             rest = (energy - left_by(*law) - chance) / scale if within else 0.0
             if of_load:
-                rest = (changing - chance) / max(energy - noise, LEAST * energy)
+                rest = (changing - chance) / max(energy - noise, chance)
             tested.append(Constancy(name, variable.name, (changing - chance) / own, rest))
         if regime == "all":  # it acts in each half of each run
-            changing = by_halves(problem, rows, left) - settings.FORETOLD * energy
+            changing = by_halves(problem, rows, left) - chance
             tested.append(Constancy(name, "halves_of_each_run", changing / own))
         if tested:
             found.append(max(tested, key=lambda one: max(one.share / settings.VARIES, one.rest / settings.RESTS)))

@@ -17,7 +17,6 @@ from scipy.special import ndtri
 
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
-    Score,
     Weighed,
     advantage,
     lag_explains,
@@ -35,12 +34,11 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
 from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.free_law import worth
-from workbench.diagnose.verdict.unknown_cause import beyond_noise, cancellation, kept_percent, signs_of
+from workbench.diagnose.verdict.unknown_cause import beyond_noise, cancellation, kept_percent, own_percent, signs_of
 from workbench.effects import ranges_of
 from workbench.simulate.motion import PLAY
 
-SAME = 0.5  # chi^2 and prior between two hypotheses that differ in name only
-IDENTICAL = 0.1  # chi^2 of the difference of their predictions, over all samples
+SAME = 0.1  # chi^2 between two hypotheses that differ in name only, and of the difference of their predictions
 SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
 # What speaks against a fit that is none of its law.
 OTHER, LATE, NOTHING, BOUND, IMPACTS = "the other effect", "a late motion", "residual", "a bound", "impacts"
@@ -95,7 +93,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     if problem.struck and lag_explains(problem, near, search.fits):
         problem = problem.without_impacts()
         search = replace(search, problem=problem)
-    weighed, score = weigh(problem, search.base, near, search.fits, search.rivals)
+    weighed, _ = weigh(problem, search.base, near, search.fits, search.rivals)
     weighed = tuple(w for w in weighed if w.names not in barred)
     best, mimics = established(problem, weighed, search.base, near)
     rival, said = unlisted(problem, near, weighed, best)
@@ -108,21 +106,16 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         if not w.rival
     ) + (() if rival is None else (((), said),))
     groups = groups_of(problem, [w for w in weighed if not w.rival and w.names not in mimics])
-    floor = floor_of(problem)
-
-    def ranked(held: Fitted, score: Score, stands: bool) -> tuple[Left, dict[str, float], tuple[Hypothesis, ...]]:
-        left, share = left_of(problem, near, held, floor)
-        signs = signs_of(problem, search.base, held, score, left, share, bool(barred))
-        if stands:
-            signs["left"] = 0.0  # what an established cause leaves is a remainder
-        return left, signs, rank(counted, signs, settings.calibration(), groups)
-
+    floor, kept = floor_of(problem), kept_percent(problem)
     held, stands = near, best is not None and best.evidence > settings.calibration()["threshold"]
+    signs: Mapping[str, float] = {}  # what an established cause leaves is a remainder
     if best is not None and stands:
-        left, signs, rows = ranked(best.fit, best.score, True)
+        rows = rank(counted, signs, settings.calibration(), groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
+    left, _ = left_of(problem, near, held, floor)
     if not stands:  # nor is no gap what leaves much
-        left, signs, rows = ranked(held, score, False)
+        signs = signs_of(problem, near, left)
+        rows = rank(counted, signs, settings.calibration(), groups)
     return Judged(
         word=rows[0].verdict,
         names=rows[0].effects,
@@ -136,11 +129,10 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         unknown_probability=next(row.probability for row in rows if row.verdict == "unknown"),
         reasons=_reasons(
             signs,
-            best if stands else None,
             rival if said > least else None,
             next((w.names for w in weighed if not w.rival), ()),
             mimics,
-            kept_percent(problem),
+            kept if kept > settings.HALF * own_percent(problem) else 0.0,
         ),
         counted=counted,
         stands=stands,
@@ -318,7 +310,7 @@ def groups_of(problem: Problem, weighed: Sequence[Weighed]) -> tuple[tuple[Names
             return False
         apart = problem.errors.whiten(one.fit.residual - other.fit.residual)
         as_likely = abs(one.fit.objective - other.fit.objective) < SAME and len(one.fit.z) == len(other.fit.z)
-        return as_likely and float(np.sum(apart**2)) < IDENTICAL
+        return as_likely and float(np.sum(apart**2)) < SAME
 
     groups: list[list[Weighed]] = []
     for hypothesis in weighed:
@@ -342,22 +334,21 @@ def left_of(problem: Problem, near: Fitted, held: Fitted, floor: float) -> tuple
 
 def _reasons(
     signs: Mapping[str, float],
-    judged: Weighed | None,
     rival: Weighed | None,
     first: Names,
     mimics: Mapping[Names, Constancy],
     kept: float,
 ) -> tuple[Reason, ...]:
-    """What speaks against a named cause. judged: the hypothesis that `signs` are of, None for the base
-    parameters alone. rival: an unlisted effect that explains more. first: the listed hypothesis with most evidence."""
-    reasons = [Reason(ReasonKind.LOG_KEEPS, percent=kept)] if kept > settings.OWN_LAW else []
+    """What speaks against a named cause; a sign does from HALF of its odds on. rival: an unlisted effect that explains
+    more. first: the listed hypothesis with most evidence. kept: percent that a log hides, 0 where that is no reason."""
+    loud = {name: value for name, value in signs.items() if value**2 > settings.HALF}
+    reasons = [Reason(ReasonKind.LOG_KEEPS, percent=kept)] if kept else []
     if rival is not None:
         reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=rival.names))
-    if signs["left"] > 0.5:
+    if "left" in loud:
         reasons.append(Reason(ReasonKind.LEAVES_MUCH))  # by how much is said of held-out runs, in the end
-    if signs["prior"] > 1.5:
-        names = judged.names if judged else ()
-        reasons.append(Reason(ReasonKind.STRETCHES_TOLERANCES, effects=names, value=signs["prior"]))
+    if "prior" in loud:
+        reasons.append(Reason(ReasonKind.STRETCHES_TOLERANCES, value=settings.NUISANCE * loud["prior"]))
     if why := mimics.get(first):
         kind = ReasonKind.FREE_LAW if why.free else AGAINST.get(why.over, ReasonKind.VARIES)
         reasons.append(Reason(kind, effects=first, over=why.over.replace("_", " ")))
@@ -389,7 +380,7 @@ def alternatives(judged: Judged, kind: str) -> tuple[Names, ...]:
         reach = settings.calibration()["threshold"] if freer else settings.DECISIVE
         in_name_only = any({best.names, w.names} <= {*group} for group in judged.groups)
         as_good = in_name_only or (best.evidence - w.evidence < reach and (single or not simpler))
-        little_more = single and simpler and w.evidence > (1.0 - settings.SIMPLER) * best.evidence
+        little_more = single and simpler and w.evidence > (1.0 - settings.FORETOLD) * best.evidence
         if w.fit.prior - best.fit.prior < settings.NUISANCE**2 and (as_good or little_more):
             others.append(w.names)
     return tuple(others)
