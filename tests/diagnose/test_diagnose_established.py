@@ -481,7 +481,7 @@ def test_a_small_cause_that_exceeds_the_model_error_where_it_acts_is_named_besid
     assert search.problem.errors.sizes == (1.0, 1.0)
 
     def evidence(fits: Mapping[Names, Fitted]) -> float:
-        rows = weigh(search.problem, search.base, search.within_tolerances, fits)[0]
+        rows = weigh(search.problem, search.base, search.within_tolerances, fits)
         return next(row.evidence for row in rows if row.names == named)
 
     for alone in [(name,) for name in named if wave]:

@@ -253,8 +253,8 @@ class Weighed:
 
 def weigh(
     problem: Problem, base: Fitted, near: Fitted, fits: Mapping[Names, Fitted], rivals: Collection[str] = ()
-) -> tuple[tuple[Weighed, ...], Score]:
-    """All fitted hypotheses by falling evidence, and the score without any effect.
+) -> tuple[Weighed, ...]:
+    """All fitted hypotheses by falling evidence.
 
     base: the fit without effects; near: the same within the tolerances. rivals: unlisted effects. The evidence of
     several effects is the most of all orders in which one after the other is added: of what each adds beyond the gain
@@ -279,7 +279,7 @@ def weigh(
             gain, rival = base.objective - fit.objective, any(name in rivals for name in names)
             together[names] = Weighed(names, fit, gain, evidence, score, rival)
         by_names |= {names: _not_freer(problem, near, w, together, fits) for names, w in together.items()}
-    return tuple(sorted(by_names.values(), key=lambda w: -w.evidence)), none
+    return tuple(sorted(by_names.values(), key=lambda w: -w.evidence))
 
 
 def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: Score) -> float:

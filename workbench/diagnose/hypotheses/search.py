@@ -695,7 +695,7 @@ class Search:
 
     def weighed(self, result: SearchResult) -> tuple[Weighed, ...]:
         """All fits so far, as the verdict weighs them."""
-        return weigh(self.problem, result.base, result.within_tolerances, self.fits, self.rivals)[0]
+        return weigh(self.problem, result.base, result.within_tolerances, self.fits, self.rivals)
 
     def leading(self, result: SearchResult) -> Weighed | None:
         """The listed hypothesis with most evidence so far."""

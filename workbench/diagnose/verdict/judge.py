@@ -93,7 +93,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     if problem.struck and lag_explains(problem, near, search.fits):
         problem = problem.without_impacts()
         search = replace(search, problem=problem)
-    weighed, _ = weigh(problem, search.base, near, search.fits, search.rivals)
+    weighed = weigh(problem, search.base, near, search.fits, search.rivals)
     weighed = tuple(w for w in weighed if w.names not in barred)
     best, mimics = established(problem, weighed, search.base, near)
     rival, said = unlisted(problem, near, weighed, best)
