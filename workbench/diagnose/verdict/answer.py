@@ -152,7 +152,7 @@ def rank(
 
     Named hypotheses share what no unknown cause takes with no gap, whose evidence is the threshold; evidence is twice
     the logarithm of a likelihood. Evidence without names speaks for an unknown cause. The answer is the likeliest of
-    the three words. groups: of hypotheses that differ in name only, the first one's name leading; each group is one row,
+    the three words. groups: of hypotheses that differ in name only, the first one's name leading; each is one row,
     with one probability.
     """
     x = logistic_argument(signs, numbers)
