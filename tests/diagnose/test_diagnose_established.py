@@ -44,6 +44,7 @@ from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search, SearchResult, searched
 from workbench.diagnose.hypotheses.signatures import Projection
+from workbench.diagnose.location.profiles import spacing
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.readiness.noise import with_motion_noise
 from workbench.diagnose.verdict import judge
@@ -89,6 +90,23 @@ def test_a_cause_that_is_hardly_likelier_than_none_does_not_hide_what_the_machin
     assert judged.names == ()
     assert judged.held is bump[1].within_tolerances
     assert judged.word == "unknown"
+
+
+@pytest.mark.parametrize(("times", "word"), [(0.9, "named"), (1.1, "unknown")])
+def test_a_cause_that_takes_less_than_the_log_hides_is_not_named(
+    times: float, word: str, bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
+):
+    """A hoist's log by exception, 5 % of its torque, had a torque filter at 0.90."""
+    search = bump[1]
+    problem = search.problem
+    near, fit = (f.residual[: problem.inputs] for f in (search.within_tolerances, search.fits[TRUE,]))
+    torque = np.concatenate([u[rows] for u, rows in zip(problem.bench.measured, problem.rows, strict=True)])
+    weight = spacing(problem)
+    taken = 100.0 * np.sqrt(weight @ (near**2 - fit**2) / np.sum(weight) / np.mean(torque**2))
+    monkeypatch.setattr(judge, "kept_percent", lambda problem: times * taken)
+    judged = judge.judge(search)
+    assert judged.word == word
+    assert ReasonKind.LOG_KEEPS in {reason.kind for reason in judged.reasons}
 
 
 def test_the_delivered_file_gives_the_fits_residual_run_by_run(bump: tuple[Campaign, SearchResult], tmp_path: Path):

@@ -108,6 +108,9 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     groups = groups_of(problem, [w for w in weighed if not w.rival and w.names not in mimics])
     floor, kept = floor_of(problem), kept_percent(problem)
     held, stands = near, best is not None and best.evidence > settings.calibration()["threshold"]
+    if best is not None and kept > 0.0:  # what takes less than the log itself hides imitates that
+        taken = beyond_noise(problem, near.rms(problem.inputs), best.fit.rms(problem.inputs))
+        stands = stands and taken.percent_of_input >= kept
     signs: Mapping[str, float] = {}  # what an established cause leaves is a remainder
     if best is not None and stands:
         rows = rank(counted, signs, settings.calibration(), groups)
