@@ -465,6 +465,16 @@ def test_a_position_of_1e308_is_refused(tmp_path):
 # Sizes and scales
 
 
+@pytest.mark.parametrize("noise_m", [0.0, 1e-5])
+def test_an_axis_at_rest_is_no_axis_in_another_unit(tmp_path, noise_m):
+    """Friction holds any force below its level; such a run was refused for a force 0.02 times what its motion takes."""
+    position = -0.0997 + noise_m * np.random.default_rng(2).normal(size=500)
+    at_rest = {"position_m": position, "force_n": 0.002 * axis_columns()["force_n"]}
+    run = read_axis(tmp_path, {**axis_columns(), **at_rest, "position_reference_m": np.full(500, -0.0997)})
+    assert np.array_equal(run["position_m"], position)
+    assert any("stands still throughout" in note for note in run.notes) == (noise_m == 0.0)
+
+
 @pytest.mark.parametrize("scale", [9.5493, -1.0, 0.01])
 def test_optional_signals_in_another_unit_are_dropped_and_said(tmp_path, scale):
     columns = hoist_columns(2000)

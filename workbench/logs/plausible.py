@@ -162,6 +162,8 @@ def _check_axis_units(run: RawRun) -> None:
     moved = speed if speed in run.values else position
     width = max(SMOOTH * float(time_s[-1] - time_s[0]) / float(np.median(np.diff(time_s))), 1.0)
     smooth = smoothed(run.values[moved], width)
+    if np.ptp(smooth) <= OFF * np.std(run.values[moved] - smooth):  # at rest, where friction holds any force
+        return
     rate = smooth if moved == speed else np.gradient(smooth, time_s)
     fast, top = float(np.percentile(np.abs(rate), 99.0)), drive.top_speed
     if top and fast > TOO_FAST * top:
