@@ -581,6 +581,16 @@ def test_what_an_axis_leaves_over_its_speed_answers_for_no_cause(
     assert found.verdict.effects == (effect,)
 
 
+def test_a_quick_filter_of_a_real_axis_is_no_play(shared_data: Path, tmp_path: Path):
+    """Begun at 0.1 s alone a filter of 9 ms promised next to nothing, was not refitted, and EMPS had a play at 0.98."""
+    campaign = read_campaign(emps_in(tmp_path / "emps", shared_data, HELD))
+    filtered = of(campaign.machine, {"torque_filter": {"time_constant_s": 0.0092}})
+    campaign = replace(campaign, runs=tuple(logged(run, filtered) for run in campaign.runs))
+    found = diagnose(campaign, candidates=["torque_filter", "backlash"], quick=True)
+    assert found.verdict.effects == ("torque_filter",)
+    assert found.candidates[0].parameters["torque_filter"][0].value == pytest.approx(0.0092, rel=0.05)
+
+
 def test_a_ripple_of_a_pendulum_has_one_phase_in_all_runs(shared_data: Path, tmp_path: Path):
     """Its log says where it is: with a phase of each run it would cost more than a law of the place, and be none."""
     found = of_recorded(shared_data / "real" / "geared_pendulum", "ripple", (9906, 6), tmp_path, ["torque_ripple"])

@@ -65,7 +65,11 @@ def _sharpened(s: Any, e: Any, p: Any) -> Array:
 
 @effect(
     place=TORQUE, subsystem="torque_sensor", regime="acceleration",
-    parameters=[amount("tau", "time_constant_s", "of the first-order low-pass", "1", 2.0, 0.02, 0.1)],
+    parameters=[
+        amount(
+            "tau", "time_constant_s", "of the first-order low-pass", "1", 2.0, 0.02, 0.1, tries=(0.02, 0.05, 0.1, 0.3)
+        ),
+    ],
     reads=READS,
     equation="τ d(logged)/dt = true − logged, exact for a true torque that is linear between samples",
     reference="A. V. Oppenheim, A. S. Willsky, Signals and Systems, 1997, section 6.5",
