@@ -792,8 +792,7 @@ def test_a_delay_beside_others_takes_something_of_what_a_log_leaves_that_is_in_t
         return SimpleNamespace(free=free, z=np.array([0.0, 1.8]), rms=lambda n: left)
 
     monkeypatch.setattr(judge, "fit_hypothesis", fitted)
-    monkeypatch.setattr(judge, "floor_of", lambda problem: 0.1)
-    monkeypatch.setattr(judge, "left_of", lambda _, near, fit, floor: (None, 1.0 - (fit.rms(1) / near.rms(1)) ** 2))
+    monkeypatch.setattr(judge, "share_of", lambda _, near, fit: 1.0 - (fit.rms(1) / near.rms(1)) ** 2)
     monkeypatch.setattr(
         judge, "ranges_of", lambda effect, *_: [SimpleNamespace(symbol="late" if "delay" in effect else "x")]
     )

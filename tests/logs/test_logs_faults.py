@@ -294,6 +294,13 @@ def test_speed_in_rpm_is_named_with_its_scale(tmp_path):
     assert "scale of 0.10472" in text
 
 
+def test_spikes_too_many_to_be_bridged_are_not_said_to_be_a_unit_alone(tmp_path):
+    """Ten samples of 1e6 N m in a run were "a mass in tonnes"."""
+    columns = hoist_columns(2000)
+    columns["torque_motor1_nm"][50::200] = 1e6
+    assert "are its 10 samples beyond 4 times the motors' nominal torque spikes, is it in" in refusal(tmp_path, columns)
+
+
 def test_torque_in_kilonewton_metres_or_of_the_drum_is_refused(tmp_path):
     columns = hoist_columns()
     hints = ((1e-3, "is it in kN m or per cent"), (5.3, "a mass in tonnes"), (31.0, "is it the drum's torque"))

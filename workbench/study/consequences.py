@@ -491,14 +491,14 @@ def _sentences(c: Consequences, corrected: Hoist | Axis, runs: Sequence[Run] = (
         takes[row.reference] = max(takes.get(row.reference, 0.0), row.after["move_time_s"])
     alike = percent(min(takes.values(), default=0.0), max(takes.values(), default=0.0)) < SMALL
     at_most = "at most " if kind.payload else ""
-    slower = [] if alike else [f"{name} takes {at_most}{figures(seconds)} s" for name, seconds in takes.items()]
+    times = [] if alike else [f"{name} takes {at_most}{figures(seconds)} s" for name, seconds in takes.items()]
     moved = [abs(percent(getattr(c.gains_before, k), getattr(c.gains_after, k))) for k in ("kp", "ki")]
     of_kind, own, drive = effects_for(kind.name), [*_per_run(corrected, runs)], corrected.drive
     return said.each(
         "changes", c, listed([f"{load:g}" for load in c.study.payloads_kg]),
         [(row, reason.rpartition("; ")[2]) for row, reason in reasons],  # how far a load fell says nothing
         judged.input_words, reached, [_figure(good, metric, kind) for metric in figures_told(kind) if good], better,
-        slower, _margins(c.loop_before, c.loop_after), max(moved) < GAIN_MOVES, own,
+        times, _margins(c.loop_before, c.loop_after), max(moved) < GAIN_MOVES, own,
         [name for name in corrected.effects if of_kind[name].regime == "time" and name not in own],
         [name for name in corrected.effects if of_kind[name].on_sensor],
         not (drive.torque_lag_s or drive.speed_filter_s or drive.speed_delay_s),

@@ -114,9 +114,12 @@ def fit_hypothesis(
     evaluations, settled, damping, elsewhere = 1, False, DAMPING, known is not None and len(lasting) > 0
     stiff = any(problem.effect(name).memory for name in effects)  # steps are many, and slopes beside them cost little
 
-    def renewed(which: np.ndarray, found: Array, full: Array, full_white: Array) -> tuple[Array, Array]:
-        """The Jacobian and the whitened one with these columns found anew; one beside which the simulation breaks down
-        stays what it was."""
+    def renewed(
+        which: np.ndarray, at: Array, r: Array, full: Array, full_white: Array, beside: Array | None = None
+    ) -> tuple[Array, Array]:
+        """The Jacobian and the whitened one with these columns differenced at a point with the residual r, or as they
+        are known; one beside which the simulation breaks down stays what it was."""
+        found = problem.evaluate(free, at, which, r)[1] if beside is None else beside
         full, full_white, sound = full.copy(), full_white.copy(), np.all(np.isfinite(found), axis=0)
         full[:, which[sound]] = found[:, sound]
         full_white[:, which] = whiten(full[:, which])
@@ -131,8 +134,7 @@ def fit_hypothesis(
             r, beside = problem.evaluate(free, at, anew if stiff else [])
 
             def anew_at() -> Array:
-                found = beside if stiff else problem.evaluate(free, at, anew, r)[1]
-                full, full_white = renewed(anew, found, kept, known)
+                full, full_white = renewed(anew, at, r, kept, known, beside if stiff else None)
                 raw[at.tobytes()] = r, full
                 return full_white
 
@@ -148,11 +150,11 @@ def fit_hypothesis(
             settled = minimum.settled or before - after < enough
             break
         before = after
-        jacobian, slopes = renewed(lasting, problem.evaluate(free, z, lasting, residual)[1], jacobian, slopes)
+        jacobian, slopes = renewed(lasting, z, residual, jacobian, slopes)
         elsewhere = False
         evaluations += 1
     if elsewhere:
-        jacobian, _ = renewed(lasting, problem.evaluate(free, z, lasting, residual)[1], jacobian, slopes)
+        jacobian, _ = renewed(lasting, z, residual, jacobian, slopes)
     if stiff:  # what the machine leaves alone: beside its slopes it took other steps, and teeth met at other times
         residual = problem.residuals([setting_of(free, z)])[0]
         white = whiten(residual)

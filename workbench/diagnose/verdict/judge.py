@@ -107,15 +107,16 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     ) + (() if rival is None else (((), said),))
     groups = groups_of(problem, [w for w in weighed if not w.rival and w.names not in mimics])
     floor, kept = floor_of(problem), kept_percent(problem)
-    held, stands = near, best is not None and best.evidence > settings.calibration()["threshold"]
-    if best is not None and kept > 0.0:  # what takes less than the log itself hides imitates that
-        taken = beyond_noise(problem, near.rms(problem.inputs), best.fit.rms(problem.inputs))
-        stands = stands and taken.percent_of_input >= kept
+    held, taken = near, 0.0
+    if best is not None:
+        taken = beyond_noise(problem, near.rms(problem.inputs), best.fit.rms(problem.inputs)).percent_of_input
+    # What takes less than the log itself hides imitates that.
+    stands = best is not None and best.evidence > settings.calibration()["threshold"] and taken >= kept
     signs: Mapping[str, float] = {}  # what an established cause leaves is a remainder
     if best is not None and stands:
         rows = rank(counted, signs, settings.calibration(), groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
-    left, _ = left_of(problem, near, held, floor)
+    left = beyond_noise(problem, held.rms(problem.inputs), floor)
     if not stands:  # nor is no gap what leaves much
         signs = signs_of(problem, near, left)
         rows = rank(counted, signs, settings.calibration(), groups)
@@ -297,7 +298,7 @@ def takes_nothing(problem: Problem, near: Fitted, fit: Fitted) -> bool:
     )
     held = known / bounds_of(near.free)[2]
     relieved = float(np.sum((near.z * held) ** 2) - np.sum((fit.z[: len(near.z)] * held) ** 2))
-    return relieved < settings.NUISANCE**2 and left_of(problem, near, fit, floor_of(problem))[1] < settings.FORETOLD
+    return relieved < settings.NUISANCE**2 and share_of(problem, near, fit) < settings.FORETOLD
 
 
 def groups_of(problem: Problem, weighed: Sequence[Weighed]) -> tuple[tuple[Names, ...], ...]:
@@ -328,11 +329,12 @@ def floor_of(problem: Problem) -> float:
     return math.hypot(problem.noise, model_error_rms(problem.with_model_error((1.0, 1.0))))
 
 
-def left_of(problem: Problem, near: Fitted, held: Fitted, floor: float) -> tuple[Left, float]:
-    """The residual of a fit beyond the floor, and the share of the gap's energy that the fit explains."""
+def share_of(problem: Problem, near: Fitted, held: Fitted) -> float:
+    """The share of the gap's energy beyond the floor that a fit explains."""
+    floor = floor_of(problem)
     left, gap = beyond_noise(problem, held.rms(problem.inputs), floor), near.rms(problem.inputs) ** 2 - floor**2
     share = 1.0 - left.rms**2 / gap if gap > 0.0 and held.effects else 0.0
-    return left, min(max(share, 0.0), 1.0)
+    return min(max(share, 0.0), 1.0)
 
 
 def _reasons(
