@@ -271,6 +271,16 @@ def test_a_late_log_is_told_though_friction_turns_over_later_than_its_law(late_s
     assert identify(axis_campaign(AXIS, late_s), free=["mass_kg"]).machine.log.speed_late_s == 0.0  # not asked for
 
 
+def test_a_balance_that_does_not_hold_tells_no_late_log():
+    """Of a crank that swings against springs the log was 2.7 s late, in runs of one second's period."""
+    swing, machine = axis_campaign(AXIS), AXIS
+    pulled = [replace(run, signals={**run.signals, "force_n": 2e4 * run["position_m"]}) for run in swing.runs]
+    identified = identify(replace(swing, runs=tuple(pulled)))
+    assert identified.machine.log.speed_late_s == machine.log.speed_late_s == 0.0
+    assert "the balance does not hold" in statements(identified.fit)
+    assert "does not hold" not in statements(identify(swing).fit)
+
+
 def test_an_axis_whose_speed_is_counted_has_all_of_its_inertia():
     """In the usual 90 Hz a motor bench with a speed of encoder counts over a millisecond had a quarter of it."""
     rng, runs = np.random.default_rng(3), []

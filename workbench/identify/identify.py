@@ -28,6 +28,7 @@ SETTLED = 1e-4  # of the level
 LATE = "log.speed_late_s"  # fitted before the other values: friction jumps over it
 LATE_SCALE = 50.0  # periods of the band: a step for derivatives is a twentieth of one, for friction jumps over less
 SURE = 3.0  # standard errors
+HALF = 0.5  # of the input's rms: where more is left, the equation is not this machine's, and tells nothing of its log
 
 
 @dataclass(frozen=True)
@@ -152,6 +153,11 @@ def identify(
     except (np.linalg.LinAlgError, ZeroDivisionError, OverflowError) as error:
         problem = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
         raise InputError(problem, file=campaign.path) from error
+    if result.residual_rms > HALF * _input_rms(model):
+        percent = 100.0 * result.residual_rms / _input_rms(model)
+        told = f"while moving, {percent:.0f} % of the {kind_of(machine).drive.quantity} itself is left: the balance does not "
+        told += "hold, its values mean little; is a sign, a unit, a column or the kind of machine another one?"
+        result = replace(result, statements=(*result.statements, told))
     if late > 0.0:
         told = f"{LATE}: the logged motion is {1e3 * late:.3g} ms later than the logged input"
         result = replace(result, statements=(*result.statements, told))
@@ -169,7 +175,9 @@ def identify(
 
 def late_s(bench: InverseSimulation, parameters: Sequence[Free]) -> float:
     """By how much the logged motion is later than the logged input, s, by least squares beside `parameters`; as it is
-    known where that may be off by chance, or is by less than a sampling step: within one, two channels are sampled."""
+    known where that may be off by chance, or is by less than a sampling step: within one, two channels are sampled.
+    Also where it is more than a log ever is, or serves a balance that does not hold: a motion that comes again fits
+    one a period later."""
     machine, runs = bench.machine, bench.runs
     (delay,) = ranges_of(find("speed_delay", bench.plant.kind), machine, runs)
     log = machine.log.speed_late_s
@@ -179,10 +187,17 @@ def late_s(bench: InverseSimulation, parameters: Sequence[Free]) -> float:
     free = [*parameters, Free(LATE, delay.symbol, known, LATE_SCALE / bench.band_hz, False, known - log, None)]
     if sum(model.run_lengths) <= len(free):
         return log
-    found = fit(model, free)
+    found, punctual = fit(model, free), fit(model, parameters)
     off = found.value[-1] - known
     sure = abs(off) > max(SURE * found.std_error[-1], *(run.sample_time_s for run in runs))
-    return log + off if sure else log
+    holds = found.residual_rms < min(punctual.residual_rms, HALF * _input_rms(model))
+    return log + off if sure and holds and known + off <= delay.highest else log
+
+
+def _input_rms(model: BalanceModel) -> float:
+    """Of the measured input at the samples that a fit looks at, in its unit."""
+    chosen = [measured[rows] for measured, rows in zip(model.bench.measured, model.rows, strict=True)]
+    return float(np.sqrt(np.mean(np.concatenate(chosen) ** 2)))
 
 
 def _ties(machine: Hoist | Axis, keys: Sequence[str]) -> list[tuple[str, str]]:
