@@ -20,7 +20,19 @@ from workbench.core.errors import InputError, check_known, nearest
 from workbench.core.run import Array, Run
 from workbench.effects.declare import Effect, EffectMemory, Ranged
 from workbench.effects.registry import effects_for, find, library_effects, library_for
-from workbench.machines import KINDS, NO_EFFECTS, PLANTS, Axis, Effects, Hoist, Memory, Sizes, kind_of, plant_of
+from workbench.machines import (
+    KINDS,
+    NO_EFFECTS,
+    PLANTS,
+    Axis,
+    Effects,
+    Hoist,
+    Memory,
+    Sizes,
+    get_value,
+    kind_of,
+    plant_of,
+)
 from workbench.machines.correction import correction_of
 from workbench.symbolic.expr import Scalar
 
@@ -273,7 +285,7 @@ def _memory(effect: Effect, memory: EffectMemory, kind: str) -> Memory:
 
 def ranges_of(effect: Effect, machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Ranged, ...]:
     """The effect's parameters on this machine: names, symbols, bounds, scales, starts in SI."""
-    return tuple(_where_it_went(ranged, machine, runs) for ranged in effect.ranges(sizes_of(machine, runs)))
+    return tuple(_on_machine(ranged, machine, runs) for ranged in effect.ranges(sizes_of(machine, runs)))
 
 
 def sizes_of(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Sizes:
@@ -281,13 +293,18 @@ def sizes_of(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Sizes:
     return kind_of(machine).sizes(machine, runs)
 
 
-def _where_it_went(r: Ranged, machine: Hoist | Axis, runs: Sequence[Run]) -> Ranged:
+def _on_machine(r: Ranged, machine: Hoist | Axis, runs: Sequence[Run]) -> Ranged:
     """Where the log says where a machine is, its zero may lie anywhere: a place along its way is looked for where
     its runs have been. A stretch of width b is at least half as wide as the way d between two samples, which show it to
     2 exp(-2 (pi b/d)^2), by Poisson's sum; a narrower one is what single samples are off. A wave is one that comes
     again on that way: of less than WAVES, nobody can say so; and it has one phase in all runs that log where they are.
+    What is on top of a level of the machine's own takes off that level at most.
     """
     kind = kind_of(machine)
+    if r.own:
+        keys = {symbol: key for key, symbol in kind.symbols.items()}
+        levels = [float(get_value(machine, keys[kind.friction.levels[way]])) for way in r.own]
+        return replace(r, lowest=max(r.lowest, -min(levels)))
     if r.scan not in ("position", "width", "order", "phase") or not kind.moved.placed_by_log:
         return r
     position = kind.plant.positions[kind.plant.placed]

@@ -155,8 +155,10 @@ def identify(
         raise InputError(problem, file=campaign.path) from error
     if result.residual_rms > HALF * _input_rms(model):
         percent = 100.0 * result.residual_rms / _input_rms(model)
-        told = f"while moving, {percent:.0f} % of the {kind_of(machine).drive.quantity} itself is left: the balance does not "
-        told += "hold, its values mean little; is a sign, a unit, a column or the kind of machine another one?"
+        told = (
+            f"while moving, {percent:.0f} % of the {kind_of(machine).drive.quantity} itself is left: the balance does "
+            "not hold, its values mean little; is a sign, a unit, a column or the kind of machine another one?"
+        )
         result = replace(result, statements=(*result.statements, told))
     if late > 0.0:
         told = f"{LATE}: the logged motion is {1e3 * late:.3g} ms later than the logged input"

@@ -52,7 +52,8 @@ def friction_viscous_asymmetric(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place=GUIDE, subsystem=OF, regime="all",
     parameters=[
-        Parameter("F", "level_{n}", "beyond both nominal levels", "force", -0.5, 1.0, 0.02, 0.03, vanishes_at=0.0),
+        Parameter("F", "level_{n}", "beyond both nominal levels", "force", -0.5, 1.0, 0.02, 0.03, vanishes_at=0.0,
+                  own=(0, 1)),
     ],
     reads=SWITCH,
     equation="F = −ΔF S(v)",
@@ -68,8 +69,10 @@ def friction_coulomb(s: Any, e: Any, p: Any) -> Scalar:
 @effect(
     place=GUIDE, subsystem=OF, regime="all",
     parameters=[
-        Parameter("F_up", "level_{up}_{n}", "beyond the level, v > 0", "force", -0.5, 1.0, 0.02, 0.03, vanishes_at=0.0),
-        Parameter("F_dn", "level_{dn}_{n}", "beyond the level, v < 0", "force", -0.5, 1.0, 0.02, 0.03, vanishes_at=0.0),
+        Parameter("F_up", "level_{up}_{n}", "beyond the level, v > 0", "force", -0.5, 1.0, 0.02, 0.03, vanishes_at=0.0,
+                  own=(0,)),
+        Parameter("F_dn", "level_{dn}_{n}", "beyond the level, v < 0", "force", -0.5, 1.0, 0.02, 0.03, vanishes_at=0.0,
+                  own=(1,)),
     ],
     reads=SPEED | SWITCH,
     equation="F = −ΔF_up S(v) for S > 0, −ΔF_dn S(v) else",
