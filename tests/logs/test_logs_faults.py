@@ -588,6 +588,26 @@ def test_a_stretch_that_rests_is_not_doubted_for_the_motion_that_it_has_not(camp
     assert doubts_of(campaign.machine, [*campaign.runs, still]) == []
 
 
+def test_a_run_that_stands_still_for_most_of_its_time_has_no_break_for_that(shared_data: Path):
+    """Without a noise at rest its smallest step was 4e300 times as much; missing rows are told all the same."""
+    campaign = recorded(shared_data / "axes" / "01")
+    standing = []
+    for run in (campaign.run("run1_fast"), campaign.run("run3_mid")):  # that come to rest
+        n, still = len(run.time_s), 3 * len(run.time_s) // 2
+        time = np.arange(n + still) * (run.time_s[1] - run.time_s[0])
+        ends = {"velocity_m_s": 0.0, "position_m": run["position_m"][-1], "force_n": run["force_n"][-1]}
+        signals = {k: np.append(run[k], np.full(still, v)) for k, v in ends.items() if k in run}
+        standing.append(replace(run, time_s=time, signals=signals))
+    assert not [note for note in doubts_of(campaign.machine, standing) if "breaks at" in note]
+    whole = standing[0]
+    speed = whole["velocity_m_s"]
+    at = int(np.argmax(np.abs(speed[600:] - speed[:-600])))
+    cut = {k: np.delete(v, slice(at, at + 600)) for k, v in whole.signals.items()}
+    standing[0] = replace(whole, time_s=whole.time_s[:-600], signals=cut)
+    (note,) = (note for note in doubts_of(campaign.machine, standing) if "breaks at" in note)
+    assert note.startswith(f"{whole.name}: velocity_m_s breaks at") and "e+" not in note, note
+
+
 def test_a_torque_upside_down_is_no_payload(campaigns: Path):
     campaign = recorded(campaigns / "01")
     run = campaign.run("half_fast")

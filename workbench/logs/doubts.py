@@ -370,7 +370,7 @@ def _jumps(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
         if sizes[k] > BROKEN * max(1.0, max([*sizes[:k], *sizes[k + 1 :]], default=0.0) / SOUND):
             at = int(np.argmax(breaks[k])) + BESIDE
             yield (
-                f"{run.name}: {name} breaks at {seconds(run.time_s[at])}, {sizes[k]:.2g} times its noise between lines "
+                f"{run.name}: {name} breaks at {seconds(run.time_s[at])}, {figures(sizes[k], 2)} times its noise between lines "
                 "through the samples before and after; check whether rows are missing, replaced or out of order there"
             )
 
@@ -381,7 +381,8 @@ def _breaks(column: Array) -> Array:
     mean = np.convolve(column, np.full(BESIDE, 1.0 / BESIDE), mode="valid")
     way = np.convolve(column, t[::-1] / (t @ t), mode="valid") * 0.5 * BESIDE
     apart = np.abs((mean - way)[BESIDE:] - (mean + way)[:-BESIDE])
-    return np.asarray(apart / max(1.4826 * float(np.median(apart)), 1e-300))
+    moved = apart[apart > 1e-9 * np.max(apart)]  # a machine that stands for most of a run has no noise there
+    return np.asarray(apart / (1.4826 * float(np.median(moved))) if len(moved) else apart)
 
 
 def _starts(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
