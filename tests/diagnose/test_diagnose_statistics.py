@@ -376,6 +376,16 @@ def test_a_law_that_holds_on_other_runs_is_a_gap_of_a_hoist_below_its_model_erro
     assert (signs_of(problem, near, Left(0.0, 0.0, False))["left"] > 1.0) == told
 
 
+def test_a_machine_whose_equation_leaves_half_of_its_input_is_none_without_a_gap(shared_data: Path):
+    """No law of one variable told of what an actuator left, half of its current; the answer was no gap, at 0.85."""
+    campaign = read_campaign(shared_data / "axes" / "01")
+    problem = Problem(campaign.machine, campaign.runs)
+    free = list(base_parameters(problem.machine, problem.runs).values())
+    near = fit_hypothesis(problem, (), free, np.zeros(len(free)), 60)
+    nothing, much, most = (signs_of(problem, near, Left(1.0, percent, True))["left"] for percent in (0.0, 45.0, 55.0))
+    assert nothing < much < 1.0 < most
+
+
 def test_a_cause_that_takes_nothing_and_relieves_nothing_is_not_named():
     """A soft support was once named as a tight stretch at 0.99, of which the held-out runs showed nothing."""
     problem, own = answered({"payload_mass_error": {"payload_scale": 1.06}}, ["torque_scale"], {"gain": 1.0})

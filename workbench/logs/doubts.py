@@ -370,8 +370,9 @@ def _jumps(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
         if sizes[k] > BROKEN * max(1.0, max([*sizes[:k], *sizes[k + 1 :]], default=0.0) / SOUND):
             at = int(np.argmax(breaks[k])) + BESIDE
             yield (
-                f"{run.name}: {name} breaks at {seconds(run.time_s[at])}, {figures(sizes[k], 2)} times its noise between lines "
-                "through the samples before and after; check whether rows are missing, replaced or out of order there"
+                f"{run.name}: {name} breaks at {seconds(run.time_s[at])}, {figures(sizes[k], 2)} times its noise "
+                "between lines through the samples before and after; check whether rows are missing, replaced or out "
+                "of order there"
             )
 
 

@@ -31,13 +31,15 @@ def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
     cause is as likely as not: `left`, see `left_percent`; `prior`, the distance of the base parameters from nominal
     (`tolerance_excess`), over NUISANCE.
 
-    near: the fit without effects, left: what it leaves. Impacts that come again are a play's: beside them are their
+    near: the fit without effects, left: what it leaves; of a machine whose equation leaves HALF of the input, whatever
+    tells of it, that is as much. Impacts that come again are a play's: beside them are their
     rebounds, which no law foretells.
     """
     if problem.struck:
         return {"left": settings.IMPACTS, "prior": 0.0}
+    told = left_percent(problem, near, left) / own_percent(problem)
     return {
-        "left": left_percent(problem, near, left) / own_percent(problem),
+        "left": max(told, left.percent_of_input / (100.0 * settings.HALF)),
         "prior": max(tolerance_excess(problem, near), 0.0) / settings.NUISANCE,
     }
 
