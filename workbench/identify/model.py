@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from workbench.core import yaml_strict
 from workbench.core.errors import InputError, check_known
 from workbench.core.run import Array, Run
 from workbench.effects import logged_input
@@ -92,6 +93,8 @@ def _free(machine: Hoist | Axis, runs: Sequence[Run], key: str) -> Free:
     scale = std if std else 0.1 * max(abs(nominal), _typical(machine, runs, key))
     signed = any(word in key for word in SIGNED) and key != "gravity_m_s2"
     lowest = -math.inf if signed else (0.0 if "coulomb" in key or "viscous" in key else 1e-3 * abs(nominal))
+    if (bounds := yaml_strict.bounds_of(yaml_strict.field_at(type(machine), tuple(key.split("."))))) is not None:
+        lowest = max(lowest, bounds.lowest)  # what the fit ends at is written to a file that is to be read
     return Free(key, symbol, nominal, scale, False, lowest, 1.0 if std else None)
 
 
