@@ -131,6 +131,10 @@ ON_AXIS: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
         lambda c: scaled(c, ("again",), force_n=-1.0),
         "speed rises against force_n in 1 of 2 runs (again): is the sign of force_n or of the motion flipped?",
     ),
+    "only friction, upside down": (
+        lambda c: changed(c, ("lift", "again"), _pushed),
+        "friction would drive the motion in all 2 runs (lift, again): force_n takes power from it all the way",
+    ),
     "position in mm": (
         lambda c: scaled(c, ("lift", "again"), position_m=1e3), "is force_n or the motion in another unit",
     ),
@@ -258,6 +262,12 @@ def dahl(position: Array, distance: float) -> Array:
     for k, step in enumerate(np.diff(position, prepend=position[0]) / distance):
         before = bend[k] = (before + step) / (1.0 + abs(step))
     return bend
+
+
+def _pushed(run: Run) -> Run:
+    """A force that only dry friction would ask for, logged with the other sign."""
+    force = -50.0 * np.clip(np.gradient(run["position_m"], run.time_s) / 0.01, -1.0, 1.0)
+    return replace(run, signals={**run.signals, "force_n": force})
 
 
 def test_friction_that_follows_the_position_of_a_slow_run_is_no_wrong_sign(axis: Campaign):

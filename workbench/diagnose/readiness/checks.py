@@ -40,7 +40,7 @@ SHOWN = 0.05  # of the input, rms: beside a lag of friction or load, less of it 
 MOST = 0.5  # of the input
 UNLIKE = 0.2  # of the input's variance: a run of which a rigid machine leaves more says nothing of its inertia
 LATEST_S, AS_LATE = 1.0, 0.5  # a motion that is logged so late at most leaves less than this part of it
-WORKS = 0.2  # of the power's size: what the input gives on average, at least
+WORKS = 0.2  # of the power's size: what the input gives on average, at least; what friction takes, if it is not to give
 AS_WELL = 0.4  # of what the inertia takes in the run that shows it best: an axis' slower runs show friction's lag
 
 
@@ -192,7 +192,7 @@ class Rigid:
     distance is a spring after each reversal, as an inertia below zero would be; a wrong sign shows one too, but then
     the input takes power from the motion. So does a motion that is logged late by a part of its period. So an axis' run
     with an inertia below zero whose input gives power, or that is explained much better if it is late, says nothing of
-    its inertia. late: whether it is.
+    its inertia. late: whether it is. driven: whether its friction, as fitted, gives power to the motion, as none does.
 
     inertia: None where the run does not accelerate enough to tell, or is not like a rigid machine at all: of an axis,
     where more is left than the inertia takes. hold: mean load, None on an axis or where friction hides it. friction: in
@@ -206,6 +206,7 @@ class Rigid:
     friction: float
     shown: float = 0.0
     late: bool = False
+    driven: bool = False
 
 
 def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
@@ -237,6 +238,9 @@ def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
     taken = abs(float(values[0])) * shown
     like = left < UNLIKE and not (kind.friction.viscous and left > taken**2)
     springs = values[0] < 0.0 and works  # with a wrong sign the input would take power from friction
+    given = float(np.mean((x[:, 2:4] @ values[2:4]) * logged[rows])) if kind.friction.viscous else 0.0
+    turns = ONE_WAY < float(np.mean(logged[rows] > 0.0)) < 1.0 - ONE_WAY  # else a load passes for friction
+    driven = turns and given < -WORKS * size * float(np.sqrt(np.mean(logged[rows] ** 2)))
     late = False
     for late_s in np.arange(0.125 / band, LATEST_S, 0.125 / band) if kind.friction.viscous and values[0] < 0.0 else ():
         early = columns(np.interp(run.time_s + late_s, run.time_s, logged))
@@ -244,7 +248,16 @@ def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
         late |= its[0] > 0.0 and float(np.var(y - early @ its)) < min(AS_LATE * left, UNLIKE) * size**2
     told = like and not (springs or late) and std[0] < np.inf and abs(values[0]) > SURE * std[0] and taken > SHOWN
     hold = float(values[1]) / body.hold if body.hold and std[1] < 0.1 * body.hold else None
-    return Rigid(run.name, float(values[0]) if told else None, float(std[0]), hold, float(values[2]), shown, late)
+    return Rigid(
+        run.name,
+        float(values[0]) if told else None,
+        float(std[0]),
+        hold,
+        float(values[2]),
+        shown,
+        late,
+        driven and not late,
+    )
 
 
 def as_well_shown(rigid: Sequence[Rigid]) -> list[Rigid]:
@@ -320,6 +333,7 @@ def _wrong_signs(bench: InverseSimulation, rigid: Sequence[Rigid]) -> Faults:
     both = [r for r in sinking if r.inertia is not None and r.inertia > 0.0]
     torque = [r for r in sinking if r not in both]
     braked = [r for r in rigid if r.inertia is not None and r.inertia < 0.0 and r not in sinking]
+    driven = [r for r in rigid if r.driven and r not in braked]
     against_torque = (
         f"speed rises against the torque {{}}: is its sign flipped? {positive}; give its column a scale of -1"
         if kind.holds_load
@@ -332,6 +346,8 @@ def _wrong_signs(bench: InverseSimulation, rigid: Sequence[Rigid]) -> Faults:
         (both, "torque pulls the load down {}: are torque and speed both counted downwards? Up is positive; give both "
          "columns a scale of -1"),
         (braked, against_torque),
+        (driven, "friction would drive the motion {}: " f"{signal} takes power from it all the way; is the sign of "
+         f"{signal} or of the motion flipped? {positive} for both; give the column a scale of -1"),
     ):  # fmt: skip
         if which:
             yield said.format(_in_runs(which, bench.runs)), None
