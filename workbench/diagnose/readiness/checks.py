@@ -242,7 +242,8 @@ def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
     turns = ONE_WAY < float(np.mean(logged[rows] > 0.0)) < 1.0 - ONE_WAY  # else a load passes for friction
     driven = turns and given < -WORKS * size * float(np.sqrt(np.mean(logged[rows] ** 2)))
     late = False
-    for late_s in np.arange(0.125 / band, LATEST_S, 0.125 / band) if kind.friction.viscous and values[0] < 0.0 else ():
+    odd = kind.friction.viscous and (values[0] < 0.0 or driven)
+    for late_s in np.arange(0.125 / band, LATEST_S, 0.125 / band) if odd else ():
         early = columns(np.interp(run.time_s + late_s, run.time_s, logged))
         its, _ = _least_squares(early, y, independent)
         late |= its[0] > 0.0 and float(np.var(y - early @ its)) < min(AS_LATE * left, UNLIKE) * size**2
@@ -256,7 +257,7 @@ def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
         float(values[2]),
         shown,
         late,
-        driven and not late,
+        driven,
     )
 
 
@@ -333,7 +334,7 @@ def _wrong_signs(bench: InverseSimulation, rigid: Sequence[Rigid]) -> Faults:
     both = [r for r in sinking if r.inertia is not None and r.inertia > 0.0]
     torque = [r for r in sinking if r not in both]
     braked = [r for r in rigid if r.inertia is not None and r.inertia < 0.0 and r not in sinking]
-    driven = [r for r in rigid if r.driven and r not in braked]
+    driven = [r for r in rigid if r.driven and r not in braked and not any(other.late for other in rigid)]
     against_torque = (
         f"speed rises against the torque {{}}: is its sign flipped? {positive}; give its column a scale of -1"
         if kind.holds_load
