@@ -15,7 +15,7 @@ from workbench.core.run import Array, Run
 from workbench.effects import effects_for, logged, of
 from workbench.engine import kernels
 from workbench.engine.source import parameter_symbols, state_symbols
-from workbench.machines import HOIST, PLANTS, Hoist, default_hoist, kind_of
+from workbench.machines import HOIST, PLANTS, Axis, Hoist, default_hoist, kind_of, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.driven import InverseSimulation, pooled_rms
 from workbench.simulate.loop import LoopCase, simulate_loop
@@ -220,7 +220,8 @@ def test_play_frees_the_motor_of_the_drum_while_the_wire_is_slack_within_it_and_
 
 def axis_replay(effects: dict[str, dict[str, float]], force: Array, step: float, **values: float) -> Array:
     """Positions and speeds (n, 2) of a linear axis from rest at 0."""
-    machine = linear_axis(**values)
+    at_once = {"friction.standstill_speed_m_s": values.pop("standstill", 1e-4)}
+    machine = with_values(linear_axis(**values), at_once)
     model = PlantModel(PLANTS["axis-linear"], of(machine, effects))
     p = [model.values(machine, 0.0, 0.0)]
     start, _ = model.starts([0.0], [0.0], [0.0], p)
@@ -232,14 +233,43 @@ def axis_replay(effects: dict[str, dict[str, float]], force: Array, step: float,
 
 
 def test_before_it_slides_an_axis_gives_way_like_a_spring():
-    """Dahl's bristle: for small forces the stiffness is level over distance."""
-    force = np.full(4000, 2.0)
-    states = axis_replay(
-        {"presliding": {"distance_m": 0.001}}, force, 0.002, forward=20.0, backward=20.0, viscous=4000.0, constant=0.0
-    )
+    """Dahl's bristle, where friction turns over at once: for small forces the stiffness is level over distance."""
+    force, values = np.full(4000, 2.0), {"forward": 20.0, "backward": 20.0, "viscous": 4000.0, "constant": 0.0}
+    states = axis_replay({"presliding": {"distance_m": 0.001}}, force, 0.002, **values, standstill=1e-9)
     # z = F_C (1 - exp(-x/d)) = 2 N, so x = -d ln(1 - 2/20); held there by the bristles alone.
     assert states[-1, 0] == pytest.approx(-0.001 * math.log(0.9), rel=1e-3)
-    assert axis_replay({}, force, 0.002, forward=20.0, backward=20.0, viscous=4000.0, constant=0.0)[-1, 0] < 1e-4
+    assert axis_replay({}, force, 0.002, **values)[-1, 0] < 1e-4
+
+
+def test_under_a_steady_force_an_axis_creeps_as_its_own_friction_says():
+    """Whatever the bristles give way by first: 2 of 20 N are a tenth of the standstill speed."""
+    force, values = np.full(8000, 2.0), {"forward": 20.0, "backward": 20.0, "viscous": 0.0, "constant": 0.0}
+    for effects in ({}, {"presliding": {"distance_m": 0.0002}}):
+        speeds = axis_replay(effects, force, 0.002, **values, standstill=0.001)[:, 1]
+        assert speeds[-1] == pytest.approx(1e-4, rel=1e-3)
+
+
+@pytest.mark.parametrize("speed", [2e-4, 1e-3, 0.1])
+def test_bristles_too_short_to_show_leave_the_friction_that_the_axis_has(speed):
+    """Slower than the standstill speed, at it, and much faster, forth and back."""
+    t = np.linspace(0.0, 2.0, 2001)
+    x, v, a = speed / np.pi * np.sin(np.pi * t), speed * np.cos(np.pi * t), -speed * np.pi * np.sin(np.pi * t)
+    machine = with_values(linear_axis(), {"friction.standstill_speed_m_s": 0.001})
+    force = [driven_force(machine, effects, t, x, v, a) for effects in ({}, {"presliding": {"distance_m": 1e-9}})]
+    assert force[1][1:] == pytest.approx(force[0][1:], abs=0.2)  # they are straight where a run begins
+
+
+def test_bristles_give_back_no_more_than_they_have_taken():
+    """Bent at once and let back slowly, by much more than they were bent. A bristle that follows S over the way alone,
+    z' = |v| (S - z)/d, gives back six times what it took."""
+    t = np.linspace(0.0, 10.0, 100001)
+    v = np.where(t < 0.004, 0.05, -1e-4)
+    x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    machine = linear_axis(forward=20.0, backward=20.0, viscous=0.0, constant=0.0)
+    machine = with_values(machine, {"friction.standstill_speed_m_s": 0.01})
+    force = driven_force(machine, {"presliding": {"distance_m": 0.001}}, t, x, v, np.zeros_like(t))
+    work = np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(x))
+    assert np.max(work) > 3e-4 and np.min(work) >= 0.0
 
 
 @pytest.mark.parametrize(
@@ -255,9 +285,21 @@ def test_all_dry_friction_builds_up_over_the_bristles_distance(more):
     force = np.full(4000, 2.0 + 5.0)
     states = axis_replay(
         {"presliding": {"distance_m": 0.001}, **more}, force, 0.002,
-        forward=20.0, backward=20.0, viscous=4000.0, constant=5.0,
+        forward=20.0, backward=20.0, viscous=4000.0, constant=5.0, standstill=1e-9,
     )  # fmt: skip
     assert states[-1, 0] == pytest.approx(-0.001 * math.log(1.0 - 2.0 / 30.0), rel=1e-3)
+
+
+def driven_force(machine: Axis, effects: dict[str, dict[str, float]], t: Array, x: Array, v: Array, a: Array) -> Array:
+    """(n,) of a linear axis that moves so, N."""
+    model = PlantModel(PLANTS["axis-linear"], of(machine, effects))
+    p = [model.values(machine, 0.0, 0.0)]
+    start, _ = model.starts([x[0]], [v[0]], [0.0], p)
+    out = kernels.driven(
+        model.plant, model.table(p), t[:, None], x[:, None], v[:, None], a[:, None], start[2:], model.scales(0.1, p),
+        effects=model.effects,
+    )  # fmt: skip
+    return out[:, 0, 0]
 
 
 def driven_through_play(t: Array, v: Array, play: float, shares: tuple[float, float], **values: float) -> Array:

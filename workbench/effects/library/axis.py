@@ -41,8 +41,9 @@ def _position(s: Any) -> Scalar:
 
 def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
     v = _speed(s)
-    length = where(e.d > 0.0, e.d + BUILDS_UP_S * absolute(v), 1.0)
-    return where(e.d > 0.0, (v - absolute(v) * e.z) / length, 0.0)
+    over = maximum(absolute(v), p.v_s)  # |v|/|S(v)|: beyond it Dahl's bristles, slower they creep
+    length = where(e.d > 0.0, e.d + BUILDS_UP_S * over, 1.0)
+    return where(e.d > 0.0, (v - over * e.z) / length, 0.0)
 
 
 @effect(
@@ -54,8 +55,9 @@ def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
         ),
     ],
     reads={"v": "speed, {m}/s", "switch": "sign of the speed", "z": "its memory: the bristles' bend, -1 to 1"},
-    equation="S(v) → z in all dry friction;  z' = (v − |v| z)/(d + τ |v|), τ = 0.02 ms",
-    reference="P. R. Dahl, A solid friction model, Aerospace Corp. TOR-0158(3107-18), 1968",
+    equation="S(v) → z in all dry friction;  z' = (v − w z)/(d + τ w), w = |v|/|S(v)|, τ = 0.02 ms",
+    reference="C. Canudas de Wit, H. Olsson, K. J. Åström, P. Lischinsky, A new model for control of systems with "
+    "friction, IEEE Transactions on Automatic Control 40, 1995, g = S; beyond the standstill speed P. R. Dahl's, 1968",
     shows="after each reversal the friction comes back over a distance, not at once",
     memory=[EffectMemory("z", _bristle_rate, start=lambda e, p: 0.0, scale=lambda e, p: 1.0, step_s=5.0 * BUILDS_UP_S)],
 )  # fmt: skip
