@@ -48,7 +48,6 @@ from workbench.diagnose.hypotheses.free_parameters import (
     bounds_of,
     setting_of,
 )
-from workbench.diagnose.hypotheses.model_error import carries, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.lines import on_campaign
@@ -59,6 +58,7 @@ from workbench.diagnose.readiness.noise import with_motion_noise
 from workbench.diagnose.verdict.judge import Judged, alternatives, judged_to_help, runners_up
 from workbench.logs import read_campaign
 from workbench.machines import kind_of as machine_kind
+from workbench.simulate.model_error import carries, model_error_of
 from workbench.simulate.noise import channel_noise
 
 BINS = (0.0, 0.1, 0.5, 0.9, 1.01)  # of the stated probability

@@ -34,7 +34,6 @@ from workbench.diagnose.hypotheses.free_parameters import (
     effect_parameters,
     setting_of,
 )
-from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.search import SLACK, Search, SearchResult
 from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, signatures_of, stepped_aside
@@ -42,6 +41,7 @@ from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import noise_rms
+from workbench.simulate.model_error import ErrorModel
 
 TURN = 2.0 * math.pi
 

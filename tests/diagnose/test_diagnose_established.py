@@ -40,7 +40,6 @@ from workbench.diagnose.hypotheses.free_parameters import (
     logarithmic_of,
 )
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, play_estimated
-from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search, SearchResult, searched
 from workbench.diagnose.hypotheses.signatures import Projection
@@ -56,6 +55,7 @@ from workbench.effects import find
 from workbench.effects.active import logged, of, ranges_of
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import KINDS, default_hoist, load_machine, save_machine, with_values
+from workbench.simulate.model_error import ErrorModel
 from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.5}}

@@ -30,7 +30,6 @@ from workbench.diagnose.hypotheses.free_parameters import (
     effect_parameters,
 )
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
-from workbench.diagnose.hypotheses.model_error import ErrorModel, model_error_of
 from workbench.diagnose.hypotheses.problem import Problem, counting
 from workbench.diagnose.hypotheses.search import Search
 from workbench.diagnose.hypotheses.settings import FORETOLD
@@ -43,6 +42,7 @@ from workbench.effects import Effect, find, library_effects, ranges_of
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import KINDS, Hoist, default_hoist, kind_of, with_values
 from workbench.simulate.lowpass import lowpass
+from workbench.simulate.model_error import ErrorModel, model_error_of
 from workbench.simulate.replay import replay_runs
 
 TIME = np.arange(0.0, 60.0, 0.01)
@@ -155,7 +155,7 @@ def test_whitened_rows_are_independent_and_of_variance_one(default: ErrorModel, 
 
 def test_no_columns_are_whitened_without_the_solver(monkeypatch: pytest.MonkeyPatch):
     """LAPACK's writes beyond an array that has none, and Python dies of it somewhere else."""
-    monkeypatch.setattr("workbench.diagnose.hypotheses.model_error.dtbtrs", None)
+    monkeypatch.setattr("workbench.simulate.model_error.dtbtrs", None)
     errors = ErrorModel(np.ones(9), np.ones(9), np.ones(9), np.append(0.0, np.full(8, 0.9)))
     assert errors.whiten(np.zeros((9, 0))).shape == (9, 0)
 

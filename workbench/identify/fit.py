@@ -173,15 +173,16 @@ def fit(
     free: Sequence[Free],
     ties: Sequence[tuple[str, str]] = (),
     own: Callable[[Array], Array] | None = None,
+    spread: Callable[[Array], Array] | None = None,
 ) -> Fit:
-    """Least squares of the model's residuals over their noise, and of z over its tolerances.
+    """Least squares of the model's residuals over their spread, and of z over its tolerances.
 
     own: residuals (samples,) at z of the fitted model's own log, sampled as the machine's: what sampling alone leaves.
     The shift of a value by it is added to its uncertainty.
 
-    The noise is the larger of the sensor's and of what the fit leaves, found in three
-    rounds: an honest model error widens the error bars. `ties` are pairs of keys that the
-    data cannot tell apart from a third: they are kept equal, and a statement says so.
+    spread: of a residual, the standard deviation (samples,) of each row; None for the same of all, the larger of the
+    sensor's noise and of what the fit leaves. It is found in rounds: an honest model error widens the error bars.
+    `ties` are pairs of keys that the data cannot tell apart from a third: they are kept equal, and a statement says so.
     """
     if sum(model.run_lengths) <= len(free):
         raise InputError("the machine hardly moves in these runs: nothing to fit; choose runs with motion")
@@ -191,26 +192,28 @@ def fit(
     reach = np.array([1.0 if f.logarithmic else np.inf for f in free])  # a factor of e at a time
     evaluations = 1
 
+    z = np.maximum(np.zeros(m), lowest)
+    out = model.residuals(free, [z, *(z + STEP * row for row in np.eye(m))])
+    residual, jacobian = out[0], (out[1:] - out[0]).T / STEP
+    before, sigma = _rms(residual), np.full(len(residual), model.noise)
+
     def both(at: Array) -> Evaluated:
-        out = model.residuals(free, [at, *(at + STEP * row for row in np.eye(m))])
+        out = model.residuals(free, [at, *(at + STEP * row for row in np.eye(m))]) / sigma
         return out[0], lambda: (out[1:] - out[0]).T / STEP
 
-    z = np.maximum(np.zeros(m), lowest)
-    residual, slopes = both(z)
-    jacobian, before = slopes(), _rms(residual)
-    sigma = model.noise
     for _ in range(ROUNDS):
-        outcome = minimise(both, (z, residual, jacobian), lowest, reach, 1.0 / sigma, prior)
-        z, residual, jacobian = outcome.z, outcome.residual, outcome.jacobian
+        begin = z, residual / sigma, jacobian / sigma[:, None]
+        outcome = minimise(both, begin, lowest, reach, 1.0, prior)
+        z, residual, jacobian = outcome.z, outcome.residual * sigma, outcome.jacobian * sigma[:, None]
         evaluations += outcome.evaluations
-        left = _rms(residual)
-        settled = abs(max(model.noise, left) - sigma) < 0.01 * sigma
-        sigma = max(model.noise, left)
-        if settled:
+        last, left = sigma, _rms(residual)
+        sigma = np.full(len(residual), max(model.noise, left)) if spread is None else spread(residual)
+        if np.all(np.abs(sigma - last) < 0.01 * last):
             break
-    covariance = _covariance(jacobian / sigma, residual / sigma, prior, model)
+    white = jacobian / sigma[:, None]
+    covariance = _covariance(white, residual / sigma, prior, model)
     if own is not None:
-        shift = _information(jacobian / sigma, prior) @ (jacobian.T @ own(z)) / sigma**2
+        shift = _information(white, prior) @ (white.T @ (own(z) / sigma))
         covariance = covariance + np.outer(shift, shift)
     std_z = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(std_z > 0.0, std_z, 1.0)

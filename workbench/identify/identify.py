@@ -149,7 +149,7 @@ def identify(
         return model.on(own_log(with_values(machine, values), campaign.runs)).residuals(parameters, [z])[0]
 
     try:
-        result = fit(model, parameters, ties, own)
+        result = fit(model, parameters, ties, own, model.spread)
     except (np.linalg.LinAlgError, ZeroDivisionError, OverflowError) as error:
         problem = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
         raise InputError(problem, file=campaign.path) from error

@@ -18,6 +18,7 @@ from workbench.effects import logged_input
 from workbench.machines import Axis, Hoist, Kind, get_value, kind_of, plant_of
 from workbench.simulate.driven import InverseSimulation, changed, sensor
 from workbench.simulate.lowpass import lowpass
+from workbench.simulate.model_error import ErrorModel, model_error_of
 
 SIGNED = ("gravity", "offset")
 
@@ -120,6 +121,7 @@ def _position(kind: Kind, run: Run) -> np.ndarray:
 
 
 SAMPLES_PER_PERIOD = 4.0  # of the band, that a fit looks at; more say nothing new
+FINELY = 1.1  # of the error model's sizes, from one tried to the next
 
 
 class OutputModel(Protocol):
@@ -176,6 +178,15 @@ class BalanceModel:
         other = BalanceModel(InverseSimulation(self.bench.machine, runs, self.bench.band_hz))
         other.rows, other.run_lengths = self.rows, self.run_lengths
         return other
+
+    def spread(self, residual: Array) -> Array:
+        """(samples,) standard deviation of each residual, by the error model of a diagnosis at its likeliest sizes:
+        more where a law of friction turns over, the more the less exact it is there. That errors hang together is left
+        to the standard errors: a fit that whitens them looks at what changes quickly, which no lumped model foretells.
+        """
+        parts = model_error_of(self.bench, self.rows)
+        errors = ErrorModel(np.full(len(residual), self.noise), *parts, carry=np.zeros(len(residual)))
+        return errors.sized(errors.likeliest(residual, FINELY)[1]).std
 
     def residuals(self, free: Sequence[Free], sets: Sequence[Array]) -> Array:
         """(sets, samples), in the input's unit."""

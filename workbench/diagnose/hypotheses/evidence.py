@@ -26,14 +26,12 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, nuisance_std
-from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel, Sizes
 from workbench.diagnose.hypotheses.problem import Problem, once, rms
 from workbench.effects import effects_for, find, ranges_of
 from workbench.machines import kind_of
+from workbench.simulate.model_error import Sizes
 from workbench.simulate.motion import PLAY
 
-STEP = 2.0  # of both sizes, from one tried to the next
-BOUNDS = ((0.5, 1024.0), (1.0, 16.0))
 MOST = 500.0  # independent samples that a parameter pays for
 FILTER = "torque_filter"
 
@@ -52,7 +50,7 @@ def score_of(problem: Problem, fit: Fitted) -> Score:
     """A fit's score at the best sizes of the model error, to a factor of STEP. What was computed once is kept."""
 
     def found() -> Score:
-        value, best = likeliest(problem, fit.residual)
+        value, best = errors.likeliest(fit.residual)
         excess = rms(errors.sized(best).model_error) / max(rms(errors.sized((1.0, 1.0)).model_error), 1e-300)
         return Score(value + fit.prior, best, excess)
 
@@ -60,40 +58,10 @@ def score_of(problem: Problem, fit: Fitted) -> Score:
     return once(problem, (fit, errors), found)
 
 
-def likeliest(problem: Problem, residual: Array) -> tuple[float, Sizes]:
-    """The score of a residual without tolerances, and the sizes of the model error at which it is least."""
-    tried: dict[Sizes, float] = {}
-
-    def value(sizes: Sizes) -> float:
-        if sizes not in tried:
-            tried[sizes] = _value(problem.errors.sized(sizes), residual)
-        return tried[sizes]
-
-    best = problem.errors.sizes
-    while True:
-        g, h = best
-        around = [(g * STEP, h), (g / STEP, h), (g, h * STEP), (g, h / STEP)]
-        inside = [sizes for sizes in around if _within(sizes)]
-        better = min(inside, key=value, default=best)  # sizes that a first search needed may lie beyond the bounds
-        if value(better) >= value(best):
-            return value(best), best
-        best = better
-
-
 def explained(problem: Problem, before: Fitted, after: Fitted, score: Score) -> float:
     """The fall of the whitened sum of squares from one fit to another, whitened with the model error of `score`."""
     white = problem.errors.sized(score.sizes).whiten(np.column_stack([before.residual, after.residual]))
     return max(float(white[:, 0] @ white[:, 0] - white[:, 1] @ white[:, 1]), 0.0)
-
-
-def _value(errors: ErrorModel, residual: Array) -> float:
-    white = errors.whiten(residual)
-    unlikely = sum((math.log(size) / SPREAD) ** 2 for size in errors.sizes)
-    return float(white @ white) + errors.log_det() + unlikely
-
-
-def _within(sizes: Sizes) -> bool:
-    return all(low <= size <= high for size, (low, high) in zip(sizes, BOUNDS, strict=True))
 
 
 def independent(problem: Problem) -> float:

@@ -34,10 +34,10 @@ from workbench.diagnose.hypotheses.free_parameters import (
     logarithmic_of,
     setting_of,
 )
-from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.identify.fit import DAMPING, Evaluated, minimise
+from workbench.simulate.model_error import ErrorModel
 
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one fit
 ROUND = 4  # steps with the base parameters' signatures as they were

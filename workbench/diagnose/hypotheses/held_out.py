@@ -19,13 +19,13 @@ from workbench.diagnose.hypotheses.free_parameters import (
     logarithmic_of,
     setting_of,
 )
-from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem, once
 from workbench.diagnose.hypotheses.search import STUCK
 from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.hypotheses.signatures import stepped
 from workbench.identify.fit import bounded
 from workbench.machines import kind_of
+from workbench.simulate.model_error import ErrorModel
 from workbench.simulate.motion import PLAY
 
 BLOCKS = 4  # of a run that no other can foretell

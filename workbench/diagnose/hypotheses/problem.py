@@ -21,11 +21,11 @@ from workbench.diagnose.hypotheses.free_parameters import (
     Setting,
     setting_of,
 )
-from workbench.diagnose.hypotheses.model_error import ErrorModel, Sizes, error_model
 from workbench.effects import Effect, effects_for, find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
+from workbench.simulate.model_error import ErrorModel, Sizes, error_model
 from workbench.simulate.motion import GUARD_S, beside, impacts_of
 
 # Periods of the band from one sample that a search simulates to the next, by `Kind.floor`: what that changes is below

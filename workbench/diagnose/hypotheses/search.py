@@ -20,14 +20,12 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
-    STEP,
     Weighed,
     beyond,
     beyond_model_error,
     cost,
     discounted,
     inexact,
-    likeliest,
     nested,
     price,
     same_but_freer,
@@ -55,7 +53,6 @@ from workbench.diagnose.hypotheses.free_parameters import (
     setting_of,
     within,
 )
-from workbench.diagnose.hypotheses.model_error import Sizes
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import (
     Projection,
@@ -70,6 +67,7 @@ from workbench.diagnose.hypotheses.signatures import (
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.machines import Plant, kind_of, value_names, with_values
+from workbench.simulate.model_error import STEP, Sizes
 from workbench.simulate.motion import PLAY, impacts_of
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
@@ -796,8 +794,9 @@ class Search:
         left = self._beside(at, promise)
         if not np.all(np.isfinite(left)):
             return -math.inf
-        value, sizes = likeliest(self.problem, left)
-        data = likeliest(self.problem, at.residual)[0] - value
+        errors = self.problem.errors
+        value, sizes = errors.likeliest(left)
+        data = errors.likeliest(at.residual)[0] - value
         return discounted(self.problem, (promise.signature.effect.id,), data, at.residual, left, sizes, not at.effects)
 
     def _worth(self, at: Fitted, promise: Promise, least: float = 0.0) -> float:

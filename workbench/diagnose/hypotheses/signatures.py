@@ -20,11 +20,11 @@ from workbench.diagnose.hypotheses.free_parameters import (
     effect_parameters,
     setting_of,
 )
-from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.identify.fit import bounded
 from workbench.machines import kind_of
+from workbench.simulate.model_error import ErrorModel
 from workbench.simulate.motion import PLAY
 
 PLACES_TRIED = 24  # along what the runs have passed

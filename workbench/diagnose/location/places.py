@@ -13,10 +13,10 @@ from scipy.special import log_ndtr, logsumexp
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.model_error import SPREAD, ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.ports import SENSOR, Port, Ports
 from workbench.diagnose.location.survey import Course, Survey, at_rows, since_reversal, survey_of
+from workbench.simulate.model_error import SPREAD, ErrorModel
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Setting, bounds_of
-from workbench.diagnose.hypotheses.model_error import ErrorModel
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.machines import kind_of
 from workbench.simulate.driven import changed
 from workbench.simulate.lowpass import lowpass
+from workbench.simulate.model_error import ErrorModel
 
 BLOCK = 2.0  # periods of the band: over so long a time what is left is averaged to see how it hangs together
 MOST, NORMAL = 0.9, 1.645  # of the blocks: what a few of them leave may be an event; the same of a normal distribution

@@ -1,6 +1,6 @@
 """Whether a cause is worth its parameters beside one law of a single variable that nobody has written down.
 
-    r = f(w) + B z + e,    f ~ GP(0, a^2 exp(-(w - w')^2 / 2 l^2)),    e as `hypotheses/model_error.py` has it
+    r = f(w) + B z + e,    f ~ GP(0, a^2 exp(-(w - w')^2 / 2 l^2)),    e as `simulate/model_error.py` has it
     q(f, a, l) = min over z of [r' S^-1 r + |z / tolerance|^2] + ln det (1 + a^2 K H' P H),    S = cov e + a^2 H K H'
     score(f) = -2 ln of the mean of exp(-q / 2) over a and l
 

@@ -28,6 +28,8 @@ from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 
 SPREAD = 0.7  # standard deviation of the logarithm of a campaign's own size over the default
+STEP = 2.0  # of both sizes, from one tried to the next
+BOUNDS = ((0.5, 1024.0), (1.0, 16.0))
 LEAST_LEVEL = 0.02  # of the largest input: a friction level, for a machine.yaml may know of none
 
 Sizes = tuple[float, float]
@@ -52,6 +54,11 @@ class ErrorModel:
         return self.sizes[0] * np.hypot(self.moving, self.sizes[1] * self.standstill)
 
     @property
+    def std(self) -> Array:
+        """(n,) of a row, of noise and model error."""
+        return np.hypot(self.white, self.model_error)
+
+    @property
     def at_speed(self) -> Array:
         """(n,) Of each row's model error (its square), the share that is not that near standstill."""
         moving = self.moving**2
@@ -62,6 +69,30 @@ class ErrorModel:
         other = replace(self, sizes=sizes)
         object.__setattr__(other, "_gains", self._gains)  # kept by size: what was computed once serves all
         return other
+
+    def likeliest(self, residual: Array, step: float = STEP) -> tuple[float, Sizes]:
+        """The score of a residual, |whitened|^2 + ln det + the priors of the sizes, and the sizes at which it is least,
+        to a factor of `step`."""
+        tried: dict[Sizes, float] = {}
+
+        def value(sizes: Sizes) -> float:
+            if sizes not in tried:
+                errors = self.sized(sizes)
+                white, unlikely = errors.whiten(residual), sum((math.log(size) / SPREAD) ** 2 for size in sizes)
+                tried[sizes] = float(white @ white) + errors.log_det() + unlikely
+            return tried[sizes]
+
+        best = self.sizes
+        while True:
+            g, h = best
+            around = [(g * step, h), (g / step, h), (g, h * step), (g, h / step)]
+            inside = [
+                s for s in around if all(low <= size <= high for size, (low, high) in zip(s, BOUNDS, strict=True))
+            ]
+            better = min(inside, key=value, default=best)  # what a first search needed may lie beyond the bounds
+            if value(better) >= value(best):
+                return value(best), best
+            best = better
 
     def whiten(self, rows: Array) -> Array:
         """(n,) or (n, k) -> the same shape: independent values of variance 1 where the error model holds."""
@@ -101,6 +132,11 @@ class _Gains:
 
 def _gains_of(white: Array, size: Array, carry: Array) -> _Gains:
     s2, d, rho = white**2, size, carry
+    if not np.any(rho):
+        none = np.zeros_like(d)
+        return _Gains(
+            np.vstack([none + 1.0, none]), none, d, 1.0 / np.hypot(white, d), float(np.sum(np.log(s2 + d**2)))
+        )
     gain, innovation = np.zeros_like(d), np.zeros_like(d)
     variance = 0.0
     for i, (noise, own, kept) in enumerate(zip(s2.tolist(), d.tolist(), rho.tolist(), strict=True)):
