@@ -261,10 +261,11 @@ def test_an_axis_is_found_from_far_away_and_its_levels_and_load_are_said_to_hang
     )
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.008])
-def test_a_late_log_is_told_though_friction_turns_over_later_than_its_law(late_s: float):
-    """A servo bench whose log is 4 ms late had none: where it turned, bristles drew the delay to less than that."""
-    identified = identify(axis_campaign(AXIS, late_s, bristles_s=0.01))
+@pytest.mark.parametrize(("late_s", "bristles_s"), [(0.0, 0.01), (0.004, 0.02), (0.008, 0.01), (0.02, 0.02)])
+def test_a_late_log_is_told_though_friction_turns_over_later_than_its_law(late_s: float, bristles_s: float):
+    """A servo bench whose log is 4 ms late had none: where it turned, bristles drew the delay to less than that. And
+    without what lies beside low speeds, 4 ms came as 5.3 and 20 as 14."""
+    identified = identify(axis_campaign(AXIS, late_s, bristles_s))
     assert identified.machine.log.speed_late_s == pytest.approx(late_s, abs=0.0006)
     assert ("later than the logged input" in statements(identified.fit)) == (late_s > 0.0)
     assert identified.fit.values()["mass_kg"] == pytest.approx(95.0, rel=0.01)
@@ -281,6 +282,29 @@ def test_a_balance_that_does_not_hold_tells_no_late_log():
     assert "does not hold" not in statements(identify(swing).fit)
     light = identify(replace(swing, runs=tuple(pulled), machine=AXIS.model_copy(update={"mass_kg": 2e-6})))
     assert light.machine.mass_kg == 1e-6  # no less than a file may say: there it ended in an error about a unit
+
+
+def test_friction_that_turns_over_as_no_law_says_bends_no_value_at_speed():
+    """Weighed like all other samples, the few near standstill made it 215.9 N s/m, 93.9 kg and levels of 18.5 N."""
+    found = identify(axis_campaign(AXIS, bristles_s=0.02)).fit
+    errors = dict(zip(found.values(), found.std_error, strict=True))
+    for key, true in (("mass_kg", 95.0), ("friction.viscous_n_s_per_m", 203.0), ("friction.coulomb_forward_n", 22.0)):
+        assert found.values()[key] == pytest.approx(true, abs=3.0 * errors[key]), key
+        assert errors[key] < 0.002 * true
+
+
+def test_a_machine_that_is_slow_most_of_the_time_is_found_from_its_slow_motion_too():
+    """Where the law holds near standstill, samples count there as elsewhere."""
+    rng, t = np.random.default_rng(4), np.arange(12000, dtype=np.float64) * 0.001
+    v = 0.015 * np.sin(t) + 0.4 * np.exp(-(((t - 6.0) / 0.05) ** 2)) - 0.4 * np.exp(-(((t - 9.0) / 0.05) ** 2))
+    x, a = np.cumsum(v) * 0.001, np.gradient(v, t)
+    force = 95.0 * a + 203.0 * v + 22.0 * np.clip(v / 1e-4, -1.0, 1.0) + rng.normal(0.0, 1.0, len(t))
+    runs = (Run("creeps", t, {"force_n": force, "position_m": x, "velocity_m_s": v}),)
+    model, free = BalanceModel(InverseSimulation(AXIS, runs)), free_parameters(AXIS, runs)
+    alike, weighed = fit(model, free), fit(model, free, spread=model.spread)
+    assert np.array(weighed.std_error) == pytest.approx(np.array(alike.std_error), rel=0.2)
+    levels = [weighed.values()[f"friction.coulomb_{way}_n"] for way in ("forward", "backward")]
+    assert sum(levels) == pytest.approx(44.0, abs=0.2)  # each hangs together with the load
 
 
 def test_an_axis_whose_speed_is_counted_has_all_of_its_inertia():
@@ -461,15 +485,32 @@ def test_the_published_values_and_residuals_come_out(commands: Commands, emps: P
     machine = load_machine(tmp_path / "found" / "machine.yaml")
     assert isinstance(machine, LinearAxis)
     assert machine.mass_kg == pytest.approx(PUBLISHED["mass"], rel=0.01)
-    assert machine.friction.viscous_n_s_per_m == pytest.approx(PUBLISHED["viscous"], rel=0.01)
-    assert machine.friction.coulomb_forward_n == pytest.approx(PUBLISHED["coulomb"], rel=0.01)
-    assert machine.friction.coulomb_backward_n == pytest.approx(PUBLISHED["coulomb"], rel=0.01)
-    assert machine.gravity.constant_n == pytest.approx(PUBLISHED["offset"], rel=0.01)
+    assert machine.friction.viscous_n_s_per_m == pytest.approx(PUBLISHED["viscous"], rel=0.03)
+    assert machine.friction.coulomb_forward_n == pytest.approx(PUBLISHED["coulomb"], rel=0.03)
+    assert machine.friction.coulomb_backward_n == pytest.approx(PUBLISHED["coulomb"], rel=0.03)
+    assert machine.gravity.constant_n == pytest.approx(PUBLISHED["offset"], rel=0.04)
     assert overall(tmp_path / "found")["force_residual_percent"] <= 4.43
 
     words = ("--runs", "pulses", "--machine", tmp_path / "found" / "machine.yaml", "--out", tmp_path / "test")
     assert commands("replay", emps, *words).status == 0
     assert overall(tmp_path / "test")["force_residual_percent"] <= 7.50
+
+
+def test_least_squares_of_all_samples_alike_are_the_published_values(emps: Path):
+    """They were found so, from this record: what is near standstill counts like all else, and moves them by 2 %."""
+    campaign = read_campaign(emps)
+    model = BalanceModel(InverseSimulation(campaign.machine, campaign.runs[:1]))
+    free = free_parameters(campaign.machine, campaign.runs[:1])
+    found = fit(model, free, [("friction.coulomb_forward_n", "friction.coulomb_backward_n")])
+    published = [PUBLISHED[name] for name in ("mass", "viscous", "coulomb", "coulomb", "offset")]
+    assert found.value == pytest.approx(published, rel=0.01)
+
+
+def test_both_records_together_have_the_published_viscous_friction(emps: Path):
+    """With all samples alike they had 207.1 ± 1.4 N s/m."""
+    found = identify(read_campaign(emps)).fit
+    assert found.values()["friction.viscous_n_s_per_m"] == pytest.approx(PUBLISHED["viscous"], rel=0.005)
+    assert found.std_error[1] < 0.01 * PUBLISHED["viscous"]
 
 
 def test_the_published_values_lie_within_the_error_bars(commands: Commands, emps: Path, tmp_path: Path):

@@ -134,7 +134,7 @@ def bounded(gram: Array, pull: Array, low: Array, high: Array) -> Array:
 
 STEP = 1e-3  # of a parameter's own scale, for derivatives
 POOR = 0.95  # correlation beyond which two values are told apart poorly
-ROUNDS = 3  # of fitting and measuring the residual anew
+ROUNDS = 10  # of fitting and measuring the residual anew
 
 
 @dataclass(frozen=True, repr=False)
@@ -142,7 +142,8 @@ class Fit(Brief):
     """A fit's outcome. value, std_error: in each parameter's own unit; correlation: (m, m).
 
     std_prior: what the tolerance alone would allow, None where nothing held the value.
-    residual_rms: of the model's output at the fit; noise_rms: the sensor's share of it.
+    residual_rms: of the model's output at the fit; noise_rms: the sensor's share of it. unlikely: minus twice the
+    logarithm of the residual's likelihood.
     """
 
     free: tuple[Free, ...]
@@ -155,6 +156,7 @@ class Fit(Brief):
     samples: int
     evaluations: int
     statements: tuple[str, ...]
+    unlikely: float = 0.0
 
     def values(self) -> dict[str, float]:
         """Key of machine.yaml -> fitted value."""
@@ -228,6 +230,7 @@ def fit(
         len(residual),
         evaluations,
         tuple(_statements(free, z, std_z, covariance / np.outer(safe, safe), jacobian, ties)),
+        float(np.sum((residual / sigma) ** 2 + 2.0 * np.log(sigma))),
     )
 
 

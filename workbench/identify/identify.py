@@ -185,14 +185,14 @@ def late_s(bench: InverseSimulation, parameters: Sequence[Free]) -> float:
     log = machine.log.speed_late_s
     known = log + machine.effects.get("speed_delay", {}).get(delay.name, 0.0)
     active = of(machine, {"speed_delay": {delay.name: known}})
-    model = BalanceModel(InverseSimulation(machine, runs, bench.band_hz, active)).at_speed()
+    model = BalanceModel(InverseSimulation(machine, runs, bench.band_hz, active))
     free = [*parameters, Free(LATE, delay.symbol, known, LATE_SCALE / bench.band_hz, False, known - log, None)]
     if sum(model.run_lengths) <= len(free):
         return log
-    found, punctual = fit(model, free), fit(model, parameters)
+    found, punctual = (fit(model, some, spread=model.spread) for some in (free, parameters))
     off = found.value[-1] - known
     sure = abs(off) > max(SURE * found.std_error[-1], *(run.sample_time_s for run in runs))
-    holds = found.residual_rms < min(punctual.residual_rms, HALF * _input_rms(model))
+    holds = found.unlikely < punctual.unlikely and found.residual_rms < HALF * _input_rms(model)
     return log + off if sure and holds and known + off <= delay.highest else log
 
 

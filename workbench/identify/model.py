@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Protocol
@@ -18,7 +17,7 @@ from workbench.effects import logged_input
 from workbench.machines import Axis, Hoist, Kind, get_value, kind_of, plant_of
 from workbench.simulate.driven import InverseSimulation, changed, sensor
 from workbench.simulate.lowpass import lowpass
-from workbench.simulate.model_error import ErrorModel, model_error_of
+from workbench.simulate.model_error import ANY, ErrorModel, model_error_of
 
 SIGNED = ("gravity", "offset")
 
@@ -159,19 +158,8 @@ class BalanceModel:
             stride = max(1, int(1.0 / (SAMPLES_PER_PERIOD * bench.band_hz * run.sample_time_s)))
             self.rows.append(np.flatnonzero(moving)[::stride])
         self.run_lengths = tuple(len(rows) for rows in self.rows)
-        self.lags = int(2 * SAMPLES_PER_PERIOD)
-
-    def at_speed(self) -> BalanceModel:
-        """Without what lies within half a period of the band of where the machine is slow: there friction turns over
-        as bristles do, later than its law, which looks like a motion that is logged too early."""
-        other, slow = copy(self), kind_of(self.bench.machine).model_error.slow * self.bench.scale
-        other.rows = []
-        for run, motion, rows in zip(self.bench.runs, self.bench.motions, self.rows, strict=True):
-            beside = np.ones(2 * int(0.5 / (self.bench.band_hz * run.sample_time_s)) + 1)
-            near = np.convolve(np.abs(motion.speed) < slow, beside, mode="same") > 0.5
-            other.rows.append(rows[~near[rows]])
-        other.run_lengths = tuple(len(rows) for rows in other.rows if len(rows))
-        return other
+        together = kind_of(bench.machine).model_error.time_s * bench.band_hz
+        self.lags = int(SAMPLES_PER_PERIOD * max(2.0, together))
 
     def on(self, runs: Sequence[Run]) -> BalanceModel:
         """The same samples of other runs that were sampled alike."""
@@ -186,7 +174,7 @@ class BalanceModel:
         """
         parts = model_error_of(self.bench, self.rows)
         errors = ErrorModel(np.full(len(residual), self.noise), *parts, carry=np.zeros(len(residual)))
-        return errors.sized(errors.likeliest(residual, FINELY)[1]).std
+        return errors.sized(errors.likeliest(residual, FINELY, ANY)[1]).std
 
     def residuals(self, free: Sequence[Free], sets: Sequence[Array]) -> Array:
         """(sets, samples), in the input's unit."""

@@ -33,6 +33,8 @@ BOUNDS = ((0.5, 1024.0), (1.0, 16.0))
 LEAST_LEVEL = 0.02  # of the largest input: a friction level, for a machine.yaml may know of none
 
 Sizes = tuple[float, float]
+Bounds = tuple[Sizes, Sizes]  # of the one size and of the other
+ANY: Bounds = ((0.0, math.inf), (0.0, math.inf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,7 @@ class ErrorModel:
         object.__setattr__(other, "_gains", self._gains)  # kept by size: what was computed once serves all
         return other
 
-    def likeliest(self, residual: Array, step: float = STEP) -> tuple[float, Sizes]:
+    def likeliest(self, residual: Array, step: float = STEP, bounds: Bounds = BOUNDS) -> tuple[float, Sizes]:
         """The score of a residual, |whitened|^2 + ln det + the priors of the sizes, and the sizes at which it is least,
         to a factor of `step`."""
         tried: dict[Sizes, float] = {}
@@ -87,7 +89,7 @@ class ErrorModel:
             g, h = best
             around = [(g * step, h), (g / step, h), (g, h * step), (g, h / step)]
             inside = [
-                s for s in around if all(low <= size <= high for size, (low, high) in zip(s, BOUNDS, strict=True))
+                s for s in around if all(low <= size <= high for size, (low, high) in zip(s, bounds, strict=True))
             ]
             better = min(inside, key=value, default=best)  # what a first search needed may lie beyond the bounds
             if value(better) >= value(best):
