@@ -156,7 +156,7 @@ class Fit(Brief):
     samples: int
     evaluations: int
     statements: tuple[str, ...]
-    unlikely: float = 0.0
+    unlikely: float
 
     def values(self) -> dict[str, float]:
         """Key of machine.yaml -> fitted value."""
