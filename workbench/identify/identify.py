@@ -189,11 +189,12 @@ def late_s(bench: InverseSimulation, parameters: Sequence[Free]) -> float:
     free = [*parameters, Free(LATE, delay.symbol, known, LATE_SCALE / bench.band_hz, False, known - log, None)]
     if sum(model.run_lengths) <= len(free):
         return log
-    found, punctual = (fit(model, some, spread=model.spread) for some in (free, parameters))
+    found = fit(model, free, spread=model.spread)
     off = found.value[-1] - known
     sure = abs(off) > max(SURE * found.std_error[-1], *(run.sample_time_s for run in runs))
-    holds = found.unlikely < punctual.unlikely and found.residual_rms < HALF * _input_rms(model)
-    return log + off if sure and holds and known + off <= delay.highest else log
+    holds = found.residual_rms < HALF * _input_rms(model) and known + off <= delay.highest
+    serves = sure and holds and found.unlikely < fit(model, parameters, spread=model.spread).unlikely
+    return log + off if serves else log
 
 
 def _input_rms(model: BalanceModel) -> float:
