@@ -14,7 +14,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.effects import joined, of
 from workbench.engine.source import state_symbols
-from workbench.machines import NO_EFFECTS, Axis, Effects, Hoist, Plant, kind_of
+from workbench.machines import NO_EFFECTS, Effects, Machine, Plant, kind_of
 from workbench.symbolic.derive import derivative, jacobian, values
 from workbench.symbolic.emit import evaluate
 from workbench.symbolic.expr import Expr, Scalar, symbol
@@ -169,7 +169,7 @@ STIFFNESS_BY_LENGTH = Effects({"wire_compliance_m_per_n": [_by_length]})
 
 
 def linearise(
-    machine: Hoist | Axis,
+    machine: Machine,
     point: OperatingPoint,
     *,
     effects: Effects = NO_EFFECTS,

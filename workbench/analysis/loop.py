@@ -16,7 +16,7 @@ from workbench.analysis.linearise import OUTPUTS, LinearPlant, OperatingPoint, l
 from workbench.control import Controller, Settings, cascade, cascade_values, delay_weights, full_pi, loop_values
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.machines import NO_EFFECTS, Axis, Effects, Hoist, Kind, kind_of
+from workbench.machines import NO_EFFECTS, Effects, Kind, Machine, kind_of
 from workbench.symbolic.derive import jacobian
 from workbench.symbolic.expr import symbol
 
@@ -141,7 +141,7 @@ FAR = 1e30
 MOST_LATE = 200  # samples, each a state: the poles of many more take tens of seconds
 
 
-def controller_of(settings: Settings, machine: Hoist | Axis) -> Controller:
+def controller_of(settings: Settings, machine: Machine) -> Controller:
     """The loop with everything, as it is analysed: the references are given, also that of a hoist's position."""
     loop = kind_of(machine).looped
     if loop.position_loop:
@@ -152,7 +152,7 @@ def controller_of(settings: Settings, machine: Hoist | Axis) -> Controller:
 
 def linear_controller(
     settings: Settings,
-    machine: Hoist | Axis,
+    machine: Machine,
     payload_kg: float = 0.0,
     *,
     gains: tuple[float, float] | None = None,
@@ -352,7 +352,7 @@ class LinearLoop:
 
 
 def linear_loop(
-    machine: Hoist | Axis,
+    machine: Machine,
     settings: Settings,
     point: OperatingPoint,
     *,
@@ -370,7 +370,7 @@ def linear_loop(
 
 
 def loop_of(
-    machine: Hoist | Axis,
+    machine: Machine,
     settings: Settings,
     point: OperatingPoint,
     plant: LinearPlant,

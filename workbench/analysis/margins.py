@@ -19,7 +19,7 @@ from workbench.analysis.loop import LinearLoop, linear_loop
 from workbench.control import Settings
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.machines import NO_EFFECTS, Axis, Effects, Hoist, kind_of, of_kind
+from workbench.machines import NO_EFFECTS, Effects, Machine, kind_of, of_kind
 
 HALF_POWER = math.sqrt(0.5)
 
@@ -141,7 +141,7 @@ class Member:
 
 
 def operating_points(
-    machine: Hoist | Axis, payloads_kg: Sequence[float], heights_m: Sequence[float], motion: Motion = "hoisting"
+    machine: Machine, payloads_kg: Sequence[float], heights_m: Sequence[float], motion: Motion = "hoisting"
 ) -> list[OperatingPoint]:
     """Every payload at every height. InputError for a height off the rail or where no free wire is left."""
     kind = kind_of(machine)
@@ -160,7 +160,7 @@ def operating_points(
 
 
 def family(
-    machine: Hoist | Axis,
+    machine: Machine,
     settings: Settings,
     points: Sequence[OperatingPoint],
     *,

@@ -17,7 +17,7 @@ from workbench.control import Notch, Settings
 from workbench.control.settings import notch_coefficients
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.machines import HOIST, NO_EFFECTS, Axis, ClosedLoop, Effects, Hoist, kind_of
+from workbench.machines import HOIST, NO_EFFECTS, ClosedLoop, Effects, Machine, kind_of
 
 UNDAMPED = 1e-3  # damping ratio below which a mode counts as undamped
 LIGHT = 0.5  # damping ratio below which a zero makes a dip of the response
@@ -210,7 +210,7 @@ class Search:
 
 
 def make_search(
-    machine: Hoist | Axis,
+    machine: Machine,
     settings: Settings,
     points: Sequence[OperatingPoint],
     *,

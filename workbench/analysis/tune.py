@@ -19,7 +19,7 @@ from workbench.control import Events, InputShaper, Notch, ScheduledGains, Settin
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.core.shown import Brief
-from workbench.machines import NO_EFFECTS, AnyKind, Axis, Effects, Hoist, kind_of
+from workbench.machines import NO_EFFECTS, AnyKind, Effects, Machine, kind_of
 from workbench.metrics import set_of
 from workbench.references import Limits, Plan, Step, plan_motion
 from workbench.simulate.loop import NO_EVENTS, LoopCase, Outcome, simulate_loop
@@ -61,7 +61,7 @@ class Score:
         return bool(np.isfinite(self.tracking_percent))
 
 
-def usual_trial(machine: Hoist | Axis, payloads_kg: Sequence[float], sample_time_s: float) -> Trial:
+def usual_trial(machine: Machine, payloads_kg: Sequence[float], sample_time_s: float) -> Trial:
     """There and back again at nine tenths of the top speed, as a trapezoid and jerk-limited.
 
     Of a hoist ramps of 1.2 s, jerk limited so that it takes 2 s; starting in the middle of the lower half of the rail.
@@ -88,7 +88,7 @@ def usual_trial(machine: Hoist | Axis, payloads_kg: Sequence[float], sample_time
 
 
 def motions(
-    machine: Hoist | Axis, plans: Mapping[str, Plan], sample_time_s: float, length_s: float
+    machine: Machine, plans: Mapping[str, Plan], sample_time_s: float, length_s: float
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """name -> the driven coordinate's speed at the controller's samples, all equally long; the same of its position,
     where the loop follows that."""
@@ -231,7 +231,7 @@ class Tuned(Brief):
 
 
 def tune(
-    machine: Hoist | Axis,
+    machine: Machine,
     base: Settings,
     points: Sequence[OperatingPoint],
     trial: Trial,
@@ -357,7 +357,7 @@ def _with_shaper(
 
 
 def _scheduled(
-    machine: Hoist | Axis, base: Settings, points: Sequence[OperatingPoint], trial: Trial, goal: Goal, weights: Weights,
+    machine: Machine, base: Settings, points: Sequence[OperatingPoint], trial: Trial, goal: Goal, weights: Weights,
     effects: Effects, also: Collection[str], tell: Callable[[TuneProgress], object],
 ) -> Tuned:  # fmt: skip
     """A tuning for each payload; then, of their set-point weights, the one of the least cost over all."""

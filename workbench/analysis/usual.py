@@ -11,7 +11,7 @@ import math
 from typing import cast
 
 from workbench.control import SETTINGS, Cascade, PiSettings, Settings
-from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines import Axis, Hoist, Machine, kind_of
 
 USUAL_CROSSOVER_HZ = 2.5
 USUAL_SAMPLE_S = 0.001
@@ -42,7 +42,7 @@ def usual_controller(machine: Hoist) -> PiSettings:
     return PiSettings(kp_nm_s_per_rad=kp, ki_nm_per_rad=float(f"{kp * w / 4.0:.4g}"))
 
 
-def usual_heights(machine: Hoist | Axis) -> tuple[float, ...]:
+def usual_heights(machine: Machine) -> tuple[float, ...]:
     """Where a loop is looked at: of a hoist near bottom, middle and top of the rail."""
     return kind_of(machine).looped.places(machine)
 
@@ -71,7 +71,7 @@ def usual_cascade(machine: Axis) -> Cascade:
     return cast(Cascade, settings)
 
 
-def usual_settings(machine: Hoist | Axis) -> tuple[Settings, str]:
+def usual_settings(machine: Machine) -> tuple[Settings, str]:
     """The controller by rule for this kind of machine, and the rule in words."""
     if kind_of(machine).looped.position_loop:
         settings = usual_cascade(cast(Axis, machine))

@@ -16,7 +16,7 @@ from workbench.effects import check, effects_for
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.campaign import RunsError
 from workbench.logs.doubts import doubts_of
-from workbench.machines import Axis, Hoist, load_machine, plant_of
+from workbench.machines import Machine, load_machine, plant_of
 from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.view.words import brief_notes
@@ -50,7 +50,7 @@ def load_campaign(
     return replace(campaign, machine=machine)
 
 
-def chosen_candidates(text: str | None, machine: Hoist | Axis) -> tuple[str, ...] | None:
+def chosen_candidates(text: str | None, machine: Machine) -> tuple[str, ...] | None:
     """Names separated by commas; `all`: every effect of the machine's kind, also the unlisted ones. None stays None.
 
     InputError for an unknown or a repeated name, with the nearest valid one.

@@ -17,7 +17,6 @@ from workbench.control.pi import (
     weight_before,
 )
 from workbench.control.settings import (
-    FORMS,
     SETTINGS,
     AnyController,
     AxisFeedForward,
@@ -25,7 +24,6 @@ from workbench.control.settings import (
     FeedForward,
     InputShaper,
     LinearCascade,
-    LoadDamping,
     Notch,
     PiSettings,
     RotaryCascade,

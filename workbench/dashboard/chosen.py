@@ -36,8 +36,8 @@ from workbench.logs.formats.opening import suffixes
 from workbench.machines import (
     LOOPED,
     STUDIED,
-    Axis,
     Hoist,
+    Machine,
     default_hoist,
     load_machine,
     looped,
@@ -62,7 +62,7 @@ UPLOAD = "upload a campaign"
 TYPES = ["zip", "yaml", *(suffix.removeprefix(".") for suffix in suffixes())]
 _KEPT, _CHOSEN = "machines kept", "machine chosen"
 _LAST, _READ, _SENT = "campaign chosen", "campaigns read", "campaigns sent"
-Takes = Callable[[Hoist | Axis], Hoist | Axis | None]
+Takes = Callable[[Machine], Machine | None]
 
 
 def free_name(name: str, taken: Collection[str]) -> str:
@@ -76,11 +76,11 @@ def free_name(name: str, taken: Collection[str]) -> str:
 # ---- machines -----------------------------------------------------------------------------------------------------
 
 
-def kept_machines() -> dict[str, Hoist | Axis]:
+def kept_machines() -> dict[str, Machine]:
     return session.get(_KEPT, dict, {})
 
 
-def keep_machine(name: str, machine: Hoist | Axis) -> str:
+def keep_machine(name: str, machine: Machine) -> str:
     """Keeps a machine for this session; returns the name it is listed under (a taken one is numbered)."""
     kept = kept_machines()
     others = (known for known, other in kept.items() if other != machine)
@@ -89,7 +89,7 @@ def keep_machine(name: str, machine: Hoist | Axis) -> str:
     return free
 
 
-def keep_button(key: str, name: str, machine: Callable[[], Hoist | Axis]) -> None:
+def keep_button(key: str, name: str, machine: Callable[[], Machine]) -> None:
     def keep() -> None:  # runs before the page, whose lists of machines then hold it
         st.toast(f"Kept as {plain(keep_machine(name, machine()))}", icon=":material/check:")
 
@@ -101,7 +101,7 @@ def choose_machine(name: str) -> None:
     session.put(_CHOSEN, name)
 
 
-def session_machine(key: str, takes: Takes = looped, expected: str = LOOPED) -> Hoist | Axis:
+def session_machine(key: str, takes: Takes = looped, expected: str = LOOPED) -> Machine:
     """The machine that this session works on, with the drive's times that it has set."""
     ships = {DEFAULT: default_hoist(), RINGING: shipped_hoist("lightly_damped"), AXIS: shipped("emps_axis")}
     known, last = ships | kept_machines(), session.get(_CHOSEN, str, DEFAULT)

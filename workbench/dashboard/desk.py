@@ -33,6 +33,7 @@ from workbench.machines import (
     SHIPPED,
     Axis,
     Hoist,
+    Machine,
     default_hoist,
     kind_of,
     looped,
@@ -85,19 +86,19 @@ class Desk:
     scenario: Scenario
     loop: tuple[float, float] | None = None
 
-    def suits(self, machine: Hoist | Axis) -> bool:
+    def suits(self, machine: Machine) -> bool:
         """Whether what is set for one machine is a sensible beginning for this one."""
         kind = kind_of(machine)
         ratio = kind.looped.total_inertia(machine, 0.0) / self.inertia
         return kind.name == self.kind and (bool(kind.payload) or 1.0 / ALIKE < ratio < ALIKE)
 
 
-def desk_of(scenario: Scenario, machine: Hoist | Axis, loop: tuple[float, float] | None = None) -> Desk:
+def desk_of(scenario: Scenario, machine: Machine, loop: tuple[float, float] | None = None) -> Desk:
     kind = kind_of(machine)
     return Desk(kind.name, kind.looped.total_inertia(machine, 0.0), opened(scenario, machine), loop)
 
 
-def usual_desk(machine: Hoist | Axis) -> Desk:
+def usual_desk(machine: Machine) -> Desk:
     """What the page begins with. Hoist: `START`, the loop by bandwidth.
 
     Axis: there and back at six tenths of the top speed, a third of the drive's limit for the ramps, the controller by
@@ -129,22 +130,22 @@ def usual_desk(machine: Hoist | Axis) -> Desk:
     return desk_of(usual, machine)
 
 
-def current(machine: Hoist | Axis) -> Desk:
+def current(machine: Machine) -> Desk:
     """What this session has set for this kind of machine; its usual question before."""
     desk = st.session_state.get(_key(machine))
     return desk if isinstance(desk, Desk) and desk.suits(machine) else usual_desk(machine)
 
 
-def _key(machine: Hoist | Axis) -> str:
+def _key(machine: Machine) -> str:
     return f"desk {kind_of(machine).name}"
 
 
-def controller(machine: Hoist | Axis) -> Settings:
+def controller(machine: Machine) -> Settings:
     """The controller of all pages."""
     return current(machine).scenario.controller
 
 
-def change(machine: Hoist | Axis, values: Mapping[str, Any]) -> Settings:
+def change(machine: Machine, values: Mapping[str, Any]) -> Settings:
     """Sets values of the controller of all pages, as `edited`; what it is then."""
     desk = current(machine)
     try:
@@ -172,7 +173,7 @@ def _there_and_back(unit: str, way: float, dwell_s: float) -> tuple[dict[str, fl
     return {by: way}, {"dwell_s": dwell_s}, {by: -way}
 
 
-def opened(scenario: Scenario, machine: Hoist | Axis) -> Scenario:
+def opened(scenario: Scenario, machine: Machine) -> Scenario:
     """The scenario as the page shows it: the trapezoid first, limits both ways with a jerk, those of lowering apart
     where they are other ones, signals kept. InputError for one that the page cannot show: a sweep, a sample."""
     for key in ("sweep", "sample"):
@@ -206,7 +207,7 @@ def opened(scenario: Scenario, machine: Hoist | Axis) -> Scenario:
     )
 
 
-def fields_of(machine: Hoist | Axis, scenario: Scenario, start: float | None = None) -> dict[str, Field]:
+def fields_of(machine: Machine, scenario: Scenario, start: float | None = None) -> dict[str, Field]:
     """The numbers of this kind of machine, by name, with their ranges. start: of the move, for the way's range."""
     kind, settings = kind_of(machine), scenario.controller
     unit, ahead = kind.moved.unit, type(settings.feed_forward).model_fields
@@ -267,7 +268,7 @@ def value_of(name: str, field: Field, scenario: Scenario) -> float:
     return float(getattr(scenario.limits, field.key[-1]) if value is None else value)
 
 
-def edited(scenario: Scenario, machine: Hoist | Axis, values: Mapping[str, Any]) -> Scenario:
+def edited(scenario: Scenario, machine: Machine, values: Mapping[str, Any]) -> Scenario:
     """The scenario with other values: those of fields by their names, anything else by its dotted key. InputError for
     what does not fit, under the scenario's key."""
     data, fields = scenario.model_dump(), fields_of(machine, scenario)
@@ -281,7 +282,7 @@ def edited(scenario: Scenario, machine: Hoist | Axis, values: Mapping[str, Any])
     return changed(scenario, data)
 
 
-def named(error: InputError, machine: Hoist | Axis, desk: Desk) -> InputError:
+def named(error: InputError, machine: Machine, desk: Desk) -> InputError:
     """The error under the name of the control that set the value."""
     hidden = ("kp", "ki") if desk.loop else ("bandwidth", "damping")
     fields = fields_of(machine, desk.scenario)
@@ -297,7 +298,7 @@ def named(error: InputError, machine: Hoist | Axis, desk: Desk) -> InputError:
 # ---- the form -----------------------------------------------------------------------------------------------------
 
 
-def controls(machine: Hoist | Axis, bad: list[InputError]) -> Desk:
+def controls(machine: Machine, bad: list[InputError]) -> Desk:
     """Draws the controls in the side bar; what they stand at. What is set stays when another page is looked at
     meanwhile. bad: takes what was entered and cannot be used, under the names of the controls."""
     desk, kind = current(machine), kind_of(machine)
@@ -348,14 +349,12 @@ def controls(machine: Hoist | Axis, bad: list[InputError]) -> Desk:
     return desk
 
 
-def _draw(
-    scenario: Scenario, machine: Hoist | Axis, names: Sequence[str], start: float | None = None
-) -> dict[str, float]:
+def _draw(scenario: Scenario, machine: Machine, names: Sequence[str], start: float | None = None) -> dict[str, float]:
     fields = fields_of(machine, scenario, start)
     return {name: number(fields[name], value_of(name, fields[name], scenario), f"study.{name}") for name in names}
 
 
-def _motion(scenario: Scenario, machine: Hoist | Axis) -> dict[str, Any]:
+def _motion(scenario: Scenario, machine: Machine) -> dict[str, Any]:
     values: dict[str, Any] = _draw(scenario, machine, ["start"])
     known, hoist = there_and_back(scenario.moves) is not None, bool(kind_of(machine).payload)
     if known or not st.toggle("Moves as in the file", key=held("study.own", True)):
@@ -368,7 +367,7 @@ def _motion(scenario: Scenario, machine: Hoist | Axis) -> dict[str, Any]:
     return values | dict.fromkeys(down)
 
 
-def _controller(desk: Desk, machine: Hoist | Axis) -> tuple[dict[str, float], tuple[float, float] | None]:
+def _controller(desk: Desk, machine: Machine) -> tuple[dict[str, float], tuple[float, float] | None]:
     """The fields' values; and bandwidth and damping where a hoist's controller is set by them."""
     scenario = desk.scenario
     if not kind_of(machine).payload:
@@ -411,7 +410,7 @@ def _payloads(now: Sequence[float], bad: list[InputError]) -> tuple[float, ...]:
     return tuple(read(chosen))
 
 
-def _decide(scenario: Scenario, machine: Hoist | Axis) -> dict[str, dict[str, float]]:
+def _decide(scenario: Scenario, machine: Machine) -> dict[str, dict[str, float]]:
     """Limit and weight of each criterion; an empty field leaves the usual one, which stands in it in grey."""
     judged = set_of(kind_of(machine).name)
     usual = criteria_for(judged, machine, max(scenario.payloads_kg or (0.0,)), {})
@@ -441,7 +440,7 @@ def _decide(scenario: Scenario, machine: Hoist | Axis) -> dict[str, dict[str, fl
     return others | {name: block for name, block in decide.items() if block}
 
 
-def _file(name: str, machine: Hoist | Axis) -> str:
+def _file(name: str, machine: Machine) -> str:
     """The study's name. A scenario file that is chosen anew sets the controls; one that cannot be read leaves them."""
     if not (part := fold("Scenario file", "scenario", "description")).open:
         return name
@@ -471,7 +470,7 @@ def _file(name: str, machine: Hoist | Axis) -> str:
     return name
 
 
-def set_desk(desk: Desk, machine: Hoist | Axis) -> None:
+def set_desk(desk: Desk, machine: Machine) -> None:
     """The controls stand so from the next run of the page on, on this machine."""
     if machine in (default_hoist(), shipped("emps_axis")):
         choose_machine(DEFAULT if machine == default_hoist() else AXIS)
@@ -480,7 +479,7 @@ def set_desk(desk: Desk, machine: Hoist | Axis) -> None:
     session.put(_key(machine), desk)
 
 
-def machine_form(machine: Hoist | Axis, key: str) -> Hoist | Axis:
+def machine_form(machine: Machine, key: str) -> Machine:
     """The machine with the values that are set in fields, which follow from its record. InputError for what cannot
     be."""
     data = form(type(machine), machine.model_dump(mode="json"), key)
@@ -498,19 +497,19 @@ def shipped_scenarios() -> dict[str, Path]:
     return {}
 
 
-def shipped_as(machine: Hoist | Axis) -> str | None:
+def shipped_as(machine: Machine) -> str | None:
     """What a scenario calls the machine; None for one that does not ship."""
     return next((name for name in SHIPPED if shipped(name) == machine), None)
 
 
-def scenario_file(scenario: Scenario, machine: Hoist | Axis, file: str = "") -> str:
+def scenario_file(scenario: Scenario, machine: Machine, file: str = "") -> str:
     """The scenario as YAML. A hoist's own values are in it; an axis is named, by `file` where it does not ship."""
     if kind_of(machine).payload:
         return standalone_text(scenario, machine)
     return standalone_text(scenario, machine, shipped_as(machine) or file or f"{scenario.name}_machine.yaml")
 
 
-def files_of(scenario: Scenario, machine: Hoist | Axis) -> list[tuple[str, str, str]]:
+def files_of(scenario: Scenario, machine: Machine) -> list[tuple[str, str, str]]:
     """Button, file name, text: the scenario, and the axis that it names where that does not ship."""
     files = [("Save scenario", f"{scenario.name}.yaml", scenario_file(scenario, machine))]
     if not kind_of(machine).payload and not shipped_as(machine):
@@ -518,7 +517,7 @@ def files_of(scenario: Scenario, machine: Hoist | Axis) -> list[tuple[str, str, 
     return files
 
 
-def shipped_desk(name: str, machine: Hoist | Axis) -> tuple[Desk, Hoist | Axis]:
+def shipped_desk(name: str, machine: Machine) -> tuple[Desk, Machine]:
     """What a shipped scenario asks, on its own machine where it names one, at its base values where it sweeps or draws
     some; and the machine to go over to. InputError for one that no control shows."""
     study = load_study(shipped_scenarios()[name])
@@ -535,7 +534,7 @@ def shipped_desk(name: str, machine: Hoist | Axis) -> tuple[Desk, Hoist | Axis]:
     return desk_of(scenario, hoist or default_hoist()), hoist or default_hoist()
 
 
-def in_address(scenario: Scenario, machine: Hoist | Axis) -> str | None:
+def in_address(scenario: Scenario, machine: Machine) -> str | None:
     """What the address holds, compressed: the scenario, and behind it an axis that does not ship. None for the study
     that the page begins with, and for one too long for an address."""
     text_ = scenario_file(scenario, machine, FILE)
@@ -548,7 +547,7 @@ def in_address(scenario: Scenario, machine: Hoist | Axis) -> str | None:
     return packed if len(packed) <= LONGEST else None
 
 
-def from_address(packed: str) -> tuple[Desk, Hoist | Axis]:
+def from_address(packed: str) -> tuple[Desk, Machine]:
     """What a link asks and the machine that it is of; a hoist's own values are in its scenario.
 
     InputError for an address that was cut or changed.

@@ -5,7 +5,6 @@ plant; `names()` and `effects_for(kind)` say what there is; `load_effects(file)`
 """
 
 from workbench.effects.active import (
-    RUN_SYMBOLS,
     Active,
     Chosen,
     Part,
@@ -15,7 +14,6 @@ from workbench.effects.active import (
     joined,
     logged,
     logged_input,
-    logged_motion,
     longest_step_s,
     moved_by,
     of,
@@ -26,7 +24,6 @@ from workbench.effects.active import (
     true_input,
     true_motion,
 )
-from workbench.effects.declare import SENSOR_PLACES, Effect, EffectMemory, Parameter, Ranged, effect
+from workbench.effects.declare import Effect, EffectMemory, Parameter, Ranged, effect
 from workbench.effects.loading import load_effects
 from workbench.effects.registry import effects_for, find, forget_users, library_effects, names
-from workbench.machines import Sizes

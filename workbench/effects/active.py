@@ -20,19 +20,7 @@ from workbench.core.errors import InputError, check_known, nearest
 from workbench.core.run import Array, Run
 from workbench.effects.declare import Effect, EffectMemory, Ranged
 from workbench.effects.registry import effects_for, find, library_effects, library_for
-from workbench.machines import (
-    KINDS,
-    NO_EFFECTS,
-    PLANTS,
-    Axis,
-    Effects,
-    Hoist,
-    Memory,
-    Sizes,
-    get_value,
-    kind_of,
-    plant_of,
-)
+from workbench.machines import KINDS, NO_EFFECTS, PLANTS, Effects, Machine, Memory, Sizes, get_value, kind_of, plant_of
 from workbench.machines.correction import correction_of
 from workbench.symbolic.expr import Scalar
 
@@ -83,7 +71,7 @@ class Alone:
     sensors_left_out: tuple[str, ...]
 
 
-def at_work(machine: Hoist | Axis) -> Mapping[str, Mapping[str, float]]:
+def at_work(machine: Machine) -> Mapping[str, Mapping[str, float]]:
     """Effect -> its parameters, of everything that machine.yaml puts to work: effects, allowances, the lateness of the
     log (a delay of the speed sensor beside the machine's own)."""
     late = machine.log.speed_late_s
@@ -94,14 +82,14 @@ def at_work(machine: Hoist | Axis) -> Mapping[str, Mapping[str, float]]:
     return wanted
 
 
-def longest_step_s(machine: Hoist | Axis, chosen: Chosen | None = None) -> float:
+def longest_step_s(machine: Machine, chosen: Chosen | None = None) -> float:
     """The longest fixed step, s, that follows the machine and what its effects and the chosen ones keep."""
     effects = (find(name, plant_of(machine).kind) for name in {**at_work(machine), **(chosen or {})})
     own = kind_of(machine).longest_step_s(machine)
     return min([own, *(state.step_s for effect in effects for state in effect.memory)])
 
 
-def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "effects") -> Active:
+def of(machine: Machine, chosen: Chosen | None = None, *, place: str = "effects") -> Active:
     """The machine's own effects, `chosen` ones (a scenario's, a candidate's) in place of or beside them.
 
     The machine's measured correction is at work too, here and in `searchable`: it is no effect, but what
@@ -135,7 +123,7 @@ def of(machine: Hoist | Axis, chosen: Chosen | None = None, *, place: str = "eff
     return _made(machine, held, _vanished(held, sizes) | values, sensors, of_runs)
 
 
-def alone(machine: Hoist | Axis, chosen: Chosen | None = None) -> Alone:
+def alone(machine: Machine, chosen: Chosen | None = None) -> Alone:
     """As `of`, but without the rest of the library at its vanishing values: for a model that stays as it is."""
     kind, whole = plant_of(machine).kind, of(machine, chosen)
     wanted = (find(name, kind) for name in {**at_work(machine), **(chosen or {})})
@@ -144,7 +132,7 @@ def alone(machine: Hoist | Axis, chosen: Chosen | None = None) -> Alone:
     return Alone(made.effects, made.values, in_plant, tuple(effect.id for effect in whole.sensors))
 
 
-def searchable(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Active:
+def searchable(machine: Machine, runs: Sequence[Run] = ()) -> Active:
     """Everything that is known, sensors too, at the machine's own values or else vanished: for a search."""
     kind = plant_of(machine).kind
     everything = tuple(effects_for(kind).values())
@@ -153,7 +141,7 @@ def searchable(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Active:
 
 
 def _made(
-    machine: Hoist | Axis,
+    machine: Machine,
     in_plant: tuple[Effect, ...],
     values: Mapping[str, float] | None = None,
     sensors: tuple[Effect, ...] = (),
@@ -168,7 +156,7 @@ def _made(
     return Active(kind.name, effects, MappingProxyType(numbers), sensors, of_runs or {})
 
 
-def parts(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
+def parts(machine: Machine, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
     """Parts of what `searchable` holds, the smallest first; see `_families`."""
     kind, sizes = plant_of(machine).kind, sizes_of(machine, runs)
     everything = _in_plant(kind)
@@ -198,7 +186,7 @@ def _families(kind: str, effects: tuple[Effect, ...]) -> tuple[tuple[Effect, ...
     return *(tuple(effect for effect in effects if effect in first or more(effect)) for more in beside), effects
 
 
-def idle_sensors(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Mapping[str, float]:
+def idle_sensors(machine: Machine, runs: Sequence[Run] = ()) -> Mapping[str, float]:
     """symbol -> the value at which it vanishes, of the amounts of all effects on the sensor of torque (force)."""
     kind, sizes = kind_of(machine).name, sizes_of(machine, runs)
     on_torque = [effect for effect in effects_for(kind).values() if effect.place_on(kind) == "torque_sensor"]
@@ -210,7 +198,7 @@ def _amounts(effect: Effect, sizes: Sizes) -> dict[str, float]:
     return {amount.symbol: amount.vanishes_at for amount in effect.ranges(sizes) if amount.vanishes_at is not None}
 
 
-def check(machine: Hoist | Axis) -> None:
+def check(machine: Machine) -> None:
     """InputError where the machine's effects are not as they should be; for `load_machine`."""
     of(machine)
 
@@ -283,17 +271,17 @@ def _memory(effect: Effect, memory: EffectMemory, kind: str) -> Memory:
     )
 
 
-def ranges_of(effect: Effect, machine: Hoist | Axis, runs: Sequence[Run] = ()) -> tuple[Ranged, ...]:
+def ranges_of(effect: Effect, machine: Machine, runs: Sequence[Run] = ()) -> tuple[Ranged, ...]:
     """The effect's parameters on this machine: names, symbols, bounds, scales, starts in SI."""
     return tuple(_on_machine(ranged, machine, runs) for ranged in effect.ranges(sizes_of(machine, runs)))
 
 
-def sizes_of(machine: Hoist | Axis, runs: Sequence[Run] = ()) -> Sizes:
+def sizes_of(machine: Machine, runs: Sequence[Run] = ()) -> Sizes:
     """A machine's sizes; one that says little about its own asks its runs, where there are any."""
     return kind_of(machine).sizes(machine, runs)
 
 
-def _on_machine(r: Ranged, machine: Hoist | Axis, runs: Sequence[Run]) -> Ranged:
+def _on_machine(r: Ranged, machine: Machine, runs: Sequence[Run]) -> Ranged:
     """Where the log says where a machine is, its zero may lie anywhere: a place along its way is looked for where
     its runs have been. A stretch of width b is at least half as wide as the way d between two samples, which show it to
     2 exp(-2 (pi b/d)^2), by Poisson's sum; a narrower one is what single samples are off. A wave is one that comes

@@ -31,7 +31,7 @@ from workbench.effects import Active, Chosen, alone, joined, longest_step_s, siz
 from workbench.effects.active import Alone
 from workbench.export.controller_program import check_exported
 from workbench.export.physics import Physics
-from workbench.machines import STUDIED, Axis, Hoist, kind_of, of_kind, plant_of
+from workbench.machines import STUDIED, Hoist, Machine, kind_of, of_kind, plant_of
 from workbench.simulate.loop import torque_limits
 from workbench.simulate.plant_model import PlantModel
 from workbench.symbolic.expr import symbol, where
@@ -201,7 +201,7 @@ class Start:
 
 
 def model_of(
-    machine: Hoist | Axis,
+    machine: Machine,
     start: Start = Start(),
     effects: Chosen | None = None,
     controller: PiSettings | None = None,
@@ -262,7 +262,7 @@ def model_of(
     return _assembled(machine, physics, inputs, parameters, step_s, active)
 
 
-def _start_position(machine: Hoist | Axis, start: Start) -> float:
+def _start_position(machine: Machine, start: Start) -> float:
     """InputError for a payload or a position that cannot be."""
     payload = start.payload_kg
     if not 0.0 <= payload < math.inf:
@@ -279,7 +279,7 @@ def _start_position(machine: Hoist | Axis, start: Start) -> float:
     return at
 
 
-def _plant_parameters(machine: Hoist | Axis, active: Alone, payload_kg: float) -> list[Variable]:
+def _plant_parameters(machine: Machine, active: Alone, payload_kg: float) -> list[Variable]:
     """The values of machine.yaml that stand in the equations, with the ranges that machine.yaml has, then those of the
     effects at work."""
     plant, made = plant_of(machine), list[Variable]()
@@ -299,7 +299,7 @@ def _plant_parameters(machine: Hoist | Axis, active: Alone, payload_kg: float) -
     return made
 
 
-def _start_parameters(machine: Hoist | Axis, active: Alone, at: float, step_s: float) -> list[Variable]:
+def _start_parameters(machine: Machine, active: Alone, at: float, step_s: float) -> list[Variable]:
     plant = plant_of(machine)
     reach = NOT_NEGATIVE if kind_of(machine).payload else ANY
     rows: list[tuple[str, str, float, Range, str]] = [
@@ -313,7 +313,7 @@ def _start_parameters(machine: Hoist | Axis, active: Alone, at: float, step_s: f
     return [Variable(name, meaning, "parameter", value, limits, own) for name, meaning, value, limits, own in rows]
 
 
-def _hold(machine: Hoist | Axis, active: Alone, start: Start, at: float) -> float:
+def _hold(machine: Machine, active: Alone, start: Start, at: float) -> float:
     """The input that holds the machine where it starts."""
     plant, at_work = plant_of(machine), Active(plant_of(machine).kind, active.effects, active.values)
     p = SimpleNamespace(**vars(plant.values(machine, start.payload_kg)), **at_work.values_of(0.0))
@@ -369,7 +369,7 @@ def _late(loop: Controller, late: float) -> Controller:
 
 
 def _assembled(
-    machine: Hoist | Axis, physics: Physics, inputs: list[Variable], parameters: list[Variable], step_s: float,
+    machine: Machine, physics: Physics, inputs: list[Variable], parameters: list[Variable], step_s: float,
     active: Alone,
 ) -> Model:  # fmt: skip
     plant, controlled = physics.plant, physics.controller is not None

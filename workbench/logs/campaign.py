@@ -22,7 +22,7 @@ from workbench.core.yaml_strict import Document, dotted, load, validate
 from workbench.logs.formats.opening import LogFile, expect, open_log
 from workbench.logs.raw_run import Entry, RawRun
 from workbench.logs.samples import checked_runs
-from workbench.machines import TIME, Axis, Hoist, kind_of, load_machine
+from workbench.machines import TIME, Machine, kind_of, load_machine
 from workbench.machines.files import CheckEffects
 
 
@@ -54,7 +54,7 @@ class RunsFile(Record):
         return long_form(data, "columns", "column")
 
 
-def read_runs(file: Path, machine: Hoist | Axis) -> tuple[RunsFile, Document]:
+def read_runs(file: Path, machine: Machine) -> tuple[RunsFile, Document]:
     """runs.yaml, checked against its machine: signals that there are, and keys that runs of its kind need. InputError
     names file, line and place."""
     document = load(file)
@@ -90,7 +90,7 @@ def read_runs(file: Path, machine: Hoist | Axis) -> tuple[RunsFile, Document]:
 def read_run(
     entry: Entry,
     file: Path,
-    machine: Hoist | Axis,
+    machine: Machine,
     columns: Mapping[str, Column],
     line: int | None,
     runs_yaml: Path,
@@ -122,7 +122,7 @@ def read_run(
     return checked_runs(raw, whole=whole), [name for name in log.names if name not in used]
 
 
-def _raw_run(log: LogFile, entry: Entry, machine: Hoist | Axis, mapping: Mapping[str, Column]) -> RawRun:
+def _raw_run(log: LogFile, entry: Entry, machine: Machine, mapping: Mapping[str, Column]) -> RawRun:
     """The signals of one log. InputError when a needed one has no column, with the columns there are."""
     wanted = kind_of(machine).signals
     columns = {
@@ -171,7 +171,7 @@ class Campaign(Shown):
 
     name: str
     path: Path
-    machine: Hoist | Axis
+    machine: Machine
     runs: tuple[Run, ...]
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()

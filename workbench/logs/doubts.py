@@ -20,7 +20,7 @@ from workbench.core.names import unit_of
 from workbench.core.numbers import figures
 from workbench.core.run import Array, Run
 from workbench.logs.raw_run import seconds, smoothed
-from workbench.machines import Axis, Hoist, Kind, RigidBody, kind_of
+from workbench.machines import Kind, Machine, RigidBody, kind_of
 from workbench.machines.declare import RESTS_BELOW
 
 LEAST_RUNS = 4  # of which one may stand alone
@@ -69,7 +69,7 @@ class Seen:
     motion: tuple[Array, Array, Array, float]
 
 
-def doubts_of(machine: Hoist | Axis, runs: Sequence[Run]) -> list[str]:
+def doubts_of(machine: Machine, runs: Sequence[Run]) -> list[str]:
     """Notes, each with its reason and what to check; [] for runs that agree with each other and with physics."""
     kind = kind_of(machine)
     seen = [s for run in runs if (s := _seen(kind, kind.rigid(machine, run.payload_kg), run)) is not None]
@@ -161,7 +161,7 @@ def _late(kind: Kind, seen: Sequence[Seen]) -> Iterator[str]:
             )
 
 
-def _loads(machine: Hoist | Axis, kind: Kind, seen: Sequence[Seen]) -> Iterator[str]:
+def _loads(machine: Machine, kind: Kind, seen: Sequence[Seen]) -> Iterator[str]:
     """The load that each run holds, beyond the nominal one, lies on a line over the payload in all runs but one."""
     left = [s for s in seen if s.both_ways]  # else friction counts as load
     found: list[tuple[Seen, float]] = []

@@ -26,7 +26,7 @@ from workbench.logs import Campaign, read_campaign
 from workbench.logs.formats.declared import TIME, Channel, at_times, distinct, fastest, titled
 from workbench.logs.formats.drive_csv import TIME_UNITS, read_drive_csv, split_unit
 from workbench.logs.formats.opening import open_log
-from workbench.machines import Axis, Hoist, kind_of, load_of
+from workbench.machines import Hoist, Machine, kind_of, load_of
 
 # unit, lower case and without blanks, dots and asterisks -> (quantity, factor to SI)
 UNITS: Mapping[str, tuple[str, float]] = {
@@ -101,7 +101,7 @@ class Proposed:
 
 
 def propose(
-    machine: Hoist | Axis, channels: Sequence[Channel], mapped: Sequence[str] = (), scales: Sequence[str] = ()
+    machine: Machine, channels: Sequence[Channel], mapped: Sequence[str] = (), scales: Sequence[str] = ()
 ) -> Proposed:
     """A mapping for the signals of the machine's kind.
 
@@ -149,7 +149,7 @@ def _proposal(signal: str, channel: Channel, others: tuple[str, ...] = ()) -> Pr
     return Proposal(signal, channel.name, channel.unit, known[1] if known else 1.0, others, known is None)
 
 
-def by_size(machine: Hoist | Axis, proposal: Proposal, channel: Channel) -> Proposal:
+def by_size(machine: Machine, proposal: Proposal, channel: Channel) -> Proposal:
     """The proposal in the only unit in which the column's values are what the machine can do, where the file names
     none and SI is not that: 99 % of them within POSSIBLE, in nominal torque, force or speed; a hoist's torque holds the
     empty carriage at least, but for HELD of it."""
@@ -169,7 +169,7 @@ def by_size(machine: Hoist | Axis, proposal: Proposal, channel: Channel) -> Prop
     return replace(proposal, factor=factors[fitting[0]], by_size=fitting[0])
 
 
-def _mapped(machine: Hoist | Axis, word: str, signals: Sequence[str], channels: Sequence[Channel]) -> Proposal:
+def _mapped(machine: Machine, word: str, signals: Sequence[str], channels: Sequence[Channel]) -> Proposal:
     """What a user maps. InputError for a signal, column or unit that there is not."""
     named = {channel.name: channel for channel in channels}
     signal, mark, column = word.partition("=")
@@ -193,7 +193,7 @@ def _mapped(machine: Hoist | Axis, word: str, signals: Sequence[str], channels: 
     return replace(proposal, factor=known[1], guessed_unit=False)
 
 
-def _nominal(machine: Hoist | Axis, signal: str) -> float:
+def _nominal(machine: Machine, signal: str) -> float:
     """What a signal is given in per cent of, SI: one motor's torque, all motors', the drive's force, or the speed; 0
     where machine.yaml states none."""
     kind = kind_of(machine)

@@ -14,7 +14,7 @@ from pydantic import StringConstraints
 from workbench.core.errors import InputError
 from workbench.core.record import Finite, Payload, Position, Record
 from workbench.core.run import Array
-from workbench.machines import Axis, Hoist, Kind, kind_of
+from workbench.machines import Kind, Machine, kind_of
 
 WIDE = 200.0  # samples
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f/\\]+$")]
@@ -74,7 +74,7 @@ class RawRun:
 
     entry: Entry
     file: Path
-    machine: Hoist | Axis
+    machine: Machine
     columns: Mapping[str, str]
     row_name: Callable[[int], str]
     time_s: Array

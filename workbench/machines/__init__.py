@@ -2,17 +2,7 @@
 
 from typing import Any, TypeAlias
 
-from workbench.machines.correction import MeasuredCorrection
-from workbench.machines.declare import (
-    TIME,
-    ClosedLoop,
-    Kind,
-    Limits,
-    Load,
-    RigidBody,
-    Sizes,
-    Table,
-)
+from workbench.machines.declare import TIME, ClosedLoop, Kind, Limits, Load, RigidBody, Sizes, Table
 from workbench.machines.kinds import (
     HOIST,
     KINDS,
@@ -22,8 +12,10 @@ from workbench.machines.kinds import (
     PLANTS,
     ROTARY,
     STUDIED,
+    AnyMachine,
     Axis,
     Hoist,
+    Machine,
     kind_of,
     load_of,
     looped,
@@ -32,7 +24,7 @@ from workbench.machines.kinds import (
     studied,
 )
 from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
-from workbench.machines.kinds.hoist import DRIVES, Drive, HoistCorrection
+from workbench.machines.kinds.hoist import DRIVES, Drive
 from workbench.machines.kinds.two_inertia import TwoInertia
 from workbench.machines.plant import NO_EFFECTS, Effects, Memory, Plant
 
@@ -52,6 +44,5 @@ from workbench.machines.files import (  # isort: skip, it reads the kinds
     with_values,
 )
 
-Machine = Hoist | Axis
 # A machine of any kind, where what is a kind's own is asked of its record or by that kind's code alone.
 AnyKind: TypeAlias = Any

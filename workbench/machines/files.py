@@ -13,21 +13,21 @@ from pydantic import BaseModel
 from workbench.core.errors import InputError, nearest
 from workbench.core.whole_folder import replace_text
 from workbench.core.yaml_strict import Document, checked, dumps, load, put, validate
-from workbench.machines.kinds import KINDS
+from workbench.machines.kinds import KINDS, AnyMachine, Machine
 from workbench.machines.kinds.axis import Axis
 from workbench.machines.kinds.hoist import Hoist
 
 # What machine.yaml may describe. A kind of several motions has a record for each.
 RECORDS: tuple[type[Hoist] | type[Axis], ...] = tuple(kind.record for kind in KINDS.values())
 T = TypeVar("T")
-AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
-CheckEffects = Callable[[Hoist | Axis], None]
+
+CheckEffects = Callable[[Machine], None]
 _NOT_VALUES = ("format", "identified", "measured_correction", "log")
 _HEAD = ("format", "kind", "motion", "name")
 _TAIL = ("sensors", "tolerances", "effects", "allowances", "measured_correction", "log", "identified")
 
 
-def load_machine(path: str | os.PathLike[str], *, check_effects: CheckEffects | None = None) -> Hoist | Axis:
+def load_machine(path: str | os.PathLike[str], *, check_effects: CheckEffects | None = None) -> Machine:
     """The machine a machine.yaml describes.
 
     check_effects: called with the machine (`workbench.effects.check`); raises InputError for an
@@ -37,7 +37,7 @@ def load_machine(path: str | os.PathLike[str], *, check_effects: CheckEffects | 
     return machine_from(load(path), check_effects=check_effects)
 
 
-def machine_from(document: Document, *, check_effects: CheckEffects | None = None) -> Hoist | Axis:
+def machine_from(document: Document, *, check_effects: CheckEffects | None = None) -> Machine:
     """The machine a document describes; see `load_machine`."""
     machine = validate(_record_for(document), document)
     if check_effects is not None:
@@ -79,7 +79,7 @@ def _choice(document: Document, key: str, valid: Mapping[str, T], default: str |
     )
 
 
-def machine_text(machine: Hoist | Axis) -> str:
+def machine_text(machine: Machine) -> str:
     """A machine as complete YAML: every value, defaults included; what is not set is left out."""
     free = machine.model_dump(include={"effects", "identified"})  # not ours: kept with whatever nulls it holds
     data = machine.model_dump(exclude_none=True) | free
@@ -88,7 +88,7 @@ def machine_text(machine: Hoist | Axis) -> str:
     return dumps({key: data[key] for key in order if key in data and data[key] != {}})
 
 
-def save_machine(machine: Hoist | Axis, path: str | os.PathLike[str]) -> None:
+def save_machine(machine: Machine, path: str | os.PathLike[str]) -> None:
     """Writes machine.yaml whole or not at all, over what is there. InputError when it cannot be written."""
     replace_text(Path(path), machine_text(machine))
 
@@ -102,7 +102,7 @@ SHIPPED = {
 
 
 @cache
-def shipped(name: str) -> Hoist | Axis:
+def shipped(name: str) -> Machine:
     """A machine that ships with the package. KeyError for another name."""
     return machine_from(load(Path(__file__).with_name(SHIPPED[name])))
 
@@ -121,12 +121,12 @@ def default_hoist() -> Hoist:
 # Values
 
 
-def value_names(machine: Hoist | Axis) -> tuple[str, ...]:
+def value_names(machine: Machine) -> tuple[str, ...]:
     """Dotted names of all numbers a machine carries, tolerances and effects included, in file order."""
     return tuple(name for name, value in _leaves(machine, "") if isinstance(value, float | int))
 
 
-def get_value(machine: Hoist | Axis, name: str) -> float:
+def get_value(machine: Machine, name: str) -> float:
     """One number. InputError for a name the machine does not have, with the nearest one."""
     for key, value in _leaves(machine, ""):
         if key == name:
@@ -166,7 +166,7 @@ def with_correction(
     return checked(type(machine), data)
 
 
-def _unknown(machine: Hoist | Axis, name: str) -> InputError:
+def _unknown(machine: Machine, name: str) -> InputError:
     return InputError(f"the machine has no value '{name}'; {nearest(name, value_names(machine))}")
 
 

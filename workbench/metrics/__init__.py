@@ -1,19 +1,6 @@
 """The metrics of a run, each declared once: add one to `workbench/metrics/hoist.py` and it is shown everywhere."""
 
-from workbench.metrics.metric import (
-    EVERYWHERE,
-    HUGE,
-    INDEX_ONLY,
-    Accumulators,
-    Better,
-    LoopMetric,
-    Metric,
-    MetricSet,
-    Observer,
-    RunFacts,
-    RunMetric,
-    View,
-)
+from workbench.metrics.metric import LoopMetric, Metric, MetricSet, RunFacts, RunMetric, View
 from workbench.metrics.registry import (
     add,
     added,
@@ -27,6 +14,5 @@ from workbench.metrics.registry import (
     run_metrics,
     set_of,
     set_with,
-    sets,
     shown_in,
 )

@@ -7,8 +7,6 @@ from workbench.references.kind import (
     BASELINE,
     Move,
     PlannedKind,
-    Ramp,
-    RecordedKind,
     ReferenceKind,
     add,
     by_name,
@@ -23,7 +21,6 @@ from workbench.references.kind import (
 from workbench.references.plan import (
     MotionPlan,
     Plan,
-    Profile,
     RecordedPlan,
     StoppedPlan,
     motion_time_s,

@@ -15,7 +15,7 @@ from workbench.core.errors import InputError, check_known
 from workbench.effects import Active, Effect, alone, find, joined, longest_step_s, sizes_of
 from workbench.engine.source import LAG
 from workbench.engine.stepped import LiveStep
-from workbench.machines import HOIST, Axis, Effects, Hoist, kind_of, of_kind
+from workbench.machines import HOIST, Effects, Hoist, Machine, kind_of, of_kind
 from workbench.simulate.loop import BOUNDLESS, RAIL_PLAY, kept_by_others, torque_limits
 from workbench.simulate.plant_model import PlantModel
 
@@ -39,7 +39,7 @@ class LiveMachine:
     longest_step_s, faults, lag_s = AXIS_STEP_S, Effects(parameters=LAG), 0.0
 
     def __init__(
-        self, machine: Hoist | Axis, step_s: float, payload_kg: float = 0.0, start: float | None = None,
+        self, machine: Machine, step_s: float, payload_kg: float = 0.0, start: float | None = None,
         ready: Sequence[str] = (),
     ) -> None:  # fmt: skip
         """start: m or rad. InputError for what cannot be."""
@@ -233,7 +233,7 @@ class LivePlant(LiveMachine):
 
 
 def live_machine(
-    machine: Hoist | Axis, step_s: float, payload_kg: float, start: float | None, ready: Sequence[str]
+    machine: Machine, step_s: float, payload_kg: float, start: float | None, ready: Sequence[str]
 ) -> LiveMachine:
     """The machine as it is served. start: m or rad, None for mid rail or zero. InputError for what cannot be."""
     make = LivePlant if kind_of(machine).plant.kind == HOIST.plant.kind else LiveAxis

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from workbench.core.errors import InputError
 from workbench.effects import effects_for
-from workbench.machines import Axis, Hoist, plant_of
+from workbench.machines import Machine, plant_of
 from workbench.serve.plant import live_machine
 from workbench.serve.session import Say, Session
 from workbench.serve.tcp import ModbusServer, OpcUaServer, TcpServer
@@ -70,7 +70,7 @@ class Wish:
 
 
 def serve(
-    machine: Hoist | Axis,
+    machine: Machine,
     wish: Wish,
     say: Say,
     stop: threading.Event,
@@ -153,7 +153,7 @@ def pace_lines(record: dict[str, Any]) -> list[str]:
     return [head, "How late steps began:", *rows]
 
 
-def chosen_ready(text: str | None, machine: Hoist | Axis) -> Sequence[str]:
+def chosen_ready(text: str | None, machine: Machine) -> Sequence[str]:
     """Names of effects with commas between; `all`: the whole library but for sensors."""
     if text is None:
         return ()

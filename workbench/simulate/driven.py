@@ -22,7 +22,7 @@ from workbench.core.run import Array, Run
 from workbench.effects import Active, Part, logged_input, moved_by, sizes_of, true_input, true_motion
 from workbench.engine import kernels
 from workbench.engine.kernels import FEW_LANES, MOST_STEPS, lanes_for
-from workbench.machines import Axis, Hoist, Plant, kind_of, plant_of
+from workbench.machines import Machine, Plant, kind_of, plant_of
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, PLAY, Motion, beside, bridged, motion_of, moving
 from workbench.simulate.plant_model import PlantModel, plant_model
@@ -64,7 +64,7 @@ class InverseSimulation:
 
     def __init__(
         self,
-        machine: Hoist | Axis,
+        machine: Machine,
         runs: Sequence[Run],
         band_hz: float | None = None,
         active: Active | None = None,
@@ -323,7 +323,7 @@ def _pool(process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(os.cpu_count() or 1)
 
 
-def sensor(machine: Hoist | Axis) -> tuple[float, float]:
+def sensor(machine: Machine) -> tuple[float, float]:
     """gain, offset of the logged input: logged = gain * true + offset."""
     return kind_of(machine).sensor_of(machine)
 
@@ -334,7 +334,7 @@ def start_point(plant: Plant, run: Run, motion: Motion) -> tuple[float, float]:
     return at, float(np.mean(motion.speed[:5]))
 
 
-def speed_scale(machine: Hoist | Axis, runs: Sequence[Run], motions: Sequence[Motion]) -> float:
+def speed_scale(machine: Machine, runs: Sequence[Run], motions: Sequence[Motion]) -> float:
     """The speed that errors refer to: a motor's nominal speed, or an axis' largest measured speed; where no run moves,
     the one that goes with its size."""
     nominal = kind_of(machine).nominal_speed

@@ -19,7 +19,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.machines import Axis, Hoist, Plant
+from workbench.machines import Machine, Plant
 
 POWER = 8  # gain 1/(1 + (f/f0)^8): a 4th-order Butterworth run forth and back
 EDGE_PERIODS = 2.0  # what the filter may spoil at each end, in periods of the band
@@ -132,7 +132,7 @@ SAMPLING_SHARE = 0.0896
 LEAST_PERIODS = 4.0  # of the band in the shortest run
 
 
-def default_band(machine: Hoist | Axis, plant: Plant, values: Sequence[SimpleNamespace], runs: Sequence[Run]) -> float:
+def default_band(machine: Machine, plant: Plant, values: Sequence[SimpleNamespace], runs: Sequence[Run]) -> float:
     """The highest frequency at which the plant is valid, limited by the slowest sampling rate.
 
     An identified machine is compared in the band it was identified in, so that its figures

@@ -12,7 +12,7 @@ import numpy as np
 from workbench.core.run import Array
 from workbench.effects import Active, of
 from workbench.engine.statics import hang_still, of_each
-from workbench.machines import Axis, Effects, Hoist, Plant, plant_of
+from workbench.machines import Effects, Machine, Plant, plant_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class PlantModel:
         """The rows of the kernels' parameters."""
         return (*self.plant.parameters, *self.effects.parameters)
 
-    def values(self, machine: Hoist | Axis, payload_kg: float, start_time_s: float, run: str = "") -> SimpleNamespace:
+    def values(self, machine: Machine, payload_kg: float, start_time_s: float, run: str = "") -> SimpleNamespace:
         """One run's numbers by symbol: the plant's, the effects'. start_time_s: what the campaign's clock
         shows at the run's time 0; run: its name, for what is its own."""
         plain = self.plant.values(machine, payload_kg)
@@ -79,6 +79,6 @@ class PlantModel:
         return np.concatenate([y, *(of_each(one, names, table) for one in kept)])
 
 
-def plant_model(machine: Hoist | Axis, active: Active | None = None) -> PlantModel:
+def plant_model(machine: Machine, active: Active | None = None) -> PlantModel:
     """The machine's plant with its effects, or with `active` in place of them. InputError as `effects.of`."""
     return PlantModel(plant_of(machine), of(machine) if active is None else active)

@@ -16,7 +16,7 @@ from workbench.core.run import Array, Run
 from workbench.core.shown import Brief, Shown
 from workbench.effects import logged
 from workbench.engine import kernels
-from workbench.machines import Axis, Hoist, Plant
+from workbench.machines import Machine, Plant
 from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms
 from workbench.simulate.motion import own_impacts
 
@@ -57,11 +57,11 @@ class ReplayResult(Shown):
     residual_percent: float
     noise_rms: float
     band_hz: float
-    machine: Hoist | Axis
+    machine: Machine
 
 
 def replay_runs(
-    machine: Hoist | Axis, runs: Sequence[Run], band_hz: float | None = None, impacts: Sequence[Array] | None = None
+    machine: Machine, runs: Sequence[Run], band_hz: float | None = None, impacts: Sequence[Array] | None = None
 ) -> ReplayResult:
     """Replay the measured input of every run on the machine; see `ReplayResult`.
 
@@ -133,7 +133,7 @@ def _replayed(
     )  # fmt: skip
 
 
-def own_log(machine: Hoist | Axis, runs: Sequence[Run]) -> list[Run]:
+def own_log(machine: Machine, runs: Sequence[Run]) -> list[Run]:
     """The runs as this machine would have logged them under the same logged input, at the same times, without noise."""
     bench = InverseSimulation(machine, runs)
     states = simulate_replays(bench)

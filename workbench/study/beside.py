@@ -13,7 +13,7 @@ import numpy as np
 from workbench.control import Events
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.machines import Axis, Hoist, kind_of, load_of, with_values
+from workbench.machines import Hoist, Machine, kind_of, load_of, with_values
 from workbench.metrics import set_of
 from workbench.references import (
     BASELINE,
@@ -61,9 +61,7 @@ def over_payload(scenario: Scenario, machine: Hoist, payloads_kg: Sequence[float
     return plan_study(changed(scenario, {"payloads_kg": payloads, **_ONLY_METRICS}), machine)
 
 
-def over_ramps(
-    scenario: Scenario, machine: Hoist | Axis, accelerations: Sequence[float], jerks: Sequence[float]
-) -> Study:
+def over_ramps(scenario: Scenario, machine: Machine, accelerations: Sequence[float], jerks: Sequence[float]) -> Study:
     """The scenario's references at its heaviest payload, each acceleration with each jerk, both ways alike.
 
     accelerations, jerks: in m/s² and m/s³, of a rotary axis in rad/s² and rad/s³.
@@ -227,7 +225,7 @@ ELASTOMER = 0.064
 HARDLY = 2.0  # per cent that a figure may move and still depend little on the damping
 
 
-def damping_sentence(scenario: Scenario, machine: Hoist | Axis) -> str | None:
+def damping_sentence(scenario: Scenario, machine: Machine) -> str | None:
     """What another wire or coupling makes of the answer; None where a run fails."""
     return on_another_damping(plan_study(scenario, machine))
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.whole_folder import write_json
-from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines import Machine, kind_of
 from workbench.metrics import View, set_of, shown_in
 from workbench.study.beside import (
     Asked,
@@ -264,7 +264,7 @@ class Use:
         return "red" if self.percent >= RED else "amber" if self.percent > AMBER else "green"
 
 
-def utilisation(rows: Sequence[Row], machine: Hoist | Axis) -> list[Use]:
+def utilisation(rows: Sequence[Row], machine: Machine) -> list[Use]:
     """Torque peak, rms torque, overload, speed, wire, place of the stop; those that the runs know."""
     good, axes = [row for row in rows if row.ok], swept_axes(rows)
     uses = []

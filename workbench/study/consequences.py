@@ -27,7 +27,7 @@ from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
 from workbench.core.yaml_strict import checked
 from workbench.effects import Ranged, effects_for, ranges_of
-from workbench.machines import LOOPED, AnyKind, Axis, Hoist, Kind, kind_of, looped, studied
+from workbench.machines import LOOPED, AnyKind, Kind, Machine, kind_of, looped, studied
 from workbench.metrics import Metric, find, set_of
 from workbench.references import Limits
 from workbench.study.grid import RunSpec
@@ -79,7 +79,7 @@ class SmallStudy:
         low, high = sorted((self.start_position_m, self.start_position_m + self.travel_m))
         return low, 0.5 * (low + high), high
 
-    def specs(self, machine: Hoist | Axis) -> list[RunSpec]:
+    def specs(self, machine: Machine) -> list[RunSpec]:
         """The runs on a machine, metrics only."""
         return list(plan_study(self.scenario, machine).specs)
 
@@ -230,10 +230,10 @@ def metrics_for(kind: Kind) -> tuple[str, ...]:
 
 
 def consequences_of(
-    nominal: Hoist | Axis,
-    corrected: Hoist | Axis,
+    nominal: Machine,
+    corrected: Machine,
     *,
-    refitted: Hoist | Axis | None = None,
+    refitted: Machine | None = None,
     runs: Sequence[Run] = (),
     payloads_kg: Sequence[float] | None = None,
     controller: Settings | None = None,
@@ -258,7 +258,7 @@ def consequences_of(
     if now.measured_correction not in (None, given.measured_correction):
         effects = (*effects, CORRECTION)
     was = without(now, given, effects) if effects else given
-    done: list[tuple[Hoist | Axis, list[Row]]] = []
+    done: list[tuple[Machine, list[Row]]] = []
     columns: list[Sequence[Row | None]] = []
     for machine in (given, looped(refitted) if refitted else None, was, now):  # equal machines are run once
         rows = next((rows for other, rows in done if other == machine), None)
@@ -279,7 +279,7 @@ def consequences_of(
     return replace(made, sentences=tuple(_sentences(made, now, runs))), ""
 
 
-def without(corrected: Hoist | Axis, nominal: Hoist | Axis, effects: Sequence[str]) -> Hoist | Axis:
+def without(corrected: Machine, nominal: Machine, effects: Sequence[str]) -> Machine:
     """The corrected machine with these effects as the nominal one has them, all else equal."""
     kept = {name: values for name, values in corrected.effects.items() if name not in effects}
     kept |= {name: nominal.effects[name] for name in effects if name in nominal.effects}
@@ -291,7 +291,7 @@ def without(corrected: Hoist | Axis, nominal: Hoist | Axis, effects: Sequence[st
     return corrected.model_copy(update={"effects": kept, "measured_correction": table, "log": log})
 
 
-def worst_runs(study: SmallStudy, machine: Hoist | Axis, runs: Sequence[Run] = ()) -> list[Row]:
+def worst_runs(study: SmallStudy, machine: Machine, runs: Sequence[Run] = ()) -> list[Row]:
     """The runs of a machine; if it has values that differ from run to run, such as a phase, the worst of several. runs:
     the campaign's; where all of them log where they are, such a phase may be one that holds for any run.
 
@@ -307,14 +307,14 @@ def worst_runs(study: SmallStudy, machine: Hoist | Axis, runs: Sequence[Run] = (
     return rows
 
 
-def _per_run(machine: Hoist | Axis, runs: Sequence[Run]) -> dict[str, list[Ranged]]:
+def _per_run(machine: Machine, runs: Sequence[Run]) -> dict[str, list[Ranged]]:
     """The effects of the machine with values that differ from run to run, and these."""
     known = effects_for(kind_of(machine).name)
     own = {name: [r for r in ranges_of(known[name], machine, runs) if r.per_run] for name in machine.effects}
     return {name: ranges for name, ranges in own.items() if ranges}
 
 
-def _at_phases(machine: Hoist | Axis, runs: Sequence[Run]) -> list[Hoist | Axis]:
+def _at_phases(machine: Machine, runs: Sequence[Run]) -> list[Machine]:
     """The machine itself or, if an effect has a value for each run, four machines evenly over its range."""
     own, machines = _per_run(machine, runs), []
     for k in range(PHASES if own else 0):
@@ -325,7 +325,7 @@ def _at_phases(machine: Hoist | Axis, runs: Sequence[Run]) -> list[Hoist | Axis]
     return machines or [machine]
 
 
-def _weakest_loop(machine: Hoist | Axis, study: SmallStudy) -> LoopFigures:
+def _weakest_loop(machine: Machine, study: SmallStudy) -> LoopFigures:
     worst = weakest(family(machine, study.controller, operating_points(machine, study.payloads_kg, study.heights_m)))
     m, up = worst.margins, worst.margins.gain_up
     gain_db = 20.0 * math.log10(up) if math.isfinite(up) else math.inf
@@ -333,7 +333,7 @@ def _weakest_loop(machine: Hoist | Axis, study: SmallStudy) -> LoopFigures:
                        m.crossover_hz, m.bandwidth_hz)  # fmt: skip
 
 
-def _gains(study: SmallStudy, was: Hoist | Axis, now: Hoist | Axis, goal: Goal) -> tuple[Gains, Gains, float]:
+def _gains(study: SmallStudy, was: Machine, now: Machine, goal: Goal) -> tuple[Gains, Gains, float]:
     """Recommended for each machine, and the bandwidth (Hz) that the first ones give the second machine."""
     ends = tuple(dict.fromkeys((study.payloads_kg[0], study.payloads_kg[-1])))
     heights, names = (study.heights_m[0], study.heights_m[-1]), study.controller.GAINS
@@ -473,7 +473,7 @@ def _digits(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def _sentences(c: Consequences, corrected: Hoist | Axis, runs: Sequence[Run] = ()) -> list[str]:
+def _sentences(c: Consequences, corrected: Machine, runs: Sequence[Run] = ()) -> list[str]:
     """In order: what was run, failures, torque, tracking, wire, better reference, loop, gains, caveats."""
     kind, judged, good = c.study.kind, set_of(c.study.kind.name), [row for row in c.rows if row.ok]
     reasons = [(row, row.after.reason or row.before.reason) for row in c.rows if not row.ok]

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from workbench.core.errors import InputError, nearest
-from workbench.machines import Axis, Hoist, kind_of, load_of
+from workbench.machines import Hoist, Machine, kind_of, load_of
 from workbench.metrics import Metric, MetricSet, find, set_with
 from workbench.study.labels import FAILS, SweptAxis, listed, reads, said, swept_axes, words_of
 from workbench.study.rows import Row, hunts, is_astray, metrics_of
@@ -91,7 +91,7 @@ class Criterion:
 
 
 def criteria_for(
-    judged: MetricSet, machine: Hoist | Axis | None, payload_kg: float, given: Given | None = None
+    judged: MetricSet, machine: Machine | None, payload_kg: float, given: Given | None = None
 ) -> tuple[Criterion, ...]:
     """The usual criteria at a payload, with what a scenario's `decide` sets over them; without a machine no limits.
 
@@ -241,7 +241,7 @@ class Decision:
 
 
 def decisions(
-    rows: Sequence[Row], machine: Hoist | Axis | None, given: Given | None = None, beside: Sequence[Row] = ()
+    rows: Sequence[Row], machine: Machine | None, given: Given | None = None, beside: Sequence[Row] = ()
 ) -> list[Decision]:
     """The decision at each payload, over all that the rows vary. beside: runs for the comparison at equal time."""
     judged, made = metrics_of(rows), []

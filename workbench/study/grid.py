@@ -20,7 +20,7 @@ from workbench.core.errors import InputError, nearest
 from workbench.core.record import Duration, Finite, Payload, Record
 from workbench.core.run import Array
 from workbench.core.yaml_strict import Place, checked, put
-from workbench.machines import AnyKind, Axis, Hoist, kind_of, load_of
+from workbench.machines import AnyKind, Machine, kind_of, load_of
 from workbench.references import (
     LimitPair,
     Plan,
@@ -279,7 +279,7 @@ def _recorded_plan(recording: Recording, rail: tuple[float, float], lead_s: floa
     )  # fmt: skip
 
 
-def check_speed(limits: LimitPair, machine: Hoist | Axis) -> None:
+def check_speed(limits: LimitPair, machine: Machine) -> None:
     """InputError where a speed limit is beyond what the machine allows."""
     kind = kind_of(machine)
     top, key = kind.looped.top_speed(machine), key_in(kind.moved.unit, "speed_m_s")
@@ -370,7 +370,7 @@ def _axis(columns: Mapping[str, list[Value]], short: Mapping[str, str], place: s
     return GridAxis(tuple(columns), points, ["_".join(parts) for parts in labels])
 
 
-def sampled(scenario: Scenario, fields: Fields, machine: Hoist | Axis) -> Iterator[GridAxis]:
+def sampled(scenario: Scenario, fields: Fields, machine: Machine) -> Iterator[GridAxis]:
     """The axis of the draws, if there are any. InputError names the field that cannot be drawn."""
     block = scenario.sample
     if block is None:
@@ -517,7 +517,7 @@ class RunList(Sequence[RunSpec]):
         return swept, sampled
 
 
-def plan_runs(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, Recording] | None = None) -> RunList:
+def plan_runs(scenario: Scenario, machine: Machine, recordings: Mapping[str, Recording] | None = None) -> RunList:
     """The runs of a scenario on its machine (overrides, drive and effects in it), checked without running any.
 
     Raises InputError, with the field or `sweep.<field>` as place, for an unknown field, a value that fits

@@ -26,8 +26,8 @@ from workbench.machines import (
     SHIPPED,
     STUDIED,
     AnyKind,
-    Axis,
     Hoist,
+    Machine,
     default_hoist,
     kind_of,
     load_machine,
@@ -215,7 +215,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     return planned(scenario, machine, _recordings(scenario, layers), layers)
 
 
-def planned(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, Recording], layers: Layered) -> Study:
+def planned(scenario: Scenario, machine: Machine, recordings: Mapping[str, Recording], layers: Layered) -> Study:
     """`plan_study`, with file and line of what does not fit."""
     try:
         return plan_study(scenario, machine, recordings)
@@ -227,7 +227,7 @@ def planned(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, 
         raise InputError(error.problem, file=file, line=line, place=shown or None) from error
 
 
-def plan_study(scenario: Scenario, machine: Hoist | Axis, recordings: Mapping[str, Recording] | None = None) -> Study:
+def plan_study(scenario: Scenario, machine: Machine, recordings: Mapping[str, Recording] | None = None) -> Study:
     """A scenario on a machine; InputError where what it needs is missing or its motion is not possible."""
     sweep, sample = scenario.sweep, scenario.sample
     swept = set() if sweep is None else {*sweep.grid, *sweep.zip}
@@ -286,7 +286,7 @@ def _clearer(text: str, place: Place, data: Any) -> tuple[str, Place]:
     return text, place
 
 
-def _machine(scenario: Scenario, layers: Layered) -> Hoist | Axis:
+def _machine(scenario: Scenario, layers: Layered) -> Machine:
     """The machine a scenario names, as its file has it."""
     if scenario.machine in SHIPPED:
         return shipped(scenario.machine)
@@ -303,7 +303,7 @@ def _machine(scenario: Scenario, layers: Layered) -> Hoist | Axis:
     return machine
 
 
-def _machine_as_run(scenario: Scenario, machine: Hoist | Axis) -> Hoist | Axis:
+def _machine_as_run(scenario: Scenario, machine: Machine) -> Machine:
     """The machine with overrides, drive and effects of the scenario. InputError names the place in the scenario."""
     data = machine.model_dump()
     known = _dotted_values({k: v for k, v in data.items() if k not in ("effects", "identified", "format", "kind")})
@@ -409,7 +409,7 @@ _NOT_VALUES = ("format", "kind", "drive", "effects", "allowances", "log", "ident
 
 
 def read_standalone(
-    document: Document, machine: Hoist | Axis | None = None, known: Mapping[str, Path] | None = None
+    document: Document, machine: Machine | None = None, known: Mapping[str, Path] | None = None
 ) -> Scenario:
     """The scenario of a document, checked on its machine as `workbench study` checks it.
 
@@ -440,7 +440,7 @@ def changed(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     return checked(Scenario, scenario.model_dump() | dict(changes))
 
 
-def standalone_text(scenario: Scenario, machine: Hoist | Axis, called: str = "default") -> str:
+def standalone_text(scenario: Scenario, machine: Machine, called: str = "default") -> str:
     """The scenario on this machine as YAML that needs no other file: a hoist's own values are overrides; any other
     machine is named as it is `called`.
 

@@ -17,7 +17,7 @@ from workbench.control.settings import read_settings
 from workbench.core.errors import InputError
 from workbench.core.shown import Shown
 from workbench.effects import check
-from workbench.machines import LOOPED, AnyKind, Axis, Hoist, default_hoist, kind_of, load_machine, looped, of_kind
+from workbench.machines import LOOPED, AnyKind, Machine, default_hoist, kind_of, load_machine, looped, of_kind
 from workbench.study.load import Study, load_study
 
 USUAL_PAYLOADS_KG = (0.0, 4500.0, 9000.0)
@@ -106,7 +106,7 @@ def load_case(
     heights_m: Sequence[float] | None,
 ) -> DesignCase:
     """InputError with file and place for input that cannot be read or does not fit."""
-    known: Hoist | Axis | None = None
+    known: Machine | None = None
     if machine is not None:
         read = load_machine(machine, check_effects=check)
         known = looped(read)
@@ -117,7 +117,7 @@ def load_case(
 
 
 def loop_case(
-    machine: Hoist | Axis | None,
+    machine: Machine | None,
     controller: Settings | None,
     payloads_kg: Sequence[float] | None,
     heights_m: Sequence[float] | None,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.shown import Shown
-from workbench.machines import AnyKind, Axis, Hoist, kind_of
+from workbench.machines import AnyKind, Machine, kind_of
 from workbench.metrics import RunFacts, columns, run_metrics, set_of
 from workbench.references import Plan
 from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
@@ -179,7 +179,7 @@ def run_study(study: Study) -> StudyResult:
     return StudyResult(study, [row for row, _ in done], runs)
 
 
-def peak_limit(machine: Hoist | Axis) -> float:
+def peak_limit(machine: Machine) -> float:
     """What the largest input of a run is held against: one motor's largest torque, an axis' largest force or torque.
 
     inf where none is stated.

@@ -30,19 +30,9 @@ from pydantic_core import CoreSchema
 
 from workbench.control import SETTINGS, AnyController, Events
 from workbench.core.errors import InputError, nearest
-from workbench.core.record import (
-    Acceleration,
-    Duration,
-    Finite,
-    Jerk,
-    NotNegative,
-    Position,
-    Positive,
-    Record,
-    Speed,
-)
+from workbench.core.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Positive, Record, Speed
 from workbench.core.run import Array
-from workbench.machines import Axis, Hoist, get_value, kind_of, of_kind
+from workbench.machines import Machine, get_value, kind_of, of_kind
 from workbench.machines.kinds.axis import LinearDrive, RotaryDrive
 from workbench.machines.kinds.hoist import BY_NAME, Drive
 from workbench.references import (
@@ -222,7 +212,7 @@ class SampleBlock(Record):
         return self
 
 
-def distributions(block: SampleBlock, machine: Hoist | Axis) -> dict[str, Distribution]:
+def distributions(block: SampleBlock, machine: Machine) -> dict[str, Distribution]:
     """What is drawn: the machine's tolerances where asked for, and what `values` names, which goes over them."""
     drawn: dict[str, Distribution] = {}
     if block.tolerances:
@@ -532,7 +522,7 @@ class Scenario(Record):
         return tuple(item for item in self.references if isinstance(item, str))
 
 
-def check_kind(scenario: Scenario, machine: Hoist | Axis, varied: set[str]) -> None:
+def check_kind(scenario: Scenario, machine: Machine, varied: set[str]) -> None:
     """InputError, with its place, for what this kind of machine does not have. varied: swept and drawn fields."""
     kind, who = kind_of(machine), of_kind(machine)
     for place in (*_keys(scenario), *sorted(varied)):

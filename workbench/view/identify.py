@@ -20,7 +20,7 @@ from workbench.identify.fit import Fit
 from workbench.identify.identify import Identification, friction_speed
 from workbench.identify.model import fittable, free_parameters
 from workbench.logs import Campaign
-from workbench.machines import Axis, Hoist, get_value, kind_of, plant_of, save_machine
+from workbench.machines import Machine, get_value, kind_of, plant_of, save_machine
 from workbench.simulate.driven import sensor
 from workbench.simulate.lowpass import lowpass
 from workbench.simulate.replay import ReplayResult
@@ -118,13 +118,13 @@ def _identified(identification: Identification) -> Campaign:
 # Figures.
 
 
-def law(machine: Hoist | Axis, speed: Array) -> Array:
+def law(machine: Machine, speed: Array) -> Array:
     """Friction (N, N m) at speeds (m/s, rad/s): the guide's on a hoist, Coulomb and viscous on an axis."""
     p = plant_of(machine).values(machine)
     return np.asarray(kind_of(machine).friction.law(speed, p), dtype=float)
 
 
-def force_balance(machine: Hoist | Axis, result: ReplayResult) -> tuple[Array, Array]:
+def force_balance(machine: Machine, result: ReplayResult) -> tuple[Array, Array]:
     """Speed and friction force at the moving samples of all runs: the law plus the residual of the balance.
 
     On a hoist the residual torque is converted to a force at the carriage through gearbox, drum and the two falls.
@@ -140,7 +140,7 @@ def force_balance(machine: Hoist | Axis, result: ReplayResult) -> tuple[Array, A
     return speed, force
 
 
-def combined_weight(machine: Hoist | Axis, result: ReplayResult) -> float | None:
+def combined_weight(machine: Machine, result: ReplayResult) -> float | None:
     """The weight of carriage and payload, mean over the runs, by which the paper's Fig. 7 divides; None for an axis."""
     weight = kind_of(machine).weight
     return weight and weight(machine, float(np.mean([run.balance.run.payload_kg for run in result.runs])))

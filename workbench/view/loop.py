@@ -23,7 +23,7 @@ from workbench.core.table import Column, Table
 from workbench.core.templates import Sentences
 from workbench.core.whole_folder import write_json
 from workbench.effects import find
-from workbench.machines import Axis, Hoist, Kind, kind_of
+from workbench.machines import Kind, Machine, kind_of
 from workbench.study.labels import listed
 from workbench.study.loop_design import DesignCase
 from workbench.view import style
@@ -89,7 +89,7 @@ def least_sentence(members: Sequence[Member]) -> str:
     return said.weakest(by_place, len(members))
 
 
-def load_sentence(members: Sequence[Member], machine: Hoist | Axis) -> str:
+def load_sentence(members: Sequence[Member], machine: Machine) -> str:
     """The largest response to a load step; of an axis about a tenth of what its inputs are judged against."""
     answers = [load_step(member.loop) for member in members]
     peak, iae, last = (max(getattr(s, n) for s in answers) for n in ("peak_rad_s", "iae_rad", "recovery_s"))
@@ -123,7 +123,7 @@ def event_words(case: DesignCase) -> str:
     return ", ".join(f"{key} {value:g}" for key, value in given.items() if key.endswith("_s"))
 
 
-def drive_sentences(machine: Hoist | Axis, sample_time_s: float) -> list[str]:
+def drive_sentences(machine: Machine, sample_time_s: float) -> list[str]:
     """The drive between commanded torque and measured speed, then the effects and the measured correction in the loop,
     and those that act on the log only."""
     d = machine.drive

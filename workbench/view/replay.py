@@ -16,7 +16,7 @@ from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
 from workbench.core.whole_folder import whole_folder, write_json
 from workbench.logs import Campaign
-from workbench.machines import Axis, Hoist, kind_of, plant_of
+from workbench.machines import Machine, kind_of, plant_of
 from workbench.simulate.replay import Replay, ReplayResult
 from workbench.view import style
 from workbench.view.page import Section, save_page
@@ -55,7 +55,7 @@ class Measure(NamedTuple):
         return _percent(self.value) if self.column.unit == "%" else figures(self.value)
 
 
-def measures(machine: Hoist | Axis, replay: Replay | ReplayResult) -> list[Measure]:
+def measures(machine: Machine, replay: Replay | ReplayResult) -> list[Measure]:
     """Of a run, or of all."""
     w, r = words_of(machine), replay
     noise = r.noise_rms if isinstance(r, ReplayResult) else r.balance.noise_rms
@@ -70,14 +70,14 @@ def measures(machine: Hoist | Axis, replay: Replay | ReplayResult) -> list[Measu
     return [Measure(Column(head, unit), key, field, value) for head, unit, key, field, value in declared]
 
 
-def table(machine: Hoist | Axis, result: ReplayResult) -> Table:
+def table(machine: Machine, result: ReplayResult) -> Table:
     """A line a run, and one for all."""
     rows: list[tuple[str, Replay | ReplayResult]] = [(run.name, run) for run in result.runs]
     return table_of_replays(machine, "run", [*rows, ("all runs", result)] if len(rows) > 1 else rows, result.band_hz)
 
 
 def table_of_replays(
-    machine: Hoist | Axis, first: str, rows: Sequence[tuple[str, Replay | ReplayResult]], band_hz: float
+    machine: Machine, first: str, rows: Sequence[tuple[str, Replay | ReplayResult]], band_hz: float
 ) -> Table:
     """rows: name and figures of each; first: what they are."""
     note = said.replay_note(words_of(machine), band_hz)
@@ -85,7 +85,7 @@ def table_of_replays(
     return Table(columns, [[name, *(m.text for m in measures(machine, replay))] for name, replay in rows], note)
 
 
-def sentences(machine: Hoist | Axis, result: ReplayResult, remedy: str = REMEDY) -> list[str]:
+def sentences(machine: Machine, result: ReplayResult, remedy: str = REMEDY) -> list[str]:
     """What these figures say of the model, the drifting one first. remedy: what to do where it explains too little."""
     kind, w, drift = kind_of(machine), words_of(machine), None
     if kind.nominal_speed is not None:
@@ -98,7 +98,7 @@ def sentences(machine: Hoist | Axis, result: ReplayResult, remedy: str = REMEDY)
     ]
 
 
-def noise_is_floor(machine: Hoist | Axis, result: ReplayResult) -> bool:
+def noise_is_floor(machine: Machine, result: ReplayResult) -> bool:
     """Whether the noise is what a perfect model leaves: not where the speed is the logged position's derivative."""
     return kind_of(machine).plant.speeds[0] in result.runs[0].balance.run
 
@@ -166,12 +166,12 @@ def run_panels(
     return figure
 
 
-def inputs(machine: Hoist | Axis, result: ReplayResult) -> Figure:
+def inputs(machine: Machine, result: ReplayResult) -> Figure:
     """Fig. 6: the measured torque of both motors, or an axis' measured input."""
     return input_profiles(machine, [run.balance.run for run in result.runs])
 
 
-def input_profiles(machine: Hoist | Axis, runs: Sequence[Run]) -> Figure:
+def input_profiles(machine: Machine, runs: Sequence[Run]) -> Figure:
     """Fig. 6: both motors' measured torque over one motor's nominal torque, or the measured input in its own unit."""
     kind, w, drawn = kind_of(machine), words_of(machine), []
     if kind.motor_torque is None:
@@ -187,7 +187,7 @@ def input_profiles(machine: Hoist | Axis, runs: Sequence[Run]) -> Figure:
     return run_panels("Measured motor torque", "torque / nominal", [run.name for run in runs], drawn)
 
 
-def speeds(machine: Hoist | Axis, result: ReplayResult) -> Figure:
+def speeds(machine: Machine, result: ReplayResult) -> Figure:
     """Fig. 8: measured, simulated and restarted speed in per cent of the machine's speed scale, a panel a run."""
     signal, scale = plant_of(machine).speeds[0], kind_of(machine).speed_scale[1]
     drawn = []
@@ -231,7 +231,7 @@ def torque_residual(
     return run_panels(title, f"{quantity} residual ({unit})", names, lines, unit, shaded, levels, limit)
 
 
-def residuals(machine: Hoist | Axis, result: ReplayResult, before: ReplayResult | None = None) -> Figure:
+def residuals(machine: Machine, result: ReplayResult, before: ReplayResult | None = None) -> Figure:
     """The balance's residual over time, on the scale of what is left while moving; `before` an identification below."""
     balances = [run.balance for run in result.runs]
     compared = balances if before is None else [run.balance for run in before.runs]

@@ -18,7 +18,7 @@ from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.whole_folder import whole_file
 from workbench.core.yaml_strict import dumps
-from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines import Machine, kind_of
 from workbench.study.loop_design import DesignCase, Tuning
 from workbench.view import loop
 from workbench.view.loop import drive_sentences, event_words, least_sentence, load_sentence, said
@@ -97,7 +97,7 @@ def _compared(tuned: Tuned) -> list[str]:
     return lines
 
 
-def warning(machine: Hoist | Axis) -> str | None:
+def warning(machine: Machine) -> str | None:
     """A warning that gains for an ideal drive suit no machine; None if the drive has lag, filter or delay."""
     d = machine.drive
     real = d.torque_lag_s > 0.0 or d.speed_filter_s > 0.0 or d.speed_delay_s > 0.0
@@ -118,7 +118,7 @@ def check_new(path: Path) -> None:
         raise InputError(f"cannot be written: there is no folder {path.parent}", file=path)
 
 
-def write_controller(tuned: Tuned, path: Path, machine: Hoist | Axis) -> None:
+def write_controller(tuned: Tuned, path: Path, machine: Machine) -> None:
     """Whole or not at all. machine: what the gains are for, so that the file says where they are for none."""
     goal = tuned.goal
     asked = "best rejection" if goal.bandwidth_hz is None else f"bandwidth {goal.bandwidth_hz:g} Hz"

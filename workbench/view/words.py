@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from workbench.logs import Campaign
-from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines import Machine, kind_of
 
 MOST_NOTES = 5
 
@@ -20,12 +20,12 @@ class Words:
     scale: str
 
 
-def words_of(machine: Hoist | Axis) -> Words:
+def words_of(machine: Machine) -> Words:
     kind = kind_of(machine)
     return Words(kind.drive.quantity, kind.drive.unit, kind.drive.suffix, kind.speed_scale[0])
 
 
-def direction_names(machine: Hoist | Axis) -> tuple[str, str]:
+def direction_names(machine: Machine) -> tuple[str, str]:
     return kind_of(machine).directions.names
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.hypotheses.fit import Fitted, estimates
 from workbench.diagnose.machines import machine_of, with_effects
 from workbench.logs import Campaign
-from workbench.machines import Axis, Hoist, get_value, kind_of, with_values
+from workbench.machines import AnyMachine, Machine, get_value, kind_of, with_values
 from workbench.watch.estimate import Baseline, shift
 from workbench.watch.judge import SAME_PAYLOAD_KG, Cycle
 
@@ -60,18 +60,18 @@ def groups_of(cycles: Sequence[Cycle], runs: Sequence[Run], baseline: Baseline) 
 class Cause:
     """fitted: the machine with a cause as the diagnosis fitted it; others: with one parameter a standard error off."""
 
-    fitted: Hoist | Axis
-    others: tuple[Hoist | Axis, ...] = ()
+    fitted: Machine
+    others: tuple[Machine, ...] = ()
 
 
 def likelihoods(
-    machine: Hoist | Axis, causes: Mapping[str, Cause], groups: Sequence[Group], baseline: Baseline
+    machine: Machine, causes: Mapping[str, Cause], groups: Sequence[Group], baseline: Baseline
 ) -> dict[str, float]:
     """Logarithm of the likelihood of each cause, 0 for the best. machine: as its logs were estimated with."""
     deviation = np.concatenate([group.deviation for group in groups])
     noise = np.concatenate([np.full(len(g.deviation), 1.0 / g.count + 1.0 / baseline.count) for g in groups])
 
-    def shifts(other: Hoist | Axis) -> Array:
+    def shifts(other: Machine) -> Array:
         moved = [baseline.z(shift(machine, g.run, other, baseline.keys), g.payload_kg) for g in groups]
         return np.concatenate(moved)
 
@@ -100,7 +100,6 @@ def posterior(before: Mapping[str, float], logs: Mapping[str, float]) -> dict[st
     return {name: weight * share for name, weight in sorted(weights.items(), key=lambda pair: -pair[1])}
 
 
-AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
 Effects = Mapping[str, Mapping[str, float]]
 Row = tuple[list[str], str, float]  # effects of a hypothesis, its verdict and its probability
 UNLIKELY = 0.005  # a cause less probable in the diagnosis stays so
@@ -140,7 +139,7 @@ def diagnosed(
 
 
 def _discriminated(
-    made: Diagnosis, machine: Hoist | Axis, rows: Sequence[Row], runs: Sequence[Run], cycles: Sequence[Cycle],
+    made: Diagnosis, machine: Machine, rows: Sequence[Row], runs: Sequence[Run], cycles: Sequence[Cycle],
     baseline: Baseline,
 ) -> tuple[list[Row], str]:  # fmt: skip
     """The ranking with the cycles' say, the likeliest cause first, and a sentence; as it was where there is nothing to

@@ -32,7 +32,7 @@ from pydantic import Field, PlainSerializer, PlainValidator
 from workbench.core.run import Array, Run
 from workbench.identify.fit import STEP, fit
 from workbench.identify.model import BalanceModel, Free, free_parameters
-from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines import Machine, kind_of
 from workbench.simulate.driven import InverseSimulation
 
 
@@ -65,14 +65,14 @@ class Estimate:
     noise_rms: Number
 
 
-def watched_keys(machine: Hoist | Axis) -> tuple[str, ...]:
+def watched_keys(machine: Machine) -> tuple[str, ...]:
     """What is estimated of each cycle: of three values that a cycle shows as two sums (`Kind.ties`), two."""
     kind = kind_of(machine)
     thirds = {third for _, third in kind.ties}
     return kind.watched or tuple(key for key in kind.free if key not in thirds)
 
 
-def estimate(machine: Hoist | Axis, run: Run) -> Estimate:
+def estimate(machine: Machine, run: Run) -> Estimate:
     """Least squares of one run's torque balance over its noise, and over the tolerances; see `identify.fit`.
 
     InputError where the machine hardly moves in the run.
@@ -96,7 +96,7 @@ def estimate(machine: Hoist | Axis, run: Run) -> Estimate:
     )
 
 
-def shift(machine: Hoist | Axis, run: Run, other: Hoist | Axis, keys: Sequence[str]) -> Array:
+def shift(machine: Machine, run: Run, other: Machine, keys: Sequence[str]) -> Array:
     """(m,) by how much the estimates of a run move where it is `other` that made the log, in the keys' units.
 
     Linear around the nominal values, the noise the sensor's. other: the machine with effects.

@@ -25,7 +25,7 @@ from workbench.core.record import Finite, Payload, Position, Record, long_form
 from workbench.core.run import Array
 from workbench.core.whole_folder import whole_file, writable
 from workbench.core.yaml_strict import load, validate
-from workbench.machines import TIME, Axis, Hoist, kind_of
+from workbench.machines import TIME, Machine, kind_of
 
 TRIGGER = "trigger"
 MOST_LEAD_S = 1.0  # of standing that a cycle keeps on either side
@@ -337,7 +337,7 @@ class Nodes:
     fixed: Mapping[str, float]
 
 
-def nodes_of(file: Path | None, machine: Hoist | Axis) -> Nodes:
+def nodes_of(file: Path | None, machine: Machine) -> Nodes:
     """Without a file: those of a plant that `workbench serve --protocol opcua` serves. InputError where a signal is
     unknown, or one that is needed has no node."""
     kind = kind_of(machine)
@@ -390,7 +390,7 @@ class Note:
     key: str = ""
 
 
-def still_speed(machine: Hoist | Axis, given: float | None) -> float:
+def still_speed(machine: Machine, given: float | None) -> float:
     """Up to which speed a machine stands, in its motion signal's unit. InputError where nothing says it."""
     if given is not None:
         return given
@@ -404,7 +404,7 @@ def still_speed(machine: Hoist | Axis, given: float | None) -> float:
 class Line:
     """The subscription in a thread of its own. Logs go to a folder, notes to a queue."""
 
-    def __init__(self, address: str, nodes: Nodes, rules: CutRules, machine: Hoist | Axis, folder: Path,
+    def __init__(self, address: str, nodes: Nodes, rules: CutRules, machine: Machine, folder: Path,
                  every_s: float, clock: Callable[[], float] = time.monotonic) -> None:  # fmt: skip
         """every_s: how often the server samples. clock: of the arrivals, steady. InputError: the extra is missing."""
         try:

@@ -27,7 +27,7 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from workbench.core.errors import InputError, UnwritableError
 from workbench.core.input_file import open_input, readable_file
 from workbench.core.whole_folder import whole_file, writable
-from workbench.machines import Axis, Hoist
+from workbench.machines import Machine
 from workbench.watch.estimate import LARGEST, watched_keys
 from workbench.watch.judge import Cycle, Judge, Judged, Rules
 
@@ -102,7 +102,7 @@ class Store:
     watch has it, or what it holds is damaged."""
 
     def __init__(
-        self, folder: Path, machine: Hoist | Axis, rules: Rules, *, wait_s: float = 0.0,
+        self, folder: Path, machine: Machine, rules: Rules, *, wait_s: float = 0.0,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:  # fmt: skip
         """wait_s: how long another watch of this folder is waited for; say: told of that."""
@@ -267,7 +267,7 @@ def replace_table(
         pyarrow.parquet.write_table(table.replace_schema_metadata(metadata), part)
 
 
-def rebuild(folder: Path, machine: Hoist | Axis, rules: Rules) -> int:
+def rebuild(folder: Path, machine: Machine, rules: Rules) -> int:
     """Makes watch.sqlite anew from cycles.parquet; how many cycles it has. All are judged again, in their order; what
     was said and told of an alarm is kept. What was there stays as watch.sqlite.damaged; logs that came later are read
     again. InputError where cycles.parquet is damaged."""
@@ -336,7 +336,7 @@ def locked(folder: Path, wait_s: float, say: Callable[[str], None]) -> FileLock:
             raise InputError(f"{busy}{waited}; try again when it has ended", file=folder) from error
 
 
-def _settings(machine: Hoist | Axis, rules: Rules) -> dict[str, str]:
+def _settings(machine: Machine, rules: Rules) -> dict[str, str]:
     """What all cycles of one state share. Limits may change: they only tell how long until."""
     text = json.dumps(machine.model_dump(mode="json"), sort_keys=True)
     chosen = {name: repr(value) for name, value in asdict(rules).items() if name != "limits"}

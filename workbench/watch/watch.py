@@ -21,7 +21,7 @@ from workbench.core.yaml_strict import load, validate
 from workbench.logs.campaign import Campaign, Column, read_run, read_runs
 from workbench.logs.formats.opening import suffixes
 from workbench.logs.raw_run import Entry, Name
-from workbench.machines import Axis, Hoist, get_value, kind_of
+from workbench.machines import Machine, get_value, kind_of
 from workbench.watch.estimate import WINDOW, Baseline, estimate, watched_keys
 from workbench.watch.judge import SAME_PAYLOAD_KG, Alarm, Cause, Cycle, Judge, Rules
 from workbench.watch.opcua import Line
@@ -54,7 +54,7 @@ class Arrived:
 class Arrivals:
     """Looks into a folder again and again. A log is complete when it has not changed for `settle_s`."""
 
-    def __init__(self, folder: Path, machine: Hoist | Axis, settle_s: float) -> None:
+    def __init__(self, folder: Path, machine: Machine, settle_s: float) -> None:
         if not folder.is_dir():
             raise InputError("is no folder; expected one that logs come into", file=folder)
         self._folder, self._machine, self._settle_s = folder, machine, settle_s
@@ -168,7 +168,7 @@ class Watch:
     """One machine's logs and state. Built anew after a restart, it goes on where the store ends."""
 
     def __init__(
-        self, folder: Path, machine: Hoist | Axis, state: Path, rules: Rules, *, settle_s: float = 2.0,
+        self, folder: Path, machine: Machine, state: Path, rules: Rules, *, settle_s: float = 2.0,
         line: Line | None = None, diagnose: Diagnoser | None = None, hook: str | None = None,
         say: Say = lambda line: None, wait_s: float = 0.0, page: Callable[[Watch, Path], None] | None = None,
     ) -> None:  # fmt: skip
@@ -383,7 +383,7 @@ def _spread(cycles: Sequence[Cycle]) -> list[Cycle]:
     return [cycles[k] for k in sorted(chosen[:MOST_DIAGNOSED])]
 
 
-def with_usual_limits(machine: Hoist | Axis, rules: Rules) -> Rules:
+def with_usual_limits(machine: Machine, rules: Rules) -> Rules:
     """Friction levels get a limit where the user names none. InputError for a limit of what is not estimated."""
     keys = watched_keys(machine)
     for key in rules.limits:

@@ -15,7 +15,7 @@ import streamlit as st
 from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import free_name
 from workbench.dashboard.widgets import SAME, by_words, guarded, held, plain, text
-from workbench.machines import Axis, Hoist, get_value, kind_of, value_names
+from workbench.machines import Machine, get_value, kind_of, value_names
 from workbench.metrics import Metric, View, shown_in
 from workbench.study.load import plan_study
 from workbench.study.rows import Row, metrics_of
@@ -36,7 +36,7 @@ class Kept:
 
     name: str
     scenario: Scenario
-    machine: Hoist | Axis
+    machine: Machine
     result: StudyResult
 
     @property
@@ -61,7 +61,7 @@ def kept() -> dict[str, Kept]:
     return session.get(KEY, dict, {})
 
 
-def keep(name: str, scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> str:
+def keep(name: str, scenario: Scenario, machine: Machine, result: StudyResult) -> str:
     """Keeps the runs under the name, or under the name with a number where other runs have it."""
     known = kept()
     free = free_name(name, [n for n, o in known.items() if (o.scenario, o.machine) != (scenario, machine)])

@@ -33,7 +33,7 @@ from workbench.logs.importing import (
     runs_yaml,
     write_campaign,
 )
-from workbench.machines import Axis, Hoist, kind_of, save_machine
+from workbench.machines import Machine, kind_of, save_machine
 from workbench.machines.files import machine_text
 from workbench.view.logs import drawn, mapping_table
 
@@ -89,7 +89,7 @@ def _read(files: Sequence[UploadedFile]) -> list[Imported]:
     return list(logs.values())
 
 
-def _runs(logs: Sequence[Imported], machine: Hoist | Axis) -> list[Imported]:
+def _runs(logs: Sequence[Imported], machine: Machine) -> list[Imported]:
     """Payload and start of each run."""
     kind, made = kind_of(machine), []
     for log in logs:
@@ -107,7 +107,7 @@ def _runs(logs: Sequence[Imported], machine: Hoist | Axis) -> list[Imported]:
     return made
 
 
-def _mapping(machine: Hoist | Axis, logs: Sequence[Imported]) -> Proposed:
+def _mapping(machine: Machine, logs: Sequence[Imported]) -> Proposed:
     """The proposal, as the choices of columns and units change it."""
     channels = logs[0].channels
     columns = [channel.name for channel in channels]
@@ -138,7 +138,7 @@ def _mapping(machine: Hoist | Axis, logs: Sequence[Imported]) -> Proposed:
     return Proposed(tuple(kept), tuple(name for name in columns if name not in {proposal.column for proposal in kept}))
 
 
-def _make(machine: Hoist | Axis, logs: Sequence[Imported], proposed: Proposed) -> None:
+def _make(machine: Machine, logs: Sequence[Imported], proposed: Proposed) -> None:
     """Checks all, makes the campaign this session's own, and offers it as a zip."""
     name = st.text_input("Name of the campaign", key=held("import name", "campaign"), max_chars=60)
     if st.button("Check and make the campaign", type="primary", icon=":material/done_all:", key="import make"):

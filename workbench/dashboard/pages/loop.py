@@ -18,7 +18,7 @@ from workbench.core.errors import InputError
 from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import session_machine
 from workbench.dashboard.widgets import Field, Number, chart, guarded, held, number, plain, problem, table
-from workbench.machines import Axis, Hoist, kind_of
+from workbench.machines import Machine, kind_of
 from workbench.machines.files import machine_text
 from workbench.study.loop_design import MOST, DesignCase
 from workbench.study.loop_design import numbers as numbers_in
@@ -126,7 +126,7 @@ def _side_bar(bad: list[InputError]) -> tuple[DesignCase, Motion, Any, float, Wa
     return case, motion, RAD_S if unit == "rad/s" else HZ, ms, wanted
 
 
-def _gains(machine: Hoist | Axis, bad: list[InputError]) -> Settings:
+def _gains(machine: Machine, bad: list[InputError]) -> Settings:
     """The session's one controller, as its sliders stand."""
     now, rule = desk.controller(machine), rule_settings(machine)
     fields, values = desk.fields_of(machine, desk.current(machine).scenario), dict[str, Any]()
@@ -164,7 +164,7 @@ def _crossover(case: DesignCase) -> None:
         st.rerun()  # the gains stand in the side bar and are drawn already
 
 
-def rule_settings(machine: Hoist | Axis) -> Settings:
+def rule_settings(machine: Machine) -> Settings:
     """The controller that a rule of thumb gives."""
     return usual_settings(machine)[0]
 
@@ -244,7 +244,7 @@ def _tune(case: DesignCase, goal: Goal, weights: Weights, also: Sequence[str]) -
     st.rerun()
 
 
-def _tuned_before(machine: Hoist | Axis) -> None:
+def _tuned_before(machine: Machine) -> None:
     """What the last tuning found."""
     if not (last := session.get(TUNED, tuple, ())):
         return

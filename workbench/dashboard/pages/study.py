@@ -18,7 +18,7 @@ from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import session_machine
 from workbench.dashboard.pages import compare
 from workbench.dashboard.widgets import Number, chart, fold, guarded, held, plain, problem, table, text
-from workbench.machines import HOIST, Axis, Hoist, default_hoist, kind_of
+from workbench.machines import HOIST, Hoist, Machine, default_hoist, kind_of
 from workbench.machines.files import machine_text
 from workbench.metrics import View, columns, shown_in
 from workbench.references import BASELINE
@@ -45,7 +45,7 @@ POINTS = 5  # payloads of the curve over payload
 KEPT = 12  # studies of all sessions together, some 5 MB of signals each
 LUMPED = {"plant": "lumped"}  # of the curves beside a study: dozens of runs
 COLOURS = {"green": "green", "amber": "orange", "red": "red"}
-Good = tuple[Scenario, Hoist | Axis, StudyResult]
+Good = tuple[Scenario, Machine, StudyResult]
 
 
 def show() -> None:
@@ -94,7 +94,7 @@ def run_first() -> None:
 # ---- what is run --------------------------------------------------------------------------------------------------
 
 
-def results(scenario: Scenario, machine: Hoist | Axis) -> StudyResult:
+def results(scenario: Scenario, machine: Machine) -> StudyResult:
     """The scenario's runs. InputError for what cannot be run."""
     return _run(plan_study(scenario, machine))
 
@@ -110,13 +110,13 @@ def _run(study: Study) -> StudyResult:
 
 
 @st.cache_resource(max_entries=200, show_spinner=False)
-def on_damping(said: str, _scenario: Scenario, _machine: Hoist | Axis) -> str | None:
+def on_damping(said: str, _scenario: Scenario, _machine: Machine) -> str | None:
     """How far the answer depends on the damping assumed for wire or coupling; None where its runs fail. said: both as
     text."""
     return damping_sentence(_scenario, _machine)
 
 
-def _ran(asked: desk.Desk, machine: Hoist | Axis, bad: Sequence[InputError]) -> Good:
+def _ran(asked: desk.Desk, machine: Machine, bad: Sequence[InputError]) -> Good:
     """The study that is asked for, told to the address; where it cannot be run, the error under its control's name,
     and the last one of this kind of machine that was."""
     key = f"{GOOD} {asked.kind}"
@@ -143,7 +143,7 @@ def _ran(asked: desk.Desk, machine: Hoist | Axis, bad: Sequence[InputError]) -> 
 # ---- what it answers ----------------------------------------------------------------------------------------------
 
 
-def _head(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> None:
+def _head(scenario: Scenario, machine: Machine, result: StudyResult) -> None:
     """The study's name, the button that keeps it for Compare, its files to save."""
     known = any((study.scenario, study.machine) == (scenario, machine) for study in compare.kept().values())
     with st.container(horizontal=True, horizontal_alignment="distribute", vertical_alignment="center"):
@@ -254,7 +254,7 @@ def _window(result: StudyResult, end_s: float) -> tuple[float, float] | None:
     return float(start), float(end)
 
 
-def _further(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, runs: Sequence[tuple[str, Run]]) -> None:
+def _further(scenario: Scenario, machine: Machine, result: StudyResult, runs: Sequence[tuple[str, Run]]) -> None:
     """A tab for each further figure; only the one that is open is simulated and drawn."""
     hoist = bool(kind_of(machine).payload)
     titles = [*([PLANE, PEAKS] if hoist and runs else []), LIMITS]
@@ -277,7 +277,7 @@ def _further(scenario: Scenario, machine: Hoist | Axis, result: StudyResult, run
                 _ramps(scenario, machine, result)
 
 
-def _ramps(scenario: Scenario, machine: Hoist | Axis, result: StudyResult) -> None:
+def _ramps(scenario: Scenario, machine: Machine, result: StudyResult) -> None:
     """The front of move time and peak over other accelerations and jerks, at the heaviest payload; the trapezoid has
     accelerations only."""
     given, made = scenario.limits.given(), list[Row]()

@@ -17,7 +17,8 @@ from workbench.machines.kinds.hoist import KIND as HOIST
 from workbench.machines.kinds.hoist import Hoist
 from workbench.machines.plant import Plant
 
-AnyMachine = TypeVar("AnyMachine", bound=Hoist | Axis)
+Machine = Hoist | Axis
+AnyMachine = TypeVar("AnyMachine", bound=Machine)
 
 
 # Those of full studies first.

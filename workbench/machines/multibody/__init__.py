@@ -6,18 +6,3 @@ It shares no equation with `workbench.machines`: that the two agree is a finding
 from workbench.machines.multibody.assemble import Geometry, Hanging, geometry_of, hang
 from workbench.machines.multibody.motion import Driven, MotionResult, Outcome, Shaft, move
 from workbench.machines.multibody.switches import Switches, engine, switches_of
-
-__all__ = [
-    "Driven",
-    "Geometry",
-    "Hanging",
-    "MotionResult",
-    "Outcome",
-    "Shaft",
-    "Switches",
-    "engine",
-    "geometry_of",
-    "hang",
-    "move",
-    "switches_of",
-]

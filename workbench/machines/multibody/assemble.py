@@ -20,7 +20,6 @@ BRAKE_SPEED = 0.05  # rad/s at the motor, where a brake's friction is fully deve
 
 
 Point = tuple[float, float]
-ROLLERS = ("lower_dolly_top", "lower_dolly_bottom", "upper_dolly_top", "upper_dolly_bottom")
 _DOLLY_DEPTH_M = 0.6  # for the dollies' moment of inertia only
 _HEAD_SIZE_M = 0.8  # and for the head's
 
@@ -89,18 +88,12 @@ def geometry_of(machine: Hoist, payload_kg: float, height_m: float) -> Geometry:
     if payload_kg > 0.0:
         bodies["payload"] = Body(payload_kg, payload_kg * arm.pipe_length_m**2 / 12.0, pipe)
         joints["gripper"] = ("head", "payload", pipe)
-    rollers = dict(
-        zip(
-            ROLLERS,
-            [
-                ("lower_dolly", (0.0, y + half)),
-                ("lower_dolly", (0.0, y - half)),
-                ("upper_dolly", (0.0, y + s + half)),
-                ("upper_dolly", (0.0, y + s - half)),
-            ],
-            strict=True,
-        )
-    )
+    rollers = {
+        "lower_dolly_top": ("lower_dolly", (0.0, y + half)),
+        "lower_dolly_bottom": ("lower_dolly", (0.0, y - half)),
+        "upper_dolly_top": ("upper_dolly", (0.0, y + s + half)),
+        "upper_dolly_bottom": ("upper_dolly", (0.0, y + s - half)),
+    }
     cylinder = ((arm.cylinder_offset_m, y), (arm.cylinder_offset_m, y + s))
     return Geometry(bodies, joints, rollers, cylinder, arm.sheave_offset_m)
 
@@ -177,7 +170,8 @@ class System:
         self.torque = self.mbs.AddLoad(i.LoadCoordinate(markerNumber=motor, load=0.0))
         self.drum_weight = self.mbs.AddLoad(i.LoadCoordinate(markerNumber=drum, load=0.0))
         self.wire_weight = self.mbs.AddLoad(i.LoadForceVector(markerNumber=self._at("sheave"), loadVector=[0, 0, 0]))
-        self.bristle = self._bristle() if s.bristle_m else None
+        # The bristles between the lower dolly and the rail; `motion` sets their tangent before each step.
+        self.bristle = self._between(self.fixed, self._coordinate("lower_dolly", 1)) if s.bristle_m else None
         self.mbs.Assemble()
         names = [(name, c, k) for name in self.geometry.bodies for k, c in enumerate("xya")]
         self.coordinate = {f"{name}.{c}": self.mbs.GetNodeODE2Index(self.nodes[name]) + k for name, c, k in names}
@@ -281,20 +275,14 @@ class System:
 
     def _pin(self, a: Any, b: Any, speed: float, law: Any = None) -> Any:
         """Dry friction between two coordinates; its level is the connector's `offset`."""
-        number = self.mbs.AddObject(
-            self.items.ObjectConnectorCoordinateSpringDamper(
-                markerNumbers=[a, b], stiffness=0.0, damping=speed, offset=0.0
-            )
-        )
+        number = self._between(a, b, speed)
         self._give_law(number, law or pin_law())
         return number
 
-    def _bristle(self) -> Any:
-        """The bristles between the lower dolly and the rail; `motion` sets their tangent before each step."""
+    def _between(self, a: Any, b: Any, damping: float = 0.0) -> Any:
+        """A connector of two coordinates, without a force."""
         return self.mbs.AddObject(
-            self.items.ObjectConnectorCoordinateSpringDamper(
-                markerNumbers=[self.fixed, self._coordinate("lower_dolly", 1)], stiffness=0.0, damping=0.0
-            )
+            self.items.ObjectConnectorCoordinateSpringDamper(markerNumbers=[a, b], stiffness=0.0, damping=damping)
         )
 
 
