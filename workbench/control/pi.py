@@ -355,7 +355,6 @@ def delay_weights(late: float) -> tuple[int, float, float]:
 def loop_gains(settings: Any, drive: Any) -> dict[str, float]:
     """The numbers by symbol that every sampled loop has: gains, filters, encoder, delay."""
     dt = settings.sample_time_s
-    b0, b1, b2, a1, a2 = notch_coefficients(settings.notch, dt)
     return {
         "kp": settings.kp,
         "ki": settings.ki,
@@ -363,7 +362,7 @@ def loop_gains(settings: Any, drive: Any) -> dict[str, float]:
         "track": settings.tracking_rate_per_s,
         "conditional": 1.0 if settings.anti_windup == "conditional" else 0.0,
         "alpha_u": low_pass_gain(settings.low_pass_hz, dt),
-        **dict(zip(("b0", "b1", "b2", "a1", "a2"), (b0, b1, b2, a1, a2), strict=True)),
+        **dict(zip(("b0", "b1", "b2", "a1", "a2"), notch_coefficients(settings.notch, dt), strict=True)),
         "counts": float(drive.encoder_counts_per_turn),
         "alpha_w": lag_gain(drive.speed_filter_s, dt),
         "late": drive.speed_delay_s / dt,

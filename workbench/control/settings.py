@@ -11,7 +11,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from workbench.core.errors import InputError
 from workbench.core.record import Frequency, KiGain, KpGain, RateLimit, Record, TrackingTime
-from workbench.core.yaml_strict import Document, load, validate
+from workbench.core.yaml_strict import load, validate
 from workbench.machines import KINDS
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False)]
@@ -297,12 +297,10 @@ else:
 
 def read_settings(path: Path) -> Settings:
     """The `controller` block of a file, of any kind of machine: an output of tune, or a scenario."""
-    document = load(path)
-    block = document.data.get("controller") if isinstance(document.data, dict) else None
-    if not isinstance(block, dict):
+    block = load(path).block("controller")
+    if block is None:
         raise InputError("holds no block 'controller'", file=path)
-    inside = {place[1:]: line for place, line in document.lines.items() if place[:1] == ("controller",)}
-    return validate(FORMS[form_of(block)], Document(document.file, block, inside))
+    return validate(FORMS[form_of(block.data)], block)
 
 
 def read_controller(path: Path) -> PiSettings:

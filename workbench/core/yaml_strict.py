@@ -50,6 +50,12 @@ class Document:
                 return self.lines[place[:end]]
         return None
 
+    def block(self, name: str) -> Document | None:
+        """A block of the file, as a document of its own; None where it has none of that name."""
+        data = self.data.get(name) if isinstance(self.data, dict) else None
+        lines = {place[1:]: line for place, line in self.lines.items() if place[:1] == (name,)}
+        return Document(self.file, data, lines) if isinstance(data, dict) else None
+
 
 def dotted(place: Place) -> str:
     """("runs", 2, "payload_kg") as runs[2].payload_kg."""

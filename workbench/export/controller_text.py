@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from workbench import __version__
 from workbench.control import PiSettings, feed_forward
-from workbench.core.yaml_strict import Document, dumps, load, validate
+from workbench.core.yaml_strict import dumps, load, validate
 from workbench.export.controller_program import (
     AGREES,
     CHECKS,
@@ -40,12 +40,10 @@ _JINJA = Environment(undefined=StrictUndefined)
 
 def ramp_of(path: Path) -> Limits | None:
     """The limits of a scenario's motion, both ways alike; None for a file without them."""
-    document = load(path)
-    block = document.data.get("limits") if isinstance(document.data, dict) else None
-    if not isinstance(block, dict):
+    block = load(path).block("limits")
+    if block is None:
         return None
-    inside = {place[1:]: line for place, line in document.lines.items() if place[:1] == ("limits",)}
-    given = validate(LimitsBlock, Document(document.file, block, inside)).given()
+    given = validate(LimitsBlock, block).given()
     return Limits(**given) if {"speed_m_s", "acceleration_m_s2"} <= given.keys() else None
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.machines import Load
-from workbench.references.kind import Move, Ramp, planned
+from workbench.references.kind import Move, PlannedKind, Ramp, planned
 from workbench.references.least_peak import gentle_move, least_peak_limits, peak_force_n
 from workbench.references.library.planned import _equal_time_ramp, _trapezoid_ramp, _trapezoid_s
 from workbench.references.shape import Shape, shortest_move
@@ -24,7 +24,8 @@ from workbench.references.shape import Shape, shortest_move
 EI_VIBRATION = 0.05  # of an unshaped step's, that the EI shaper leaves at its own frequency
 OVERSHOOT = 0.01  # of a step; a load that swings less far is not shaped
 
-# Of an undamped load, half a period apart.
+# Impulses for an undamped load, half a period apart: zero vibration; its derivative zero, too; extra insensitive, which
+# leaves a little.
 ZV = (0.5, 0.5)
 ZVD = (0.25, 0.5, 0.25)
 EI = ((1.0 + EI_VIBRATION) / 4.0, (1.0 - EI_VIBRATION) / 2.0, (1.0 + EI_VIBRATION) / 4.0)
@@ -111,63 +112,47 @@ def optimal(move: Move) -> Shape:
     return gentle_move(move.distance_m, move.limits.speed_m_s, move.time_s, move.known_load, trapezoid_n)
 
 
-def _shaped_trapezoid(move: Move, undamped: Sequence[float]) -> Shape:
-    plain = shortest_move(move.distance_m, move.limits.without_jerk_limit())
-    return shaped(plain, impulses(undamped, move.known_load))
+def _through(undamped: Sequence[float], **declared: Any) -> PlannedKind:
+    """The trapezoid through a shaper, as a kind of reference."""
+
+    def ramp_of(ramp: Ramp) -> Shape:
+        assert ramp.load is not None
+        return shaped(_trapezoid_ramp(ramp), impulses(undamped, ramp.load))
+
+    def duration(move: Move) -> float:
+        return _trapezoid_s(move) + impulses(undamped, move.known_load)[-1][0]
+
+    def shape(move: Move) -> Shape:
+        plain = shortest_move(move.distance_m, move.limits.without_jerk_limit())
+        return shaped(plain, impulses(undamped, move.known_load))
+
+    return planned(ramp=ramp_of, duration=duration, needs_jerk=False, needs_load=True, **declared)(shape)
 
 
-def _shaped_ramp(ramp: Ramp, undamped: Sequence[float]) -> Shape:
-    assert ramp.load is not None
-    return shaped(_trapezoid_ramp(ramp), impulses(undamped, ramp.load))
-
-
-def _shaped_s(move: Move, undamped: Sequence[float]) -> float:
-    return _trapezoid_s(move) + impulses(undamped, move.known_load)[-1][0]
-
-
-@planned(
+zv = _through(
+    ZV,
+    name="zv",
     label="trapezoid, ZV shaper",
     words="the trapezoid through a ZV shaper",
     definition="the trapezoid in two parts, half a swing of the load apart: at the load's own frequency nothing is "
     "left to swing; half a period longer. The trapezoid itself where the wire's damping leaves less than 1 % overshoot",
-    ramp=lambda ramp: _shaped_ramp(ramp, ZV),
-    duration=lambda move: _shaped_s(move, ZV),
-    needs_jerk=False,
-    needs_load=True,
     colour="#CC79A7",
 )
-def zv(move: Move) -> Shape:
-    """Zero vibration: two impulses."""
-    return _shaped_trapezoid(move, ZV)
-
-
-@planned(
+zvd = _through(
+    ZVD,
+    name="zvd",
     label="trapezoid, ZVD shaper",
     words="the trapezoid through a ZVD shaper",
     definition="the same in three parts: what is left to swing grows with the square of an error of the frequency; a "
     "whole period longer",
-    ramp=lambda ramp: _shaped_ramp(ramp, ZVD),
-    duration=lambda move: _shaped_s(move, ZVD),
-    needs_jerk=False,
-    needs_load=True,
     colour="#C07F00",
 )
-def zvd(move: Move) -> Shape:
-    """Zero vibration and derivative: three impulses."""
-    return _shaped_trapezoid(move, ZVD)
-
-
-@planned(
+ei = _through(
+    EI,
+    name="ei",
     label="trapezoid, EI shaper",
     words="the trapezoid through an EI shaper",
     definition="the same with 5 % of the swing left at the load's own frequency, and less than that over the widest "
     "band around it (extra insensitive)",
-    ramp=lambda ramp: _shaped_ramp(ramp, EI),
-    duration=lambda move: _shaped_s(move, EI),
-    needs_jerk=False,
-    needs_load=True,
     colour="#978600",
 )
-def ei(move: Move) -> Shape:
-    """Extra insensitive: three impulses that leave a little."""
-    return _shaped_trapezoid(move, EI)
