@@ -128,8 +128,7 @@ def score_(
     next_runs: Number of undecided cases of a folder to diagnose again with the run that would decide, which is
         simulated.
     """
-    if out is not None:
-        check_free(out)
+    check_free(out)
     scores = open_all(folders, key, answers)
     if oracle:
         scores = [with_oracle(score, processes, tell) for score in scores]

@@ -97,8 +97,7 @@ def compare_models(
     """
     if not 1e-4 <= step <= 0.01:
         raise InputError(f"{step:g} s, expected 0.0001 to 0.01 s", place="--step")
-    if out is not None:
-        check_free(out)
+    check_free(out)
     simulate = _comparison(source, runs, machine, step)
     compared = simulate() if out is None else models.write_models(simulate, source.name, out)
     print_table(models.table(compared))

@@ -48,8 +48,7 @@ def loop(
     out: New folder for loop.html and loop.json.
     """
 
-    if out is not None:
-        check_free(out)
+    check_free(out)
     goal = Goal(ms_limit=ms)
     payloads_kg, heights_m = numbers_or_none(payloads, "payloads"), numbers_or_none(heights, "heights")
     case = load_case(machine, scenario, controller, payloads_kg, heights_m)

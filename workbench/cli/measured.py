@@ -95,8 +95,7 @@ def replay(
     """
     from workbench.view import replay as replay_view
 
-    if out is not None:
-        check_free(out)
+    check_free(out)
     read = load_campaign(campaign, runs, machine, band)
 
     def run() -> ReplayResult:
@@ -133,8 +132,7 @@ def identify(
     from workbench.identify.identify import identify as fit
     from workbench.view import identify as identify_view
 
-    if out is not None:
-        check_free(out)
+    check_free(out)
     read = load_campaign(campaign, runs, machine, band)
     if list_keys:
         print_table(identify_view.keys_table(read))

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING
 import click
 
 from workbench.core.table import Table
+from workbench.diagnose.progress import Progress as DiagnoseProgress
+from workbench.diagnose.progress import Remaining, Stage
 
 if TYPE_CHECKING:
     from workbench.analysis.tune import TuneProgress
-    from workbench.diagnose.progress import Progress as DiagnoseProgress
     from workbench.study.store import Progress, Tell
     from workbench.view.page import Section
 
@@ -181,7 +182,6 @@ def tuning() -> Iterator[Callable[[TuneProgress], None]]:
 def stages(writes: bool) -> Iterator[tuple[Callable[[DiagnoseProgress], None], Callable[[str], None]]]:
     """The receivers of a diagnosis' progress, and of what is said while its report is written: the last stage, where
     there is one. Stages are counted from 1; without a terminal each new message is a line."""
-    from workbench.diagnose.progress import Remaining, Stage
     from workbench.view.diagnosis import progress_words
 
     last, total, remaining = "", len(Stage) if writes else len(Stage) - 1, Remaining()

@@ -33,14 +33,14 @@ def what_is_in(folder: Path) -> str:
     return "is not empty" if folder.is_dir() else "is a file, expected a folder to be made"
 
 
-def check_free(folder: Path) -> None:
-    """InputError where the folder holds something, or cannot be looked into."""
+def check_free(folder: Path | None) -> None:
+    """InputError where the folder holds something, or cannot be looked into; None is a result that is not kept."""
     try:
-        free = is_free(folder)
+        if folder is None or is_free(folder):
+            return
     except OSError as error:
         raise InputError(f"no results can be written there: {error.strerror or error}", file=folder) from error
-    if not free:
-        raise InputError(f"{what_is_in(folder)}; nothing is overwritten, choose another folder", file=folder)
+    raise InputError(f"{what_is_in(folder)}; nothing is overwritten, choose another folder", file=folder)
 
 
 @contextmanager

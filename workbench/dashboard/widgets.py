@@ -22,22 +22,20 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import streamlit as st
+from plotly.graph_objects import Figure
 from pydantic import TypeAdapter
 from streamlit.components import v2
+from streamlit.delta_generator import DeltaGenerator
 
 from workbench.core.errors import InputError
 from workbench.core.names import powers, unit_of, words_of
+from workbench.core.table import Table
 from workbench.dashboard.server import ASSETS, PLOTLY
 from workbench.view.page import NOT_SHARED
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-    from streamlit.delta_generator import DeltaGenerator
-
-    from workbench.core.table import Table
+from workbench.view.style import for_dark
 
 SMALL = 1e-4  # below it leading zeros are no number that people read
 SAME = 5e-4  # relative: a smaller difference is rounding to the reader
@@ -220,8 +218,6 @@ def ahead() -> None:
 
 def chart(figure: Figure, key: str, alt: str | None = None) -> None:
     """The figure over the page's width. Zoom by wheel or box, double click to come back, camera for a PNG."""
-    from workbench.view.style import for_dark
-
     config = {
         **NOT_SHARED,
         "scrollZoom": True,
@@ -236,8 +232,6 @@ def chart(figure: Figure, key: str, alt: str | None = None) -> None:
 
 def figures(drawn: Sequence[tuple[Any, str]], key: str) -> None:
     """Of a report, each with its line below it; those of a job's view come as plain values."""
-    from plotly.graph_objects import Figure
-
     for number, (figure, note) in enumerate(drawn):
         chart(figure if isinstance(figure, Figure) else Figure(figure), f"{key} {number}", note or None)
         if note:

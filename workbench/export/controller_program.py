@@ -308,9 +308,11 @@ def record_of(
     speed = follows + RIPPLE * top * np.sin(2.0 * math.pi * RIPPLES * part)
     limits = torque_limits(machine)
     hold = 0.3 * limits["u_all"]
+    # Without what the drive does to the speed before the controller sees it.
+    ideal = {"encoder_counts_per_turn": 0, "speed_filter_s": 0.0, "speed_delay_s": 0.0}
     values: dict[str, Any] = {
         **vars(HOIST.plant.values(machine, payload_kg)),
-        **loop_values(settings, _ideal(machine), hold),
+        **loop_values(settings, machine.drive.model_copy(update=ideal), hold),
         **limits,
         "t_fail": t[round(FAILS_FROM * n)] - 0.5 * dt,
     }
@@ -324,12 +326,6 @@ def record_of(
     largest = largest * np.minimum(limits["w_weak"] / np.maximum(np.abs(speed), 1e-9), 1.0)
     torque = np.clip(torque, -largest, largest)
     return Record(hold, reference, speed, failed.astype(float), torque, limits["u_all"], top, fastest)
-
-
-def _ideal(machine: Hoist) -> Any:
-    """The drive without what it does to the speed before the controller sees it."""
-    ideal = {"encoder_counts_per_turn": 0, "speed_filter_s": 0.0, "speed_delay_s": 0.0}
-    return machine.drive.model_copy(update=ideal)
 
 
 def run(program: Program, record: Record) -> Array:

@@ -55,7 +55,8 @@ def write_fmu(
         write_sources(model, sources, version)
         (folder / "modelDescription.xml").write_text(model_description(model, version), encoding="utf-8")
         if version == "3.0":
-            (sources / "buildDescription.xml").write_text(build_description(model), encoding="utf-8")
+            build = render("export/description/build.xml", model=model, files=c_files("3.0"))
+            (sources / "buildDescription.xml").write_text(build, encoding="utf-8")
         for target in targets:
             said(f"compiling for {target} ...")
             place = TARGETS[target]
@@ -125,11 +126,6 @@ def model_description(model: Model, version: FmiVersion) -> str:
         slopes_of=slopes,
         initial=[v.name for v in model.variables if v.name in wanted],
     )  # fmt: skip
-
-
-def build_description(model: Model) -> str:
-    """sources/buildDescription.xml of FMI 3.0."""
-    return render("export/description/build.xml", model=model, files=c_files("3.0"))
 
 
 def _common(v: Variable) -> dict[str, str]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.shown import Shown
+from workbench.logs.signal_files import Labelled
 from workbench.machines import AnyKind, Machine, kind_of
 from workbench.metrics import RunFacts, columns, run_metrics, set_of
 from workbench.references import Plan
@@ -21,7 +22,6 @@ from workbench.study.grid import RunSpec
 from workbench.study.rows import Row
 
 if TYPE_CHECKING:
-    from workbench.logs.signal_files import Labelled
     from workbench.study.load import Study
 
 
@@ -189,8 +189,6 @@ def peak_limit(machine: Machine) -> float:
 
 def labelled_runs(result: StudyResult) -> list[Labelled]:
     """Each run that kept its signals, with its payload and reference."""
-    from workbench.logs.signal_files import Labelled
-
     return [
         Labelled(
             f"run_{row.reference}_{row.payload_kg:g}kg",

@@ -21,6 +21,7 @@ from pydantic import (
     JsonValue,
     PlainValidator,
     Tag,
+    TypeAdapter,
     create_model,
     field_validator,
     model_validator,
@@ -33,6 +34,7 @@ from workbench.core.errors import InputError, nearest
 from workbench.core.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Positive, Record, Speed
 from workbench.core.run import Array
 from workbench.machines import Machine, get_value, kind_of, of_kind
+from workbench.machines.files import RECORDS
 from workbench.machines.kinds.axis import LinearDrive, RotaryDrive
 from workbench.machines.kinds.hoist import BY_NAME, Drive
 from workbench.references import (
@@ -580,8 +582,6 @@ def json_schema(kind: str) -> dict[str, Any]:
 
 
 def _scenario() -> dict[str, Any]:
-    from workbench.references import usual_kinds
-
     schema = Scenario.model_json_schema()
     schema["properties"]["references"]["default"] = list(usual_kinds())
     # A file that extends another has what it needs from there; blocks are then filled from both.
@@ -597,10 +597,6 @@ def _scenario() -> dict[str, Any]:
 
 
 def _machine() -> dict[str, Any]:
-    from pydantic import TypeAdapter
-
-    from workbench.machines.files import RECORDS
-
     union: Any = reduce(or_, RECORDS)
     schema = TypeAdapter(union).json_schema()
     # `kind` may be left out of the first only, and tells editors which form is meant.

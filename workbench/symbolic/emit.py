@@ -14,11 +14,6 @@ from workbench.symbolic.expr import Expr, Scalar, const_value
 INFIX = {"+", "-", "*", "/", "<", "<=", ">", ">=", "&", "|"}
 
 
-def is_parameter(name: str) -> bool:
-    """Parameters of a scenario are the symbols that begin with `p_`."""
-    return name.startswith("p_")
-
-
 class Printer:
     """Prints programs that share one setup: several blocks of one kernel."""
 
@@ -68,8 +63,8 @@ class Printer:
         if e.op == "const":
             self._fixed[e.id] = repr(const_value(e))
             return
-        if e.op == "symbol":
-            (self._fixed if is_parameter(e.args[0]) else names)[e.id] = e.args[0]
+        if e.op == "symbol":  # of a scenario's parameters it begins with p_
+            (self._fixed if e.args[0].startswith("p_") else names)[e.id] = e.args[0]
             return
         if all(a.id in self._fixed for a in e.args if isinstance(a, Expr)):
             name = self._fixed[e.id] = f"c_{len(self.setup)}"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import streamlit as st
+from plotly.graph_objects import Figure
 
 from workbench.core.errors import InputError
 from workbench.core.names import powers
@@ -18,16 +19,15 @@ from workbench.dashboard.jobs import VIEW, Job, Teller
 from workbench.dashboard.pages.signals import runs_table
 from workbench.dashboard.widgets import Number, guarded, held, plain, points, problem, said
 from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
+from workbench.diagnose.progress import Progress, Stage
 from workbench.effects import check, effects_for
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import load_machine, plant_of
-from workbench.view.film import for_dark_ground
+from workbench.view.film import for_dark_ground, marked_machine
 from workbench.view.page import Section
-from workbench.view.words import words_of
+from workbench.view.words import direction_names, words_of
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
     from workbench.diagnose.diagnose import Diagnosis
 
 KIND = "gap"
@@ -237,7 +237,6 @@ def work(
 ) -> None:
     """In the worker: diagnoses the campaign in `folder`, called `name`. InputError for one that cannot be diagnosed."""
     from workbench.diagnose.diagnose import diagnose
-    from workbench.diagnose.progress import Progress, Stage
     from workbench.view.diagnosis import progress_words, write_diagnosis
 
     def told(progress: Progress, sentence: str = "") -> None:
@@ -255,7 +254,6 @@ def work(
 def view_of(d: Diagnosis) -> View:
     """The runs are replayed for the figures."""
     from workbench.view import diagnosis as words
-    from workbench.view.film import marked_machine
 
     sections, machine = words.sections_of(d), d.campaign.machine
     for figure, _ in sections["verdict"].figures:  # for a place of half the page's width
@@ -288,7 +286,6 @@ def _lower(figure: Figure, title: str) -> None:
 def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
     """The gap over the one variable that explains it best, for a place of half the page's width."""
     from workbench.view import diagnosis_figures as drawn
-    from workbench.view.words import direction_names
 
     profiles = [] if d.where is None else [p for p in d.where.profiles if drawn.worth_a_panel(p)]
     if not profiles:

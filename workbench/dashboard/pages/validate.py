@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import streamlit as st
 
@@ -20,15 +19,12 @@ from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import load_machine, of_kind, studied
 from workbench.machines.files import machine_text
-from workbench.simulate.models import check_multibody
+from workbench.simulate.models import ModelsCompared, check_multibody, compare_models
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.view import identify as identify_report
 from workbench.view import replay as report
 from workbench.view.page import Section
 from workbench.view.words import words_of
-
-if TYPE_CHECKING:
-    from workbench.simulate.models import ModelsCompared
 
 OWN = "the campaign's own"
 GAP = "The page Gap names what the model lacks."
@@ -135,7 +131,6 @@ def work(out: Path, tell: Teller, folder: str, name: str, runs: Sequence[str], m
     machine: the text of a machine.yaml; source: what the page knows the campaign by. InputError for what cannot be
     compared.
     """
-    from workbench.simulate.models import compare_models
     from workbench.view.models import section_of, write_models
 
     given = out.parent / "machine.yaml"

@@ -174,7 +174,7 @@ def _of_columns(head: Sequence[Sequence[str]], numbers: Array, file: Path) -> li
         raise InputError("has no header: no line before the numbers has as many cells", file=file)
     row = rows[-1]
     under = [""] * width
-    if len(rows) > 1 and all(_looks_like_unit(cell) for cell in row):
+    if len(rows) > 1 and all(len(cell.strip("[]() ")) <= 6 and "_" not in cell for cell in row):  # units
         under, row = [cell.strip("[]() ") for cell in row], rows[-2]
     titles, units = [], []
     for j in range(width):
@@ -195,7 +195,3 @@ def _of_columns(head: Sequence[Sequence[str]], numbers: Array, file: Path) -> li
     if not channels:
         raise InputError("holds no columns of numbers", file=file)
     return channels
-
-
-def _looks_like_unit(cell: str) -> bool:
-    return len(cell.strip("[]() ")) <= 6 and not re.search(r"[_]", cell)
