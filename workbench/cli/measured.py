@@ -185,36 +185,29 @@ def import_(
     runs_csv: CSV with one row per file: file, and any of payload_kg, start_position_m, start_time_s.
     yes: Accept the proposed mapping without asking.
     """
-    from workbench.logs.importing import (
-        Imported,
-        for_all,
-        in_si,
-        propose,
-        read_channels,
-        runs_yaml,
-        with_table,
-        write_campaign,
-    )
+    from workbench.logs import importing
     from workbench.view.logs import mapping_table, write_page
 
     check_free(out)
     read = load_machine(machine, check_effects=check)
-    loads, starts = for_all(payload, len(files), "payload"), for_all(start_position, len(files), "start_position")
+    loads = importing.for_all(payload, len(files), "payload")
+    starts = importing.for_all(start_position, len(files), "start_position")
     logs = [
-        Imported(file, tuple(read_channels(file)), load, start)
+        importing.Imported(file, tuple(importing.read_channels(file)), load, start)
         for file, load, start in zip(files, loads, starts, strict=True)
     ]
     if runs_csv is not None:
-        logs = with_table(logs, runs_csv)
-    proposed = propose(read, logs[0].channels, mapped, scales)
+        logs = importing.with_table(logs, runs_csv)
+    proposed = importing.propose(read, logs[0].channels, mapped, scales)
     page = out.with_name(f"{out.name}.import.html")
-    write_page([(p.signal, p.column, *in_si(p, logs[0])) for p in proposed.proposals], proposed, logs[0].name, page)
+    signals = [(p.signal, p.column, *importing.in_si(p, logs[0])) for p in proposed.proposals]
+    write_page(signals, proposed, logs[0].name, page)
     print_table(mapping_table(proposed))
     print_text([f"Columns that are no signal: {', '.join(proposed.unused) or 'none'}.", f"Drawn: {page}"])
     if not yes:
-        click.echo(f"\nruns.yaml will be:\n\n{runs_yaml(logs, proposed)}")
+        click.echo(f"\nruns.yaml will be:\n\n{importing.runs_yaml(logs, proposed)}")
         click.confirm("Take it?", abort=True)
-    campaign = write_campaign(machine, logs, proposed, out)
+    campaign = importing.write_campaign(machine, logs, proposed, out)
     print_text([f"Runs: {len(campaign.runs)}.", *campaign.all_notes])
     click.echo(f"\nCampaign: {out}")
     return 0

@@ -11,20 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from workbench.control import (
-    BRAKE,
-    Controller,
-    Events,
-    PiSettings,
-    Settings,
-    cascade,
-    cascade_values,
-    hoist_loop,
-    lag_step,
-    loop_values,
-    losing_a_motor,
-    weight_before,
-)
+from workbench import control
 from workbench.control.pi import NEVER
 from workbench.core.run import Array, Run
 from workbench.core.shown import Brief, Shown
@@ -36,7 +23,7 @@ from workbench.metrics.axis import SETTLED
 from workbench.references.library.wire import through_shaper
 from workbench.simulate.plant_model import PlantModel
 
-NO_EVENTS = Events()
+NO_EVENTS = control.Events()
 RAIL_PLAY = 0.01  # m, that a stop at the end of the rail may overshoot
 
 BOUNDLESS = 1e9  # a state beyond it, in m, rad or per second, belongs to no machine
@@ -64,9 +51,9 @@ class LoopCase(Brief):
     machine: AnyKind
     payload_kg: float
     start_position_m: float
-    controller: Settings
+    controller: control.Settings
     speed_reference_rad_s: Array
-    events: Events = NO_EVENTS
+    events: control.Events = NO_EVENTS
     start_time_s: float = 0.0
     position_reference: Array | None = None
 
@@ -114,32 +101,32 @@ def _cascaded(case: LoopCase) -> bool:
     return kind_of(case.machine).looped.position_loop
 
 
-def loop_controller(case: LoopCase) -> Controller:
+def loop_controller(case: LoopCase) -> control.Controller:
     """An axis' cascade. Of a hoist the plain loop where nothing beside it is asked for, else the full one; of a motor
     that fails where one does."""
     if _cascaded(case):
-        return cascade(kind_of(case.machine).looped, case.machine.drive.speed_delay_s > 0.0)
-    loop = hoist_loop(cast(PiSettings, case.controller), case.machine.drive)
-    return loop if case.events.motor_fails_s is None else losing_a_motor(loop)
+        return control.cascade(kind_of(case.machine).looped, case.machine.drive.speed_delay_s > 0.0)
+    loop = control.hoist_loop(cast(control.PiSettings, case.controller), case.machine.drive)
+    return loop if case.events.motor_fails_s is None else control.losing_a_motor(loop)
 
 
 def loop_numbers(case: LoopCase, hold: float, step_s: float) -> dict[str, float]:
     """Numbers of loop, drive, events and metrics by symbol; hold: the input that holds the load at the start."""
-    lag = lag_step(case.machine.drive.torque_lag_s, step_s)
+    lag = control.lag_step(case.machine.drive.torque_lag_s, step_s)
     of_drive = {"lag_left": lag.left, "lag_start": lag.start, "lag_slope": lag.slope_per_s, "lag_mean": lag.mean}
     if not _cascaded(case):
-        settings = cast(PiSettings, case.controller)
+        settings = cast(control.PiSettings, case.controller)
         return {
-            **loop_values(settings, case.machine.drive, hold, case.payload_kg),
+            **control.loop_values(settings, case.machine.drive, hold, case.payload_kg),
             **case_limits(case),
             **case.events.values(),
             **of_drive,
         }
     machine, drive = case.machine, case.machine.drive
     return {
-        **cascade_values(case.controller, drive, case.start_position_m),
+        **control.cascade_values(case.controller, drive, case.start_position_m),
         "hold": hold,
-        "before": weight_before(drive.torque_lag_s, case.controller.sample_time_s),
+        "before": control.weight_before(drive.torque_lag_s, case.controller.sample_time_s),
         "settled": SETTLED * float(np.ptp(_position_reference(case))),
         "v_scale": kind_of(machine).looped.speed_scale(machine),
         "u_nominal": NEVER if drive.nominal is None else drive.nominal,
@@ -177,7 +164,7 @@ def _references(cases: Sequence[LoopCase]) -> list[Array]:
 
 def _kernel_key(case: LoopCase) -> tuple[Any, ...]:
     """The properties that all cases of one kernel call share, such as the length of the run."""
-    effects = joined(of(case.machine).effects, BRAKE if case.events.brakes else NO_EFFECTS)
+    effects = joined(of(case.machine).effects, control.BRAKE if case.events.brakes else NO_EFFECTS)
     lagged, n = case.machine.drive.torque_lag_s > 0.0, len(case.speed_reference_rad_s)
     return kind_of(case.machine).name, case.controller.sample_time_s, loop_controller(case), lagged, effects, n
 
@@ -311,7 +298,7 @@ def case_limits(case: LoopCase) -> dict[str, float]:
         "share": machine.torque_share,
         "share_failed": 1.0 / max(machine.motor.count - 1, 1),
         "kept": kept_by_others(machine),
-        "before": weight_before(machine.drive.torque_lag_s, case.controller.sample_time_s),
+        "before": control.weight_before(machine.drive.torque_lag_s, case.controller.sample_time_s),
         "w_nominal": machine.motor.nominal_speed_rad_s,
         **overload_numbers(machine.drive),
         "W_break": machine.wire.breaking_load_n or 0.0,

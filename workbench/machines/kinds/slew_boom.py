@@ -20,15 +20,7 @@ from workbench.core import record
 from workbench.core.record import Record
 from workbench.core.run import Array
 from workbench.machines.declare import Value
-from workbench.machines.kinds.axis import (
-    Rotary,
-    RotaryFriction,
-    RotaryGravity,
-    RotaryTolerances,
-    axis_kind,
-    axis_plant,
-    axis_values,
-)
+from workbench.machines.kinds import axis
 from workbench.symbolic.expr import Scalar
 
 
@@ -45,22 +37,22 @@ class HeldPayload(Record):
     radius_m: record.Length
 
 
-class SlewBoomTolerances(RotaryTolerances):
+class SlewBoomTolerances(axis.RotaryTolerances):
     payload: record.Tolerance = 0.02
 
 
-class SlewBoom(Rotary):
+class SlewBoom(axis.Rotary):
     """`kind: slew_boom`: kg m², kg, m, N m, rad."""
 
     kind: Literal["slew_boom"] = "slew_boom"
     name: str = "slewing boom"
     boom: Boom
     payload: HeldPayload
-    friction: RotaryFriction
-    gravity: RotaryGravity = RotaryGravity()
+    friction: axis.RotaryFriction
+    gravity: axis.RotaryGravity = axis.RotaryGravity()
     tolerances: SlewBoomTolerances = SlewBoomTolerances()
 
-    value_of: ClassVar[dict[str, str]] = {**Rotary.value_of, "inertia": "boom.inertia_kg_m2"}
+    value_of: ClassVar[dict[str, str]] = {**axis.Rotary.value_of, "inertia": "boom.inertia_kg_m2"}
 
     def role(self, name: str) -> float:
         """As an axis'; its inertia is the boom's with the payload."""
@@ -70,7 +62,7 @@ class SlewBoom(Rotary):
 
 # Runs at one radius show the sum of both inertias only: the payload is weighed, the boom's is fitted.
 VALUES = (
-    *axis_values(SlewBoom),
+    *axis.axis_values(SlewBoom),
     Value("payload.mass_kg", "m", "payload"),
     Value("payload.radius_m", "r", exact="it is measured, and shows as the payload's mass does"),
 )
@@ -85,9 +77,9 @@ def _transmitted(p: Any, s: Any, u: Array, acceleration: Array, payload_kg: floa
     return np.asarray(p.G * np.sin(s.x) + p.C), float(inertia(p))
 
 
-_OWN = axis_kind(
+_OWN = axis.axis_kind(
     SlewBoom,
-    axis_plant("slew_boom", SlewBoom, VALUES, inertia),
+    axis.axis_plant("slew_boom", SlewBoom, VALUES, inertia),
     VALUES,
     {
         "boom": {"inertia_kg_m2": 2.4e5},

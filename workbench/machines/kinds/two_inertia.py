@@ -31,17 +31,7 @@ from workbench.core import record
 from workbench.core.record import Record
 from workbench.core.run import Array, Run
 from workbench.machines.declare import CrossCheck, Load, RigidBody, Value, parameters_of
-from workbench.machines.kinds.axis import (
-    Rotary,
-    RotaryFriction,
-    RotaryGravity,
-    RotaryTolerances,
-    axis_kind,
-    axis_values,
-    cross_checks,
-    friction,
-    switch_at,
-)
+from workbench.machines.kinds import axis
 from workbench.machines.plant import NO_EFFECTS, Effects, Output, Plant
 from workbench.symbolic.expr import Scalar, clip, cos, maximum, minimum, sin, where
 
@@ -50,7 +40,7 @@ class MotorSide(Record):
     """What turns with the motor's encoder."""
 
     inertia_kg_m2: record.Inertia
-    friction: RotaryFriction
+    friction: axis.RotaryFriction
 
 
 class Coupling(Record):
@@ -65,11 +55,13 @@ class LoadSide(Record):
     """What hangs on the coupling, as the motor feels it: a gear's ratio is taken into the values."""
 
     inertia_kg_m2: record.Inertia
-    friction: RotaryFriction = RotaryFriction(coulomb_forward_nm=0.0, coulomb_backward_nm=0.0, viscous_nm_s_per_rad=0.0)
-    gravity: RotaryGravity = RotaryGravity()
+    friction: axis.RotaryFriction = axis.RotaryFriction(
+        coulomb_forward_nm=0.0, coulomb_backward_nm=0.0, viscous_nm_s_per_rad=0.0
+    )
+    gravity: axis.RotaryGravity = axis.RotaryGravity()
 
 
-class TwoInertiaTolerances(RotaryTolerances):
+class TwoInertiaTolerances(axis.RotaryTolerances):
     """As an axis', for the friction of the motor and the load's gravity; `inertia` is the motor's."""
 
     load_inertia: record.Tolerance = 0.05
@@ -77,7 +69,7 @@ class TwoInertiaTolerances(RotaryTolerances):
     damping: record.Tolerance = 0.5
 
 
-class TwoInertia(Rotary):
+class TwoInertia(axis.Rotary):
     """`kind: two_inertia`: kg m², N m, rad."""
 
     kind: Literal["two_inertia"] = "two_inertia"
@@ -89,7 +81,7 @@ class TwoInertia(Rotary):
 
     value_of: ClassVar[dict[str, str]] = {
         role: dotted if role in ("gain", "offset") else f"{'load' if 'gravity' in role else 'motor'}.{dotted}"
-        for role, dotted in Rotary.value_of.items()
+        for role, dotted in axis.Rotary.value_of.items()
     }
 
 
@@ -97,7 +89,7 @@ GREASE = 1e-6  # of the stiffness, within the play
 ROUNDS = 50  # of the fixed point of the equilibrium
 FAR = "friction of the load shows at the motor as the motor's own does"
 
-MOTOR, *OTHERS = axis_values(TwoInertia)
+MOTOR, *OTHERS = axis.axis_values(TwoInertia)
 VALUES = (
     # What the runs show of the motor's inertia and of the load's is their sum first: the motor's is known best.
     replace(MOTOR, in_fit=True),
@@ -123,7 +115,7 @@ PLACES = {
 
 def load_friction(v: Scalar, p: Any) -> Scalar:
     """Coulomb and viscous friction of the load along v, N m; v in rad/s."""
-    return friction(v, SimpleNamespace(F_f=p.F_lf, F_b=p.F_lb, v_s=p.v_ls, B=p.B_l))
+    return axis.friction(v, SimpleNamespace(F_f=p.F_lf, F_b=p.F_lb, v_s=p.v_ls, B=p.B_l))
 
 
 def coupling(twist: Scalar, rate: Scalar, k: Scalar, c: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
@@ -153,8 +145,8 @@ def accelerations(
     s = _state(t, q, y, u, p, effects)
     M = p.M + effects.at("axis_inertia", p, t=t, x=s.x)
     M_l = p.M_l + effects.at("load_inertia_kg_m2", p, t=t)
-    sign = switch_at(t, s.v, p, effects)
-    own = friction(s.v, p, sign)
+    sign = axis.switch_at(t, s.v, p, effects)
+    own = axis.friction(s.v, p, sign)
     extra = effects.at("axis_force", p, t=t, v=s.v, x=s.x, angle=s.x, switch=sign, load=s.T, friction=own)
     a = (u - own - s.T + extra) / M
     a_l = (s.T - load_friction(s.v_l, p) - p.G * sin(s.x_l) - p.C) / M_l
@@ -251,7 +243,7 @@ def dissipation(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, 
     s = _state(t, q, y, u, p, NO_EFFECTS)
     elastic = where(p.b > 0.0, s.x - s.x_l - clip(s.x - s.x_l, -0.5 * p.b, 0.5 * p.b), s.x - s.x_l)
     held = p.k * elastic + where(p.b > 0.0, GREASE * p.k * (s.x - s.x_l), 0.0)
-    return friction(s.v, p) * s.v + load_friction(s.v_l, p) * s.v_l + (s.T - held) * s.rate
+    return axis.friction(s.v, p) * s.v + load_friction(s.v_l, p) * s.v_l + (s.T - held) * s.rate
 
 
 TWO_INERTIA = Plant(
@@ -290,7 +282,7 @@ def _cross_checks(
     m: TwoInertia, run: Run, position: Array, smooth: Callable[[Array], Array], slope: Callable[[Array, Array], float]
 ) -> Iterator[CrossCheck]:
     """As an axis', and the load's side against the motor's: on a stiff coupling they turn alike."""
-    yield from cross_checks(m, run, position, smooth, slope)
+    yield from axis.cross_checks(m, run, position, smooth, slope)
     for load, motor in ((LOAD_ANGLE, m.position_signal), (LOAD_SPEED, m.speed_signal)):
         if load in run and motor in run:
             ratio = slope(smooth(run[motor]), smooth(run[load]))
@@ -323,7 +315,7 @@ def _load(m: TwoInertia, payload_kg: float) -> Load:
     )
 
 
-_OWN = axis_kind(
+_OWN = axis.axis_kind(
     TwoInertia,
     TWO_INERTIA,
     VALUES,

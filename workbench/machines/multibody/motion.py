@@ -15,15 +15,7 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.machines import Hoist
-from workbench.machines.multibody.assemble import (
-    DidNotConvergeError,
-    Hanging,
-    System,
-    set_wire,
-    settle,
-    truth_of,
-    wire_weight_n,
-)
+from workbench.machines.multibody import assemble
 from workbench.machines.multibody.switches import PLAIN, Switches, engine, guide_level, switches_of, wound_m
 
 SPECTRAL_RADIUS = 0.8  # of the generalised-α method: damps what the step cannot resolve
@@ -61,7 +53,7 @@ class MotionResult:
     """
 
     run: Run
-    hanging: Hanging | None
+    hanging: assemble.Hanging | None
     outcome: Outcome
     at: str
     cpu_s: float
@@ -95,11 +87,11 @@ def move(
     reach_m: of time, s; the cylinders follow it. Without it the reach stays that of machine.yaml.
     """
     switches = switches_of(machine) if switches is None else switches
-    truth, payload = truth_of(machine, switches, payload_kg)
+    truth, payload = assemble.truth_of(machine, switches, payload_kg)
     empty = Run(name, np.zeros(0), {}, payload_kg, start_position_m, start_time_s)
     try:
-        system, q, hanging = settle(truth, switches, payload, start_position_m, start_time_s)
-    except DidNotConvergeError as error:
+        system, q, hanging = assemble.settle(truth, switches, payload, start_position_m, start_time_s)
+    except assemble.DidNotConvergeError as error:
         return MotionResult(empty, None, Outcome.NO_EQUILIBRIUM, str(error), 0.0, 0, switches)
     cpu, done = 0.0, False
     every = record_every if reactions_every is None else reactions_every
@@ -137,7 +129,7 @@ class _Motion:
         machine: Hoist,
         switches: Switches,
         payload_kg: float,
-        system: System,
+        system: assemble.System,
         height: float,
         clock_s: float,
         h: float,
@@ -227,8 +219,8 @@ class _Motion:
         if s.heave_m:
             for load, _ in system.gravity:
                 mbs.SetLoadParameter(load, "loadVector", [0.0, -g, 0.0])
-        set_wire(machine, s, system, g, drum_next, sheave_next)
-        weights = wire_weight_n(machine, s, g, drum, sheave)
+        assemble.set_wire(machine, s, system, g, drum_next, sheave_next)
+        weights = assemble.wire_weight_n(machine, s, g, drum, sheave)
         W1_top = W1 + weights[0] / 2.0
         mu = machine.bearing.pin_friction_coefficient
         drum_pin = mu * (machine.winch.mass_kg * g + W1_top) * machine.winch.pin_diameter_m / 2.0
