@@ -81,6 +81,17 @@ class Run(Shown):
         return float(np.median(np.diff(self.time_s)))
 
 
+def integrated(rate: Array, time_s: Array) -> Array:
+    """(n,) from 0, by trapezoids."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s))))
+
+
+def stretches(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First samples, and ones after the last, of the stretches of chosen samples."""
+    edges = np.diff(np.concatenate(([0], chosen.astype(np.int8), [0])))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
 def float_array(column: pyarrow.ChunkedArray | pyarrow.Array) -> Array:
     """An Arrow column of whole, floating or decimal numbers as float64, null as NaN; a copy.
 

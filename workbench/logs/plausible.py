@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from workbench.core.run import Array
-from workbench.logs.raw_run import RawRun, integrated, is_constant, seconds, smoothed
+from workbench.core.run import Array, integrated
+from workbench.logs.raw_run import RawRun, is_constant, seconds, smoothed
 from workbench.machines import Limits
 
 TOO_FAST = 2.0  # times nominal speed, or the drive's top speed

@@ -13,7 +13,7 @@ from pydantic import StringConstraints
 
 from workbench.core.errors import InputError
 from workbench.core.record import Finite, Payload, Position, Record
-from workbench.core.run import Array
+from workbench.core.run import Array, integrated
 from workbench.machines import Kind, Machine, kind_of
 
 WIDE = 200.0  # samples
@@ -35,19 +35,8 @@ def seconds(time_s: float) -> str:
     return f"{float(time_s):.9g} s"
 
 
-def stretches(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First samples, and ones after the last, of the stretches of chosen samples."""
-    edges = np.diff(np.concatenate(([0], chosen.astype(np.int8), [0])))
-    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-
-
 def is_constant(column: Array) -> bool:
     return bool(column.min() == column.max())
-
-
-def integrated(rate: Array, time_s: Array) -> Array:
-    """(n,) from 0, by trapezoids."""
-    return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s))))
 
 
 def smoothed(values: Array, width: float) -> Array:

@@ -11,9 +11,9 @@ from itertools import pairwise
 import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.core.run import Array, Run
+from workbench.core.run import Array, Run, stretches
 from workbench.logs.plausible import MOVING, check_plausible, drop_wrong_scale
-from workbench.logs.raw_run import RawRun, is_constant, seconds, stretches
+from workbench.logs.raw_run import RawRun, is_constant, seconds
 from workbench.machines import TIME
 
 MIN_SAMPLES = 10

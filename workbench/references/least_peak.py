@@ -68,10 +68,8 @@ def _ratio(w: float, zeta: float) -> tuple[Array, Array]:
     between samples: with the states z and z' and the response E, f, g to a force and its slope, the output is
     (w², 2 zeta w) · x."""
     A, given = np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([0.0, 1.0])
-    generator = np.zeros((4, 4))
-    generator[:2, :2], generator[:2, 2], generator[2, 3] = A, given, 1.0
-    response = _exponential(generator * STEP_S)
-    E, first, ramp = response[:2, :2], response[:2, 2], response[:2, 3] / STEP_S
+    E, first, ramp = _after(A, given, STEP_S)
+    ramp = ramp / STEP_S
     passed_on, before = -A[1], first - ramp  # x[k+1] = E x[k] + before a[k] + ramp a[k+1]
     c = np.array([1.0, -np.trace(E), np.linalg.det(E)])
     steps = [passed_on @ ramp, passed_on @ (E @ ramp + before), passed_on @ (E @ (E @ ramp + before))]
@@ -249,12 +247,8 @@ class MoveProblem:
         meet = 2.0 * window > 0.95 * time_s
         window = 0.5 * time_s if meet else window
         start = np.full(nodes, window / nodes)
-        end = np.concatenate(
-            [
-                np.full(nodes // len(TOWARDS_THE_END), len(TOWARDS_THE_END) * part * window / nodes)
-                for part in TOWARDS_THE_END
-            ]
-        )
+        parts = len(TOWARDS_THE_END)
+        end = np.repeat([parts * part * window / nodes for part in TOWARDS_THE_END], nodes // parts)
         between = [] if meet else [time_s - 2.0 * window]
         self.steps, self.cruise = np.concatenate([start, between, end]), -1 if meet else nodes
         self.n = len(self.steps) + 1
@@ -284,11 +278,7 @@ class MoveProblem:
 
     def after(self, step_s: float) -> tuple[Array, Array, Array]:
         """E, a, b of x(t + step) = E x + a u + b u', for a force that goes on with the slope u': exact."""
-        s = self.order
-        generator = np.zeros((s + 2, s + 2))
-        generator[:s, :s], generator[:s, s], generator[s, s + 1] = self.A, self.B, 1.0
-        response = _exponential(generator * step_s)
-        return response[:s, :s], response[:s, s], response[:s, s + 1]
+        return _after(self.A, self.B, step_s)
 
     def at_even_speed(self, step_s: float) -> Array:
         """E of x(t + step) = E x, where the drive keeps its speed or stands, and the load swings on."""
@@ -598,6 +588,15 @@ def _impossible(distance_m: float, time_s: float) -> InputError:
         "limits or a lighter load",
         place="references",
     )
+
+
+def _after(A: Array, B: Array, step_s: float) -> tuple[Array, Array, Array]:
+    """E, a, b of x(t + step) = E x + a u + b u' under x' = A x + B u, for a force of slope u'."""
+    s = len(B)
+    generator = np.zeros((s + 2, s + 2))
+    generator[:s, :s], generator[:s, s], generator[s, s + 1] = A, B, 1.0
+    response = _exponential(generator * step_s)
+    return response[:s, :s], response[:s, s], response[:s, s + 1]
 
 
 def _exponential(matrix: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.core.run import Array
+from workbench.core.run import Array, integrated, stretches
 from workbench.machines import Load
 from workbench.references.kind import Move, PlannedKind, Ramp, planned_kind
 from workbench.references.shape import LimitPair, Limits, Shape, Step
@@ -450,29 +450,19 @@ class RecordedPlan(Sampling):
     @cached_property
     def _distance_m(self) -> Array:
         """Travel since the start at each recorded time: the trapezoidal rule is exact for linear pieces."""
-        steps = 0.5 * (self.speed_recorded_m_s[1:] + self.speed_recorded_m_s[:-1]) * np.diff(self.time_s)
-        return np.concatenate(([0.0], np.cumsum(steps)))
+        return integrated(self.speed_recorded_m_s, self.time_s)
 
-    def _travel(self, t: Array) -> Array:
-        """Travel at times t since the record's start: parabolas between the recorded times."""
-        time, v = self.time_s - self.time_s[0], self.speed_recorded_m_s
+    def _travel(self, t: Array) -> tuple[Array, Array]:
+        """Travel at times t since the record's start, and its integral: polynomials between the recorded times."""
+        time, v, way = self.time_s - self.time_s[0], self.speed_recorded_m_s, self._distance_m
+        h = np.diff(time)
+        slope = np.diff(v) / h
+        sums = np.concatenate(([0.0], np.cumsum(h * (way[:-1] + h * (v[:-1] / 2.0 + slope * h / 6.0)))))
         inside = np.clip(t, 0.0, time[-1])
-        k = np.clip(np.searchsorted(time, inside, side="right") - 1, 0, len(time) - 2)
+        k = np.clip(np.searchsorted(time, inside, side="right") - 1, 0, len(h) - 1)
         rest = inside - time[k]
-        slope = (v[k + 1] - v[k]) / (time[k + 1] - time[k])
-        return self._distance_m[k] + rest * (v[k] + 0.5 * slope * rest)
-
-    def _travel_twice(self, t: Array) -> Array:
-        """∫ travel dt, by Simpson's rule between the recorded times: exact for parabolas."""
-        time = self.time_s - self.time_s[0]
-        ends = self._travel(time)
-        middle = self._travel(0.5 * (time[1:] + time[:-1]))
-        sums = np.concatenate(([0.0], np.cumsum(np.diff(time) * (ends[:-1] + 4.0 * middle + ends[1:]) / 6.0)))
-        inside = np.clip(t, 0.0, time[-1])
-        k = np.clip(np.searchsorted(time, inside, side="right") - 1, 0, len(time) - 2)
-        rest = inside - time[k]
-        part = rest * (ends[k] + 4.0 * self._travel(time[k] + 0.5 * rest) + self._travel(inside)) / 6.0
-        return sums[k] + part + np.maximum(t - time[-1], 0.0) * ends[-1]
+        twice = sums[k] + rest * (way[k] + rest * (v[k] / 2.0 + slope[k] * rest / 6.0))
+        return way[k] + rest * (v[k] + 0.5 * slope[k] * rest), twice + np.maximum(t - time[-1], 0.0) * way[-1]
 
     @property
     def end_position_m(self) -> float:
@@ -487,11 +477,8 @@ class RecordedPlan(Sampling):
         """Stretches in motion: from where the set-point leaves 1 % of its largest speed to where it is back."""
         time = self.lead_s + self.time_s - self.time_s[0]
         going = np.abs(self.speed_recorded_m_s) > AT_REST * float(np.abs(self.speed_recorded_m_s).max())
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], going, [False])).astype(np.int8)))
-        last = len(time) - 1
-        return tuple(
-            (float(time[max(a - 1, 0)]), float(time[min(b, last)]) + self.smoothing_s) for a, b in edges.reshape(-1, 2)
-        )
+        edges, last = zip(*stretches(going), strict=True), len(time) - 1
+        return tuple((float(time[max(a - 1, 0)]), float(time[min(b, last)]) + self.smoothing_s) for a, b in edges)
 
     @cached_property
     def acceleration_m_s2(self) -> float:
@@ -501,14 +488,11 @@ class RecordedPlan(Sampling):
 
     def at(self, time_s: Array) -> tuple[Array, Array, Array]:
         """Height (m), speed (m/s) and acceleration (m/s², by differences of the times) at rising times (s)."""
-        t = time_s - self.lead_s
-        recorded = self.time_s - self.time_s[0]
-        if self.smoothing_s > 0.0:
-            width = self.smoothing_s
-            travel = (self._travel_twice(t) - self._travel_twice(t - width)) / width
-            speed = (self._travel(t) - self._travel(t - width)) / width
-        else:
-            travel = self._travel(t)
-            speed = np.interp(t, recorded, self.speed_recorded_m_s, left=0.0, right=0.0)
+        t, width = time_s - self.lead_s, self.smoothing_s
+        travel, twice = self._travel(t)
+        speed = np.interp(t, self.time_s - self.time_s[0], self.speed_recorded_m_s, left=0.0, right=0.0)
+        if width > 0.0:
+            travel_then, twice_then = self._travel(t - width)
+            travel, speed = (twice - twice_then) / width, (travel - travel_then) / width
         acceleration = np.gradient(speed, time_s) if len(time_s) > 1 else np.zeros_like(speed)
         return self.start_position_m + travel, speed, acceleration

@@ -237,16 +237,8 @@ class Pieces:
         edges = [0, *np.searchsorted(time_s, self.start_s[1:]), len(time_s)]
         for k, (first, last) in enumerate(pairwise(edges)):
             if first < last:
-                values[first:last] = _polynomial(coefficients[:, k], time_s[first:last] - self.start_s[k])
+                values[first:last] = np.polyval(coefficients[::-1, k], time_s[first:last] - self.start_s[k])
         return values
-
-
-def _polynomial(coefficients: Array, t: Array) -> Array:
-    """By Horner's rule, lowest first."""
-    value = coefficients[-1] + 0.0 * t
-    for c in coefficients[-2::-1]:
-        value = c + t * value
-    return value
 
 
 def shortest_move(distance_m: float, limits: Limits) -> Shape:

@@ -18,7 +18,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from workbench.core.run import Array, Run
+from workbench.core.run import Array, Run, integrated
 from workbench.effects import Active, Part, logged_input, moved_by, sizes_of, true_input, true_motion
 from workbench.engine import kernels
 from workbench.engine.kernels import FEW_LANES, MOST_STEPS, lanes_for
@@ -268,7 +268,7 @@ class InverseSimulation:
         ).T
         thin = speed[::every].copy()
         thin[1:-1] -= np.diff(thin, 2) / 12.0
-        position = np.concatenate([[0.0], np.cumsum(0.5 * (thin[1:] + thin[:-1]) * np.diff(at))])
+        position = integrated(thin, at)
         position += lowpass(at, motion.position[::every] - position, self.band_hz)
         return Motion(np.interp(time_s, at, position), np.interp(time_s, at, thin), acceleration)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from workbench.core.run import Array, Run
+from workbench.core.run import Array, Run, integrated, stretches
 from workbench.machines import Plant, kind_of
 from workbench.machines.declare import RESTS_BELOW
 from workbench.simulate.lowpass import lowpass
@@ -53,8 +53,7 @@ def motion_of(run: Run, plant: Plant, band_hz: float) -> Motion:
     position_name, speed_name = plant.positions[0], plant.speeds[0]
     if speed_name in run:
         speed = run[speed_name]
-        travelled = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))])
-        position = run.signals.get(position_name, travelled)
+        position = run.signals.get(position_name, integrated(speed, t))
     else:
         position = lowpass(t, run[position_name], 2.0 * band_hz)
         speed = np.gradient(position, t)
@@ -70,11 +69,10 @@ def moving(time_s: Array, speed: Array, scale: float, band_hz: float) -> np.ndar
     rest, the overshoot of a stop belongs to it.
     """
     still = np.abs(lowpass(time_s, speed, band_hz)) < RESTS_BELOW * scale
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     keep = np.ones(len(time_s), dtype=bool)
     guard = 0.5 / band_hz
     spans: list[list[float]] = []
-    for begin, end in edges.reshape(-1, 2):
+    for begin, end in zip(*stretches(still), strict=True):
         if spans and time_s[begin] - spans[-1][1] < 1.0 / band_hz:
             spans[-1][1] = time_s[end - 1]
         else:
@@ -143,7 +141,7 @@ def _jumps(run: Run, momentum: Array, force: Array, wider: int) -> tuple[Array, 
     """(m,) each: times, the jump of the momentum there beyond what the input and the trend beside it make, its noise
     thereabouts."""
     t = run.time_s
-    defect = momentum - np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(t))])
+    defect = momentum - integrated(force, t)
     gap = wider * max(round(WINDOW_S / run.sample_time_s), 1)
     w = 2 * gap
     if len(t) < 5 * w + gap or run.sample_time_s > WINDOW_S:  # too coarse to tell an impact from a kink

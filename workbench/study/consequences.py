@@ -22,7 +22,7 @@ from workbench.control import Settings
 from workbench.core.errors import InputError
 from workbench.core.json_records import plain
 from workbench.core.numbers import figures, signed
-from workbench.core.run import Run
+from workbench.core.run import Run, integrated
 from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
 from workbench.core.yaml_strict import checked
@@ -456,11 +456,7 @@ def _motion(machine: AnyKind, run: Run) -> tuple[float, float, float, float] | N
     t, window, logged = run.time_s, max(window, 4.0 * run.sample_time_s), not hoist and place in run
     if len(t) < 3 or run.duration_s < 3.0 * window or not (logged or speed in run):
         return None
-    if logged:
-        way = run[place]
-    else:
-        v = run[speed] * per
-        way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    way = run[place] if logged else integrated(run[speed] * per, t)
     here = run.signals.get(place, run.start_position_m + way) if hoist else way
     at = np.arange(t[0], t[-1] - 2.0 * window, 0.2 * window)
     speeds = np.diff([np.interp(at + k * window, t, way) for k in range(3)], axis=0) / window

@@ -14,6 +14,7 @@ import yaml
 
 from workbench.core.errors import InputError
 from workbench.core.numbers import NOTHING, figures, signed, with_error
+from workbench.core.run import integrated
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
@@ -521,8 +522,8 @@ def write_next_run(d: Diagnosis, planned: Planned, folder: Path) -> None:
 
     kind, run = kind_of(d.campaign.machine), planned.run
     unit, speed = kind.moved.unit, run[kind.plant.speeds[0]] * kind.transmission_of(d.campaign.machine)
-    gone = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(run.time_s))
-    table = np.column_stack([run.time_s, planned.start_position + np.concatenate([[0.0], gone]), speed])
+    position = planned.start_position + integrated(speed, run.time_s)
+    table = np.column_stack([run.time_s, position, speed])
     head = f"time_s,position_{unit},speed_{unit}_s"
     np.savetxt(folder / "next_run.csv", table, fmt="%.6g", delimiter=",", header=head, comments="")
     if kind.closed_loop is None:

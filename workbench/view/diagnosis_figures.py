@@ -18,7 +18,7 @@ from workbench.diagnose.residual_tests import ResidualTest
 from workbench.machines import plant_of
 from workbench.metrics import set_of
 from workbench.view import style
-from workbench.view.replay import Line, Stretches, run_panels, stretches, torque_residual
+from workbench.view.replay import Line, Stretches, run_panels, spans, torque_residual
 from workbench.view.style import Figure
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def series_of(d: Diagnosis, most: int = MOST_RUNS) -> tuple[RunSeries, ...]:
                 speed_after=per_cent * better.simulated[speed] if changed else None,
                 moving=balance.moving,
                 windows=tuple((w.from_s, w.to_s) for w in windows if w.run == name),
-                rests=tuple(stretches(balance.run.time_s, ~balance.moving)),
+                rests=tuple(spans(balance.run.time_s, ~balance.moving)),
                 said=f"{100.0 * energy[name]:.0f} % of the gap's energy" if name in energy else "",
             )
         )

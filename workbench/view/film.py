@@ -20,7 +20,7 @@ from markupsafe import Markup
 
 from workbench.core.names import powers
 from workbench.core.numbers import figures
-from workbench.core.run import Array, Run
+from workbench.core.run import Array, Run, integrated
 from workbench.core.templates import render
 from workbench.machines import HOIST, Hoist
 from workbench.simulate.driven import InverseSimulation
@@ -135,7 +135,7 @@ def scene_of(machine: Hoist, run: Run) -> Scene:
     logged = [name for name in ("position_carriage_m", "tension_dead_line_n") if name in run and not simulated]
     height, dead = ((run if name in logged else shown)[name] for name in ("position_carriage_m", "tension_dead_line_n"))
     speed = run["speed_motor_rad_s"]
-    angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(run.time_s))])
+    angle = integrated(speed, run.time_s)
     return Scene(
         run.name, run.payload_kg, run.time_s, np.asarray(height, dtype=float),
         np.asarray(shown["speed_carriage_m_s"], dtype=float),

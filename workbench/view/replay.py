@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.core.json_records import rounded
 from workbench.core.numbers import MOST, figures
-from workbench.core.run import Array, Run
+from workbench.core.run import Array, Run, stretches
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, words
 from workbench.core.templates import Sentences
@@ -153,8 +153,8 @@ def run_panels(
             panels.line(*place, line.x, line.y, line.name, dict(line.look), unit)
         for level in levels:
             panels.level(*place, level, dash=style.NOISE_DASH)
-        for stretches, colour in shaded[index] if shaded else ():
-            for start, end in stretches:
+        for shades, colour in shaded[index] if shaded else ():
+            for start, end in shades:
                 panels.shade(*place, start, end, colour)
     ranges = ranges_below_names(places, [[line.y for line in drawn] or [np.zeros(1)] for drawn in lines])
     if limit is not None:
@@ -244,14 +244,13 @@ def residuals(machine: Machine, result: ReplayResult, before: ReplayResult | Non
         result.noise_rms,
         () if before is None else [b.residual for b in compared],
         1.15 * max(largest, 4.0 * result.noise_rms) or None,
-        rests=[stretches(b.run.time_s, ~b.moving) for b in balances],
+        rests=[spans(b.run.time_s, ~b.moving) for b in balances],
     )
 
 
-def stretches(time_s: Sequence[float] | np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]:
+def spans(time_s: Sequence[float] | np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]:
     """From when to when a mask (n,) holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [(float(time_s[a]), float(time_s[b - 1])) for a, b in edges.reshape(-1, 2)]
+    return [(float(time_s[a]), float(time_s[b - 1])) for a, b in zip(*stretches(mask), strict=True)]
 
 
 # The page.

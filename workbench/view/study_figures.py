@@ -20,7 +20,7 @@ from workbench.study.rows import Row, metrics_of
 from workbench.study.run import peak_limit
 from workbench.view import style
 from workbench.view.panels import MOST_POINTS, Panels
-from workbench.view.replay import stretches
+from workbench.view.replay import spans
 from workbench.view.style import BLACK, GREY, MARKERS, SPARE, Figure, faint, label, line, look
 
 MOST_COLUMNS = 3  # more leave no panel wide enough to read at 1280 px
@@ -127,7 +127,7 @@ def _within(run: Run, window_s: tuple[float, float] | None) -> Run:
 
 def slack_stretches(run: Run) -> list[tuple[float, float]]:
     """Start and end (s) of each stretch in which a wire carries nothing."""
-    return stretches(run.time_s, run["tension_min_n"] <= 0.0) if "tension_min_n" in run else []
+    return spans(run.time_s, run["tension_min_n"] <= 0.0) if "tension_min_n" in run else []
 
 
 def peak_torque_over_payload(
