@@ -22,9 +22,10 @@ import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import streamlit as st
+from streamlit.runtime.uploaded_file_manager import UploadedFile
 
 from workbench.core.errors import InputError
 from workbench.dashboard.jobs import KEEP_S, Job, clean, is_id, jobs_of, new_id
@@ -33,14 +34,6 @@ T = TypeVar("T")
 MB = 1_000_000
 WORK = "work"
 _WORKSPACE, _WORK_ID = "workbench workspace", "workbench jobs id"
-
-
-class Upload(Protocol):
-    """What is used of streamlit's uploaded file."""
-
-    size: int
-
-    def getvalue(self) -> bytes: ...
 
 
 @cache
@@ -83,7 +76,7 @@ def workspace() -> Path:
     return Path(folder.name)
 
 
-def stored(upload: Upload, name: str, most_bytes: int = 1 * MB) -> Path:
+def stored(upload: UploadedFile, name: str, most_bytes: int = 1 * MB) -> Path:
     """The uploaded bytes in a file of the session, under the name the page gives it. InputError for a larger one,
     ValueError for a name with folders in it."""
     if name != Path(name).name or name in ("", ".", ".."):

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -39,44 +39,10 @@ class Profile:
         return sum(end - start for start, end in self.move_windows)
 
 
-class Plan(Protocol):
-    """A motion of what moves that is exact and not yet sampled."""
-
-    @property
-    def kind(self) -> str: ...
-    @property
-    def start_position_m(self) -> float: ...
-    @property
-    def end_position_m(self) -> float: ...
-    @property
-    def duration_s(self) -> float: ...
-    @property
-    def move_windows(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each move (s)."""
-
-    @property
-    def move_limits(self) -> tuple[Limits, ...]:
-        """Those used for each move; none of a recorded motion."""
-
-    @property
-    def acceleration_m_s2(self) -> float:
-        """The largest that is asked for."""
-
-    def at(self, time_s: Array) -> tuple[Array, Array, Array]:
-        """Height (m), speed (m/s) and acceleration (m/s²) at rising times (s)."""
-
-    def speed_at(self, time_s: Array) -> Array:
-        """The speed of `at` alone."""
-
-    def times(self, sample_time_s: float, duration_s: float | None = None) -> Array: ...
-    def sample(self, sample_time_s: float, duration_s: float | None = None) -> Profile: ...
-    def __hash__(self) -> int: ...
-
-
 class Sampling:
     """Of every plan: its profile at a controller's samples."""
 
-    def times(self: Plan, sample_time_s: float, duration_s: float | None = None) -> Array:
+    def times(self: Any, sample_time_s: float, duration_s: float | None = None) -> Array:
         """0, T, 2T, … up to the end of the plan, or to a longer `duration_s`."""
         if not (math.isfinite(sample_time_s) and sample_time_s > 0.0):
             raise InputError(f"{sample_time_s:g} s, expected a positive time", place="sample_time_s")
@@ -84,12 +50,13 @@ class Sampling:
         samples = math.ceil(max(self.duration_s, duration_s or 0.0) / sample_time_s - 1e-9) + 1
         return np.arange(samples, dtype=np.float64) * np.float64(sample_time_s)
 
-    def sample(self: Plan, sample_time_s: float, duration_s: float | None = None) -> Profile:
+    def sample(self: Any, sample_time_s: float, duration_s: float | None = None) -> Profile:
         """The profile at these times; held at rest after its end."""
         time_s = self.times(sample_time_s, duration_s)
-        return Profile(self.kind, time_s, *self.at(time_s), self.move_windows, self.move_limits)
+        position, speed, acceleration = self.at(time_s)
+        return Profile(self.kind, time_s, position, speed, acceleration, self.move_windows, self.move_limits)
 
-    def speed_at(self: Plan, time_s: Array) -> Array:
+    def speed_at(self: Any, time_s: Array) -> Array:
         """The speed of `at` alone."""
         return self.at(time_s)[1]
 
@@ -496,3 +463,7 @@ class RecordedPlan(Sampling):
             travel, speed = (twice - twice_then) / width, (travel - travel_then) / width
         acceleration = np.gradient(speed, time_s) if len(time_s) > 1 else np.zeros_like(speed)
         return self.start_position_m + travel, speed, acceleration
+
+
+# A motion of what moves that is exact and not yet sampled.
+Plan: TypeAlias = MotionPlan | StoppedPlan | RecordedPlan
