@@ -124,8 +124,7 @@ def replay(
     chosen by the machine without it.
     """
     chosen = campaign_of(campaign, machine)
-    if band_hz is not None:
-        check_band(band_hz, chosen.runs)
+    check_band(band_hz, chosen.runs)
     return replay_runs(chosen.machine, chosen.runs, band_hz)
 
 
@@ -143,8 +142,7 @@ def identify(
     date: when, for the machine's record. The result's `machine` goes into every other function.
     """
     chosen = campaign_of(campaign, machine)
-    if band_hz is not None:
-        check_band(band_hz, chosen.runs)
+    check_band(band_hz, chosen.runs)
     return fit_machine(chosen, free=free, band_hz=band_hz, date=date)
 
 
@@ -180,8 +178,7 @@ def diagnose(
     chosen = campaign_of(campaign, machine)
     if not chosen.doubts:
         chosen = replace(chosen, doubts=tuple(doubts_of(chosen.machine, chosen.runs)))
-    if band_hz is not None:
-        check_band(band_hz, chosen.runs)
+    check_band(band_hz, chosen.runs)
     return find_cause(
         chosen, baseline=baseline, candidates=candidates, most_effects=most_effects, seed=seed, band_hz=band_hz,
         study=study, scenario=scenario, quick=quick, validate=validate, tell=tell,

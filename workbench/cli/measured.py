@@ -38,8 +38,7 @@ def load_campaign(
         remedy = f"; leave it out: --runs {','.join(error.sound)}" if error.sound else ""
         raise InputError(error.problem + remedy, file=error.file, line=error.line, place=error.place) from error
     campaign = replace(campaign, doubts=tuple(doubts_of(campaign.machine, campaign.runs)))
-    if band_hz is not None:
-        check_band(band_hz, campaign.runs)
+    check_band(band_hz, campaign.runs)
     if machine is None:
         return campaign
     if type(machine) is not type(campaign.machine):

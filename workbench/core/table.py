@@ -57,11 +57,6 @@ class Table:
         return tuple(column.line for column in self.columns)
 
     @property
-    def by_column(self) -> Mapping[str, list[str]]:
-        """head -> its texts, top down."""
-        return {head: [row[i] for row in self.rows] for i, head in enumerate(self.heads)}
-
-    @property
     def units(self) -> tuple[str, ...]:
         """The last line of each head: the unit, a blank above numbers without one; "" above words without one."""
         blank = "\N{NO-BREAK SPACE}" if any(column.unit for column in self.columns) else ""

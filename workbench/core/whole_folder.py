@@ -181,8 +181,12 @@ def _with_nulls(value: object) -> object:
 
 def write_json(path: Path, data: object) -> None:
     """One JSON file, on the disk when this returns. ValueError for a number that JSON does not know (NaN)."""
-    with path.open("w", encoding="utf-8") as stream:
-        json.dump(data, stream, indent=1, ensure_ascii=False, allow_nan=False)
-        stream.write("\n")
+    write_whole(path, f"{json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)}\n".encode())
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """The file is on the disk when this returns."""
+    with path.open("wb") as stream:
+        stream.write(data)
         stream.flush()
         os.fsync(stream.fileno())

@@ -176,7 +176,7 @@ def table(shown: Table, in_words: bool = False) -> None:
         if shown.note:
             st.caption(said(shown.note))
         return
-    columns = {head: texts([powers(cell.strip()) for cell in cells]) for head, cells in shown.by_column.items()}
+    columns = {head: texts([powers(row[k].strip()) for row in shown.rows]) for k, head in enumerate(shown.heads)}
     align = {column.line: st.column_config.TextColumn(alignment=column.align) for column in shown.columns}
     # Not lazily: streamlit would import pandas to find out whether it could.
     tall: Any = "content" if len(shown.rows) <= MOST_ROWS else "auto"  # which scrolls

@@ -33,11 +33,6 @@ class Profile:
     move_windows: tuple[tuple[float, float], ...]
     move_limits: tuple[Limits, ...]
 
-    @property
-    def move_time_s(self) -> float:
-        """Time in motion, all moves together."""
-        return sum(end - start for start, end in self.move_windows)
-
 
 class Sampling:
     """Of every plan: its profile at a controller's samples."""

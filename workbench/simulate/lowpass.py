@@ -145,8 +145,10 @@ def default_band(machine: Machine, plant: Plant, values: Sequence[SimpleNamespac
     return min(sampling, *(plant.band_hz(p) for p in values))
 
 
-def check_band(band_hz: float, runs: Sequence[Run]) -> None:
-    """InputError if the runs are too short or sampled too slowly for this band."""
+def check_band(band_hz: float | None, runs: Sequence[Run]) -> None:
+    """InputError if the runs are too short or sampled too slowly for this band, if there is one."""
+    if band_hz is None:
+        return
     highest = min(0.5 / run.sample_time_s for run in runs)
     lowest = max(LEAST_PERIODS / run.duration_s for run in runs)
     # Steps are differences of rounded times: half the sampling rate may come out a rounding error above itself.

@@ -36,7 +36,7 @@ from typing import Any
 from workbench import __version__
 from workbench.core.errors import InputError
 from workbench.core.run import Run
-from workbench.core.whole_folder import check_free, is_free, what_is_in, write_json
+from workbench.core.whole_folder import check_free, is_free, what_is_in, write_json, write_whole
 from workbench.core.yaml_strict import dumps, load, validate
 from workbench.effects.registry import files_behind
 from workbench.machines import LOOPED, load_machine, looped, of_kind, save_machine
@@ -306,18 +306,18 @@ class Part:
         file = self._file(number)
         file.parent.mkdir(exist_ok=True)
         temporary = file.with_suffix(".tmp")
-        _write(temporary, chunk.index)
+        write_whole(temporary, chunk.index)
         temporary.rename(file)
 
     def assemble(self) -> Any:
         """Write the index from all chunks; returns it."""
         table = joined([read_table(self._file(number)) for number in range(len(self.sizes))])
-        _write(self.folder / INDEX, parquet_bytes(table))
+        write_whole(self.folder / INDEX, parquet_bytes(table))
         return table
 
     def add(self, name: str, text: str | bytes) -> None:
         """One more file of the result."""
-        _write(self.folder / name, text.encode() if isinstance(text, str) else text)
+        write_whole(self.folder / name, text.encode() if isinstance(text, str) else text)
 
     def mark(self, manifest: Mapping[str, Any]) -> None:
         """Say that the result is whole."""
@@ -359,14 +359,6 @@ def open_part(folder: Path, sizes: list[int], target: Path) -> Iterator[Part]:
         # Nothing done, nothing left behind.
         with contextlib.suppress(OSError):
             folder.rmdir()
-
-
-def _write(path: Path, data: bytes) -> None:
-    """The file is on the disk when this returns."""
-    with path.open("wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
 
 
 # Eight and two groups of SIMD lanes: some tenths of a second of work, some tens of megabytes.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -334,10 +334,7 @@ def gang_names(kind: Kind) -> tuple[tuple[str, int, int, str], ...]:
     )
 
 
-def gang_of_four(
-    members: Sequence[Member], ms_limit: float, height: int = 760,
-    unit: tuple[str, float] = HZ,
-) -> Figure:  # fmt: skip
+def gang_of_four(members: Sequence[Member], ms_limit: float, height: int = 760, unit: tuple[str, float] = HZ) -> Figure:
     """|S|, |T|, |PS| and |CS| over frequency, in HZ or RAD_S."""
     (name_of, per_hz), names = unit, gang_names(members[0].loop.kind)
     panels = Panels("Gang of four", ["dB", "dB"], ["", ""], x_title=f"frequency ({name_of})", link_rows=False)
@@ -416,13 +413,16 @@ def columns(members: Sequence[Member]) -> Mapping[str, Sequence[Any]]:
     }
 
 
+def drawn(of: Callable[[Any], tuple[Sequence[Member], float]]) -> dict[str, Callable[[Any], Figure]]:
+    """The figures of a record by name; of: its members and its bound on Ms."""
+    return {
+        "bode": lambda record: bode(of(record)[0]),
+        "nyquist": lambda record: nyquist(*of(record)),
+        "sensitivity": lambda record: gang_of_four(*of(record)),
+        "steps": lambda record: steps(of(record)[0]),
+    }
+
+
 VIEW = View(
-    {"margins": lambda a: table(a.members)},
-    {
-        "bode": lambda a: bode(a.members),
-        "nyquist": lambda a: nyquist(a.members, a.ms_limit),
-        "sensitivity": lambda a: gang_of_four(a.members, a.ms_limit),
-        "steps": lambda a: steps(a.members),
-    },
-    lambda a: columns(a.members),
+    {"margins": lambda a: table(a.members)}, drawn(lambda a: (a.members, a.ms_limit)), lambda a: columns(a.members)
 )

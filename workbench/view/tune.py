@@ -147,11 +147,6 @@ def columns(tuning: Tuning) -> Mapping[str, Sequence[Any]]:
 
 VIEW = View(
     {"candidates": lambda t: table(t.outcome)},
-    {
-        "bode": lambda t: loop.bode(t.outcome.members),
-        "nyquist": lambda t: loop.nyquist(t.outcome.members, t.outcome.goal.ms_limit),
-        "sensitivity": lambda t: loop.gang_of_four(t.outcome.members, t.outcome.goal.ms_limit),
-        "steps": lambda t: loop.steps(t.outcome.members),
-    },
+    loop.drawn(lambda t: (t.outcome.members, t.outcome.goal.ms_limit)),
     columns,
 )

@@ -45,11 +45,6 @@ class Arrived:
     entry: Entry | None
     problem: str = ""
 
-    @property
-    def described(self) -> str:
-        """Changes when the description does."""
-        return self.problem if self.entry is None else self.entry.model_dump_json()
-
 
 class Arrivals:
     """Looks into a folder again and again. A log is complete when it has not changed for `settle_s`."""
@@ -257,7 +252,8 @@ class Watch:
         except (OSError, InputError) as error:
             self._once(f"{file}: cannot be read: {error.strerror}" if isinstance(error, OSError) else str(error))
             return
-        aside = hashlib.sha256(f"{digest} {arrived.described}".encode()).hexdigest()
+        described = arrived.problem if arrived.entry is None else arrived.entry.model_dump_json()
+        aside = hashlib.sha256(f"{digest} {described}".encode()).hexdigest()
         if not self.store.known(digest, aside):
             try:
                 if arrived.entry is None:
