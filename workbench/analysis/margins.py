@@ -148,9 +148,8 @@ def operating_points(
     (low, high), top = kind.looped.rail(machine), kind.looped.top(machine)
     for height in heights_m:
         if not (low <= height <= high and height < top):
-            raise InputError(
-                f"{height:g} m is off the rail, which reaches from {low:g} m to {high:g} m", place="heights"
-            )
+            said = f"{height:g} m is off the rail, which reaches from {low:g} m to {high:g} m"
+            raise InputError(said, place="heights")
     if not kind.payload and any(payloads_kg):
         raise InputError(f"{of_kind(machine)} carries no payload", place="payloads")
     for payload in payloads_kg:

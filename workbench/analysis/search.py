@@ -242,9 +242,8 @@ def make_search(
             turns = _turns(1.0 + responses * (kp * per_kp + ki * per_ki))
             break
     else:
-        raise InputError(
-            f"no PI gains make this loop stable {everywhere}; the drive is too slow, or the machine runs away"
-        )
+        said = f"no PI gains make this loop stable {everywhere}; the drive is too slow, or the machine runs away"
+        raise InputError(said)
     return Search(
         f, responses, per_kp, per_ki, turns, inertia, settings.sample_time_s,
         [anti_resonances(plant, point, kind.looped) for plant, point in zip(linear, points, strict=True)],
@@ -408,9 +407,8 @@ def _largest(search: Search, ms_limit: float, score: Callable[[Array, Judged], A
             if least > ms_limit:
                 why = f": an undamped swing at {at_hz:.3g} Hz leaves Ms at {least:.3g} or more whatever the gains"
                 expected = f"damping, a drive with less lag, or a number above {least:.3g}"
-            raise InputError(
-                f"{ms_limit:g}: no gains reach it {search.everywhere}{why}; expected {expected}", place="ms"
-            )
+            said = f"{ms_limit:g}: no gains reach it {search.everywhere}{why}; expected {expected}"
+            raise InputError(said, place="ms")
         kps = best[1] * np.geomspace(1.0 / step[0], step[0], 11)
         ratios = best[2] * np.geomspace(1.0 / step[1], step[1], 11)
         step = step**0.5

@@ -42,10 +42,8 @@ def load_campaign(
     if machine is None:
         return campaign
     if type(machine) is not type(campaign.machine):
-        raise InputError(
-            f"is another kind of machine than the campaign's ({_kind(machine)}, expected {_kind(campaign.machine)})",
-            file=machine_file,
-        )
+        said = f"is another kind of machine than the campaign's ({_kind(machine)}, expected {_kind(campaign.machine)})"
+        raise InputError(said, file=machine_file)
     return replace(campaign, machine=machine)
 
 

@@ -59,9 +59,8 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         sweep(target.parent)
         hidden, lock = _locked(target)
     except (FileExistsError, NotADirectoryError) as error:
-        raise InputError(
-            "no results can be written there: a file stands where a folder must be", file=folder
-        ) from error
+        said = "no results can be written there: a file stands where a folder must be"
+        raise InputError(said, file=folder) from error
     except OSError as error:
         raise InputError(f"no results can be written there: {error.strerror or error}", file=folder) from error
     try:

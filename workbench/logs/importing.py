@@ -339,9 +339,8 @@ def write_campaign(machine: Path, logs: Sequence[Imported], proposed: Proposed, 
             campaign = read_campaign(hidden)
         except InputError as error:
             place = error.place or (Path(error.file).name if error.file else None)
-            raise InputError(
-                f"{error.problem} (the imported logs cannot be read as a campaign)", place=place
-            ) from error
+            wrong = f"{error.problem} (the imported logs cannot be read as a campaign)"
+            raise InputError(wrong, place=place) from error
     return campaign
 
 

@@ -74,9 +74,8 @@ def _choice(document: Document, key: str, valid: Mapping[str, T], default: str |
     if isinstance(name, str) and name in valid:
         return valid[name]
     problem = "is missing" if key not in document.data else f"unknown {key} {name!r}"
-    raise InputError(
-        f"{problem}; {nearest(str(name), valid)}", file=document.file, line=document.line((key,)), place=key
-    )
+    said = f"{problem}; {nearest(str(name), valid)}"
+    raise InputError(said, file=document.file, line=document.line((key,)), place=key)
 
 
 def machine_text(machine: Machine) -> str:

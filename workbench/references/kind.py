@@ -104,10 +104,8 @@ class PlannedKind(ReferenceKind):
     def check(self, limits: Limits, load: Load | None = None) -> None:
         """InputError where a jerk limit is missing, or the machine that the kind has to know."""
         if self.needs_load and load is None:
-            raise InputError(
-                f"'{self.name}' is planned for a machine's load, which is not known here or goes with its angle",
-                place="references",
-            )
+            said = f"'{self.name}' is planned for a machine's load, which is not known here or goes with its angle"
+            raise InputError(said, place="references")
         if self.needs_following and load is not None and not load.hangs and not load.rigid:
             raise InputError(
                 f"'{self.name}' asks the load to be followed exactly, and no feed-forward of an axis knows its "

@@ -168,10 +168,8 @@ def _walk(
     """
     low, high = rail_m
     if not low <= start_position_m <= high:
-        raise InputError(
-            f"{start_position_m:g} m is off the rail, which reaches from {low:g} m to {high:g} m",
-            place="start_position_m",
-        )
+        said = f"{start_position_m:g} m is off the rail, which reaches from {low:g} m to {high:g} m"
+        raise InputError(said, place="start_position_m")
     here: float | None = start_position_m
     speed, moved = 0.0, False
     for number, step in enumerate(steps):
@@ -182,10 +180,8 @@ def _walk(
                 raise InputError("a jog at 0 m/s from rest; dwell_s says that", place=place)
             speed, here, moved = step.speed_m_s, None, True
         elif speed != 0.0:
-            raise InputError(
-                f"comes while the carriage goes at {speed:g} m/s; a jog ends with {{speed_m_s: 0, for_s: …}}",
-                place=place,
-            )
+            said = f"comes while the carriage goes at {speed:g} m/s; a jog ends with {{speed_m_s: 0, for_s: …}}"
+            raise InputError(said, place=place)
         elif step.dwell_s is None:
             distance, here = _distance(step, here, rail_m, place)
             moved = True
@@ -193,9 +189,8 @@ def _walk(
     if not moved:
         raise InputError("no move in the list, expected at least one by_m, to_m or speed_m_s", place="moves")
     if speed != 0.0:
-        raise InputError(
-            f"end at {speed:g} m/s; expected a last jog {{speed_m_s: 0, for_s: …}} to come to rest", place="moves"
-        )
+        said = f"end at {speed:g} m/s; expected a last jog {{speed_m_s: 0, for_s: …}} to come to rest"
+        raise InputError(said, place="moves")
 
 
 def _distance(step: Step, here: float | None, rail_m: tuple[float, float], place: str) -> tuple[float, float | None]:
@@ -397,10 +392,8 @@ class RecordedPlan(Sampling):
             raise InputError("the recorded reference stands still throughout or holds no numbers", place="references")
         for end, value in (("begins", float(speed[0])), ("ends", float(speed[-1]))):
             if abs(value) > CUT * top:
-                raise InputError(
-                    f"the recorded reference {end} at {value:.3g} m/s; expected a run that begins and ends at rest",
-                    place="references",
-                )
+                said = f"the recorded reference {end} at {value:.3g} m/s; expected a run that begins and ends at rest"
+                raise InputError(said, place="references")
         path = self.start_position_m + self._distance_m
         if path.min() < low - 1e-6 or path.max() > high + 1e-6:
             raise InputError(

@@ -191,8 +191,7 @@ def bound(address: str, port: int, kind: socket.SocketKind) -> socket.socket:
         made.bind((address, port))
     except OSError as error:
         made.close()
-        raise InputError(
-            f"port {port} of {address} is taken or not ours to use ({error.strerror}); choose another", place="port"
-        ) from error
+        said = f"port {port} of {address} is taken or not ours to use ({error.strerror}); choose another"
+        raise InputError(said, place="port") from error
     made.setblocking(False)
     return made

@@ -38,9 +38,8 @@ class Limits:
             count = f"{self.rows / MB:g} million" if self.rows >= MB else str(self.rows)
             raise InputError(f"holds more than {count} rows, the most that is read; cut it")
         if 8 * samples > self.bytes:
-            raise InputError(
-                f"unpacks to more than {self.bytes / MB:g} MB, the most that is read; cut it or leave columns out"
-            )
+            said = f"unpacks to more than {self.bytes / MB:g} MB, the most that is read; cut it or leave columns out"
+            raise InputError(said)
 
     def counted(self, pieces: Iterable[tuple[int, Array]], columns: int) -> Iterator[tuple[int, Array]]:
         """The pieces of an opener, each counted before it is handed on. InputError as soon as they are too many."""
@@ -98,9 +97,8 @@ def plain_errors(format_name: str, limits: Limits) -> Iterator[None]:
     except InputError:
         raise
     except MemoryError as error:
-        raise InputError(
-            f"takes more than the {limits.memory_bytes / MB:g} MB of memory that a log may; is it damaged?"
-        ) from error
+        said = f"takes more than the {limits.memory_bytes / MB:g} MB of memory that a log may; is it damaged?"
+        raise InputError(said) from error
     except Exception as error:
         if isinstance(error, OSError) and error.errno and error.strerror:
             raise InputError(f"cannot be read: {error.strerror}") from error

@@ -42,9 +42,8 @@ def _open73(file: Path) -> Opened:
     try:
         import h5py
     except ImportError as error:
-        raise InputError(
-            "is a version 7.3 file (HDF5); save it with: save('log.mat', '-v7'), or install the extra 'import'"
-        ) from error
+        said = "is a version 7.3 file (HDF5); save it with: save('log.mat', '-v7'), or install the extra 'import'"
+        raise InputError(said) from error
     while h5py.h5pl.size():  # a data set may ask for a filter, which is a library looked for in these folders
         h5py.h5pl.remove(0)
     held = h5py.File(file, "r")

@@ -62,10 +62,8 @@ def _check_formulas(channel: Any) -> None:
         formula = getattr(conversion, "formula", "") or ""
         formula = formula.decode("latin-1") if isinstance(formula, bytes) else str(formula)
         if len(formula) > LONGEST_FORMULA or _TOKEN.sub("", formula):
-            raise InputError(
-                f"is converted by the formula {formula[:60]!r}, expected arithmetic in X; convert it before saving",
-                place=str(channel.name),
-            )
+            said = f"is converted by the formula {formula[:60]!r}, expected arithmetic in X; convert it before saving"
+            raise InputError(said, place=str(channel.name))
         inner = getattr(conversion, "referenced_blocks", None) or {}
         conversions += [block for block in inner.values() if hasattr(block, "conversion_type")]
 

@@ -68,9 +68,8 @@ class Winch(Record):
     @model_validator(mode="after")
     def _pin_fits(self) -> Winch:
         if self.pin_diameter_m >= self.drum_diameter_m:
-            raise ValueError(
-                f"pin_diameter_m {self.pin_diameter_m}, expected less than drum_diameter_m {self.drum_diameter_m}"
-            )
+            said = f"pin_diameter_m {self.pin_diameter_m}, expected less than drum_diameter_m {self.drum_diameter_m}"
+            raise ValueError(said)
         return self
 
 

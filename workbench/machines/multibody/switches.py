@@ -161,10 +161,8 @@ def switches_of(machine: Hoist) -> Switches:
         for parameter, value in parameters.items():
             fields = _EFFECTS[name].get(parameter, ())
             if not fields:
-                raise InputError(
-                    f"the multi-body machine has no '{parameter}'; {nearest(parameter, _EFFECTS[name])}",
-                    place=f"effects.{name}",
-                )
+                said = f"the multi-body machine has no '{parameter}'; {nearest(parameter, _EFFECTS[name])}"
+                raise InputError(said, place=f"effects.{name}")
             for field in fields:
                 before = getattr(switches, field) if field in _ADDED else 0.0
                 changes: dict[str, Any] = {field: before + value}
