@@ -39,14 +39,7 @@ from workbench.machines import (
     studied,
 )
 from workbench.machines import load_machine as load
-from workbench.references import (
-    LimitPair,
-    Limits,
-    Step,
-    allowed_carriage_speed_m_s,
-    motor_speed_rad_s,
-    plan_motion,
-)  # fmt: skip
+from workbench.references import LimitPair, Limits, Step, allowed_carriage_speed_m_s, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import NO_EVENTS, LoopCase, LoopResult, simulate_loop
 from workbench.simulate.lowpass import check_band
 from workbench.simulate.models import check_multibody, simulate_multibody_loop

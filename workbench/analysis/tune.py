@@ -346,7 +346,7 @@ def _with_shaper(
         InputShaper(kind=kind, frequency_hz=hz, damping=float(f"{zero.damping:.3g}"))
         for hz, zero in swings.items()
         for kind in ("zv", "zvd", "ei")
-    ]  # fmt: skip
+    ]
     options = [None, *shapers]
     settings = [winner.settings.model_copy(update={"input_shaper": shaper}) for shaper in options]
     scores = try_out(trial, settings)

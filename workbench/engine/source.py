@@ -206,9 +206,7 @@ def replay_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
     model = bound(plant, effects, parameter_symbols(k.parameters, plant.parameters))
     q1, y1, _, errors = rodas3_step(model, t, h, q, y, u, u_rate, len(effects.memory))
     states = [e.args[0] for e in (*q, *y)]
-    held = {
-        "t0": "times[k]", "H": "times[after] - t0", "u0": "inputs[k]", "u_rate": "(inputs[after] - u0) / H",
-    }  # fmt: skip
+    held = {"t0": "times[k]", "H": "times[after] - t0", "u0": "inputs[k]", "u_rate": "(inputs[after] - u0) / H"}
     k.samples(1, len(states), ("times", "inputs"))
     k.add(1, "m = 1", "steps = 0", "for k in range(n - 1):", f"{INDENT}after = k + 1")
     k.held(2, held)

@@ -282,9 +282,7 @@ def _feed_forward(w: _Writer, settings: PiSettings, machine: Hoist, payload_kg: 
 
 
 # The reference of a record, of the largest speed: until which part of it, level, slope from 0.05 on.
-PROFILE = (
-    (0.05, 0.0, 0.0), (0.3, 0.0, 2.0), (0.5, 0.5, 0.0), (0.6, -0.3, 0.0), (0.8, 1.2, 0.0), (1.0, -0.1, 0.0),
-)  # fmt: skip
+PROFILE = ((0.05, 0.0, 0.0), (0.3, 0.0, 2.0), (0.5, 0.5, 0.0), (0.6, -0.3, 0.0), (0.8, 1.2, 0.0), (1.0, -0.1, 0.0))
 FOLLOWS, RIPPLE, RIPPLES, FAILS_FROM = 0.03, 0.01, 7.0, 0.7
 
 

@@ -369,9 +369,8 @@ def _late(loop: Controller, late: float) -> Controller:
 
 
 def _assembled(
-    machine: Machine, physics: Physics, inputs: list[Variable], parameters: list[Variable], step_s: float,
-    active: Alone,
-) -> Model:  # fmt: skip
+    machine: Machine, physics: Physics, inputs: list[Variable], parameters: list[Variable], step_s: float, active: Alone
+) -> Model:
     plant, controlled = physics.plant, physics.controller is not None
     time = Variable("time", "time", "independent")
     variables = (time, *inputs, *parameters, *_shown(physics))

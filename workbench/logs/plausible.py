@@ -28,12 +28,8 @@ ALIKE = 0.9  # correlation: below, they do not show the same motion
 OFF = 20.0  # times what the nominal machine takes for this motion, or a part of it
 SMOOTH = 0.003  # of the run's duration
 # What a factor is usually called.
-UNITS = (
-    (1e-3, "milli"), (1e-2, "centi"), (1e3, "kilo"), (1.0 / 60.0, "a minute"), (1e-3 / 60.0, "milli a minute"),
-)  # fmt: skip
-ANGLES = (
-    (math.pi / 180.0, "degrees"), (2.0 * math.pi, "turns"), (2.0 * math.pi / 60.0, "rpm"), (1e-3, "milli"),
-)  # fmt: skip
+UNITS = ((1e-3, "milli"), (1e-2, "centi"), (1e3, "kilo"), (1.0 / 60.0, "a minute"), (1e-3 / 60.0, "milli a minute"))
+ANGLES = ((math.pi / 180.0, "degrees"), (2.0 * math.pi, "turns"), (2.0 * math.pi / 60.0, "rpm"), (1e-3, "milli"))
 _SPEED_UNITS = (("rpm", 2.0 * math.pi / 60.0), ("degrees per second", math.pi / 180.0))
 
 

@@ -147,9 +147,7 @@ def _dotted_values(block: Mapping[str, Any]) -> dict[str, Any]:
 
 
 # What decides a study's numbers: an edit of any of it makes another study.
-_PHYSICS = (
-    "control", "effects", "engine", "machines", "metrics", "references", "simulate", "study", "symbolic",
-)  # fmt: skip
+_PHYSICS = ("control", "effects", "engine", "machines", "metrics", "references", "simulate", "study", "symbolic")
 
 
 @dataclass(frozen=True, repr=False)

@@ -551,12 +551,10 @@ def check_kind(scenario: Scenario, machine: Machine, varied: set[str]) -> None:
                 scenario.payloads_kg is not None,
                 f"{who} carries no payload; leave it out, and sweep machine.{kind.free[0]} for other loads",
             ),
-            "events": (
-                scenario.events != Events(), f"{who} has no events; they are of a hoist's motors and brake"
-            ),
+            "events": (scenario.events != Events(), f"{who} has no events; they are of a hoist's motors and brake"),
             "plant": (scenario.plant != "lumped", f"'{scenario.plant}', expected 'lumped' for {who}"),
             f"limits.{one_way}": (bool(one_way), f"{who} has the same limits both ways"),
-        }  # fmt: skip
+        }
     for place, (is_so, problem) in wrong.items():
         if is_so:
             raise InputError(problem, place=place)

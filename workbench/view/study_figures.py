@@ -196,8 +196,8 @@ def _fewer(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def metrics_over_axis(
-    rows: Sequence[Row], axis: SweptAxis, nominal_torque_nm: float | None, torque_limit_nm: float,
-) -> Figure:  # fmt: skip
+    rows: Sequence[Row], axis: SweptAxis, nominal_torque_nm: float | None, torque_limit_nm: float
+) -> Figure:
     """The metrics that change along an axis, a panel each; a column a payload, a line a reference.
 
     Where other fields are swept too, the line is the worst of their runs and a band shows all. torque limits: of
@@ -321,8 +321,8 @@ def _costs(rows: Sequence[Row], name: str) -> Array:
 
 
 def curves_over_time(
-    good: Sequence[Row], beside: Sequence[Row], names: Sequence[str], taken: Mapping[float, Mapping[str, float]],
-) -> Figure:  # fmt: skip
+    good: Sequence[Row], beside: Sequence[Row], names: Sequence[str], taken: Mapping[float, Mapping[str, float]]
+) -> Figure:
     """Metrics over move time, a row a metric and a column a payload: each family's best limits at each time.
 
     taken: payload -> the metrics of what is recommended there, a star.

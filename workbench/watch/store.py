@@ -257,7 +257,7 @@ class Store:
 
 def replace_table(
     file: Path, rows: Sequence[Mapping[str, Any]], schema: Any = None, metadata: Mapping[str, str] | None = None
-) -> None:  # fmt: skip
+) -> None:
     """A Parquet file, replaced as a whole. UnwritableError: a full disk."""
     import pyarrow as pa
     import pyarrow.parquet

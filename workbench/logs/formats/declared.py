@@ -155,7 +155,7 @@ def at_times(channel: Channel, time_s: Array) -> Array:
 
 def over_time(
     names: Sequence[str], rows: int, time_s: Callable[[], Array], channel: Callable[[str], Channel]
-) -> Opened:  # fmt: skip
+) -> Opened:
     """An opened file of channels of several rates: `time_s`, and the channels at these times."""
 
     def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
