@@ -169,11 +169,7 @@ STIFFNESS_BY_LENGTH = Effects({"wire_compliance_m_per_n": [_by_length]})
 
 
 def linearise(
-    machine: Machine,
-    point: OperatingPoint,
-    *,
-    effects: Effects = NO_EFFECTS,
-    height_free: bool = False,
+    machine: Machine, point: OperatingPoint, *, effects: Effects = NO_EFFECTS, height_free: bool = False
 ) -> LinearPlant:
     """The plant from the drive's input to the outputs at a point: of a hoist motor speed, carriage speed and wire
     tension, of an axis speed, position and its other signals.

@@ -159,11 +159,7 @@ def operating_points(
 
 
 def family(
-    machine: Machine,
-    settings: Settings,
-    points: Sequence[OperatingPoint],
-    *,
-    effects: Effects = NO_EFFECTS,
+    machine: Machine, settings: Settings, points: Sequence[OperatingPoint], *, effects: Effects = NO_EFFECTS
 ) -> list[Member]:
     """The loop at each point, with its margins; `effects` beside the machine's own."""
     loops = [linear_loop(machine, settings, point, effects=effects) for point in points]

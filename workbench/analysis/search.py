@@ -210,11 +210,7 @@ class Search:
 
 
 def make_search(
-    machine: Machine,
-    settings: Settings,
-    points: Sequence[OperatingPoint],
-    *,
-    effects: Effects = NO_EFFECTS,
+    machine: Machine, settings: Settings, points: Sequence[OperatingPoint], *, effects: Effects = NO_EFFECTS
 ) -> Search:
     """A search over kp and ki; filters, delays and sample time are those of settings and drive.
 

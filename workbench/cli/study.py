@@ -32,10 +32,7 @@ MOST_IN_TABLE = 40
 
 @command("study", effects=True)
 def study(
-    files: Annotated[tuple[Path, ...], {"metavar": "FILE..."}],
-    *,
-    out: Path | None = None,
-    cluster: Cluster = None,
+    files: Annotated[tuple[Path, ...], {"metavar": "FILE..."}], *, out: Path | None = None, cluster: Cluster = None
 ) -> None:
     """Simulate every run of each scenario FILE in closed loop.
 
@@ -111,11 +108,7 @@ def report(results: Path, *, out: Path | None = None) -> None:
 
 
 @command("size")
-def size(
-    file: Path,
-    *,
-    json_file: Annotated[Path | None, "--json"] = None,
-) -> int:
+def size(file: Path, *, json_file: Annotated[Path | None, "--json"] = None) -> int:
     """Size motor, gear ratio, inverter, brake, resistor and wire for the duty cycle in FILE.
 
     Every drive runs the scenario's moves in the closed loop of `workbench study`. Exit status 1: none passes.

@@ -286,12 +286,7 @@ PROFILE = ((0.05, 0.0, 0.0), (0.3, 0.0, 2.0), (0.5, 0.5, 0.0), (0.6, -0.3, 0.0),
 FOLLOWS, RIPPLE, RIPPLES, FAILS_FROM = 0.03, 0.01, 7.0, 0.7
 
 
-def record_of(
-    settings: PiSettings,
-    machine: Hoist,
-    payload_kg: float = 0.0,
-    samples: int = RECORD_SAMPLES,
-) -> Record:
+def record_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0, samples: int = RECORD_SAMPLES) -> Record:
     """What the compiled step gives for a reference with steps, ramps and rests, a speed that follows it late with a
     ripple, and a motor that fails; long enough to reach the limits and come back."""
     dt, n = settings.sample_time_s, samples

@@ -108,16 +108,8 @@ _EFFECTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "friction_load_dependent": {"friction_fraction": ("load_fraction",)},
     "friction_position_dependent": {"peak_n": ("bell_n",), "centre_m": ("bell_m",), "width_m": ("bell_width_m",)},
     "friction_quadratic": {"drag_n_s2_per_m2": ("drag_n_s2_per_m2",)},
-    "friction_step": {
-        "level_n": ("rail_step_n",),
-        "position_m": ("rail_step_m",),
-        "width_m": ("rail_step_width_m",),
-    },
-    "friction_periodic": {
-        "amplitude_n": ("flat_n",),
-        "period_m": ("flat_period_m",),
-        "phase_rad": ("flat_rad",),
-    },
+    "friction_step": {"level_n": ("rail_step_n",), "position_m": ("rail_step_m",), "width_m": ("rail_step_width_m",)},
+    "friction_periodic": {"amplitude_n": ("flat_n",), "period_m": ("flat_period_m",), "phase_rad": ("flat_rad",)},
     "motor_fan": {"drag_nm_s2": ("fan_nm_s2",)},
     "friction_thermal_drift": {"friction_fraction": ("drift",), "time_constant_s": ("drift_s",)},
     "gearbox_efficiency": {"loss_fraction": ("gear_loss",)},
