@@ -84,7 +84,8 @@ def _functions(text: str, letters: Mapping[str, str]) -> Functions:
     code = _read(path)
     if code is None:
         _say(logging.INFO, "compiling the simulation for this computer (once; some seconds) ...")
-        code = _compiled(text, letters)
+        target = _target(FULL in text)
+        code = bytes(target.emit_object(_optimised(text, letters, target)))
         _write(path, code)
     return _load(code, letters)
 
@@ -99,12 +100,6 @@ def _say(level: int, sentence: str) -> None:
     if sentence not in _said:
         _said.add(sentence)
         log.log(level, sentence)
-
-
-def _compiled(text: str, letters: Mapping[str, str]) -> bytes:
-    """Object code of a module, in the widest registers that there are where it says FULL."""
-    target = _target(FULL in text)
-    return bytes(target.emit_object(_optimised(text, letters, target)))
 
 
 def _optimised(text: str, letters: Mapping[str, str], target: Any) -> Any:
@@ -303,7 +298,7 @@ class _Function:
 
 
 def _load(code: bytes, letters: Mapping[str, str]) -> Functions:
-    """The functions behind object code of `_compiled`. They let go of the interpreter lock while they run."""
+    """The functions behind object code. They let go of the interpreter lock while they run."""
     import llvmlite.binding as llvm
 
     llvm.load_library_permanently("")  # the process itself: its C library

@@ -237,7 +237,6 @@ def consequences_of(
     runs: Sequence[Run] = (),
     payloads_kg: Sequence[float] | None = None,
     controller: Settings | None = None,
-    goal: Goal | None = None,
     scenario: Study | None = None,
 ) -> tuple[Consequences | None, str]:
     """(what the corrected machine's effects change, "") or, of a kind that no study is for, (None, why not).
@@ -245,10 +244,9 @@ def consequences_of(
     nominal: the machine as given. refitted: its base parameters fitted without the effects, where that was done. The
     effects' own consequence is `corrected` against itself without the effects that `nominal` lacks; where it has
     none, against `nominal`. runs: the campaign's, for payloads, limits and travel; see `small_study`. scenario: a
-    user's study, whose moves, limits, payloads and controller stand in their place. goal: what gains are recommended
-    for; without it the bandwidth that the controller gives the machine without the effects, with Ms and Mt at most 1.4.
-    A run that fails is a row with its reason. InputError for effects that are unknown and for a payload or
-    a controller that cannot be.
+    user's study, whose moves, limits, payloads and controller stand in their place. Gains are recommended for the
+    bandwidth that the controller gives the machine without the effects, with Ms and Mt at most 1.4. A run that fails is
+    a row with its reason. InputError for effects that are unknown and for a payload or a controller that cannot be.
     """
     given, now = looped(nominal), looped(corrected)
     if given is None or now is None:
@@ -270,7 +268,7 @@ def consequences_of(
     changes = tuple(Change(*case, *of) for case, *of in zip(cases, *columns, strict=True))
     loops = [_weakest_loop(machine, study) for machine in (was, now)]
     usable = loops[0].stable and math.isfinite(loops[0].bandwidth_hz)
-    wanted = goal or Goal(float(f"{loops[0].bandwidth_hz:.2g}") if usable else None, MS_LIMIT)
+    wanted = Goal(float(f"{loops[0].bandwidth_hz:.2g}") if usable else None, MS_LIMIT)
     rated = studied(now)
     made = Consequences(
         effects, study, rated.motor.nominal_torque_nm if rated else None, changes, loops[0], loops[1],

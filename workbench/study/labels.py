@@ -124,8 +124,7 @@ def _together(names: Sequence[str]) -> str:
     """`feed forward inertia, weight and friction`: the first word or two that all share are said once."""
     split = [name.split() for name in names]
     shared = next((k for k in (2, 1) if len({tuple(s[:k]) for s in split}) == 1 and min(map(len, split)) > k), 0)
-    own = [names[0], *(" ".join(s[shared:]) for s in split[1:])]
-    return listed(own)
+    return listed([names[0], *(" ".join(s[shared:]) for s in split[1:])])
 
 
 def reads(reference: str, column: str) -> bool:

@@ -100,11 +100,8 @@ class RangeBlock(Record):
         """The numbers, rounded to twelve digits so that 0.1 · 3 reads 0.3; the ends are exact."""
         low, high = self.from_, self.to
         count = self.steps if self.steps is not None else round(abs(high - low) / (self.step or 1.0)) + 1
-        if self.scale == "log":
-            inner = [low * (high / low) ** (i / (count - 1)) for i in range(1, count - 1)]
-        else:
-            inner = [low + (high - low) * i / (count - 1) for i in range(1, count - 1)]
-        return [low, *(float(f"{value:.12g}") for value in inner), high]
+        spaced = np.geomspace if self.scale == "log" else np.linspace
+        return [low, *(float(f"{value:.12g}") for value in spaced(low, high, count)[1:-1]), high]
 
 
 def _some(values: tuple[Any, ...], most: int = MOST_VALUES) -> tuple[Any, ...]:

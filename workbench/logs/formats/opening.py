@@ -68,14 +68,6 @@ def format_of(file: Path) -> LogFormat:
     raise InputError(f"{what} not read by this version; save the log as {listed()}", file=file)
 
 
-# Opens a log as columns of numbers, within the limits of its format: here, or apart, in a process that may die and
-# that can open nothing but the one log. Where the system can fork, the worker itself never touches a file: it loads
-# the parsers once, and each log is parsed by a child of its own, with limits on processor time and memory. A child
-# that dies takes the worker with it, by exit status 128 + signal. Elsewhere (Windows) the worker parses one log and
-# ends, and only time is limited. Either side sends lines of JSON; samples follow theirs as they lie in memory.
-# Nothing that a worker sends is unpickled or executed.
-
-
 @dataclass(frozen=True)
 class LogFile:
     """An open log: its column names. read: its columns, (n,) float64 with NaN for an empty cell, when they are asked
@@ -134,8 +126,10 @@ def expect(files: Iterable[Path], *, uploaded: bool = False) -> None:
             continue
         if uploaded or log_format.isolated:
             imports |= dict.fromkeys(log_format.imports)
-    if imports:
-        start_early(imports)
+    if imports:  # it loads them while the caller goes on
+        worker = _taken()
+        worker.ask({"imports": list(imports)})
+        worker.close()
 
 
 @contextmanager
@@ -302,13 +296,6 @@ def opened_apart(file: Path, log_format: LogFormat, limits: Limits) -> Iterator[
         yield Opened(worker.names(file, log_format, limits), worker.pieces)
     finally:
         worker.close()
-
-
-def start_early(imports: Iterable[str]) -> None:
-    """A worker that loads these modules while the caller goes on."""
-    worker = _taken()
-    worker.ask({"imports": list(imports)})
-    worker.close()
 
 
 def _taken() -> Worker:

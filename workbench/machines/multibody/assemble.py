@@ -11,7 +11,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.machines import Hoist
-from workbench.machines.multibody.switches import Switches, engine, pin_law, roller_law, shaft_law, switches_of, wound_m
+from workbench.machines.multibody.switches import Switches, engine, pin_law, roller_law, switches_of, wound_m
 
 WIRE_DENSITY = 7850.0  # kg/m³, steel; the bare wire hangs in every machine
 PIN_SPEED = 0.01  # rad/s, where the pin friction of Eq. 13 is fully developed
@@ -165,8 +165,8 @@ class System:
             self._pin(self.fixed, drum, PIN_SPEED),
             self._pin(self._coordinate("lower_dolly", 2), sheave, PIN_SPEED),
         )
-        self.gear_loss = self._pin(self.fixed, motor, GEAR_SPEED, shaft_law())
-        self.brake = self._pin(self.fixed, motor, BRAKE_SPEED, shaft_law())
+        self.gear_loss = self._pin(self.fixed, motor, GEAR_SPEED, pin_law(smooth=True))
+        self.brake = self._pin(self.fixed, motor, BRAKE_SPEED, pin_law(smooth=True))
         self.torque = self.mbs.AddLoad(i.LoadCoordinate(markerNumber=motor, load=0.0))
         self.drum_weight = self.mbs.AddLoad(i.LoadCoordinate(markerNumber=drum, load=0.0))
         self.wire_weight = self.mbs.AddLoad(i.LoadForceVector(markerNumber=self._at("sheave"), loadVector=[0, 0, 0]))

@@ -243,22 +243,14 @@ def guide_level(o: Operations, machine: Hoist, s: Switches, payload_n: float) ->
     return level
 
 
-def pin_law() -> Any:
-    """Coulomb friction of level `offset`, linear in speed within +-`damping` (Eq. 13 of the paper)."""
+def pin_law(smooth: bool = False) -> Any:
+    """Coulomb friction of level `offset`, linear in speed within +-`damping` (Eq. 13 of the paper); smooth: by a tanh,
+    for on the quick shaft the corners would stop the engine's iteration."""
     es = engine().symbolic
 
     def law(mbs, t, itemNumber, displacement, velocity, stiffness, damping, offset):  # type: ignore[no-untyped-def]
-        return offset * es.max(es.Real(-1.0), es.min(es.Real(1.0), velocity / damping))
-
-    return law
-
-
-def shaft_law() -> Any:
-    """As `pin_law` with a tanh: on the quick shaft the corners of the other would stop the engine's iteration."""
-    es = engine().symbolic
-
-    def law(mbs, t, itemNumber, displacement, velocity, stiffness, damping, offset):  # type: ignore[no-untyped-def]
-        return offset * es.tanh(velocity / damping)
+        turned = velocity / damping
+        return offset * (es.tanh(turned) if smooth else es.max(es.Real(-1.0), es.min(es.Real(1.0), turned)))
 
     return law
 
