@@ -71,9 +71,6 @@ def _kind(machine: object) -> str:
     return " ".join(str(getattr(machine, key)) for key in ("motion", "kind") if hasattr(machine, key))
 
 
-# `workbench replay` and `identify`: a campaign's runs on the model; the model fitted to them.
-
-
 @command("replay", effects=True)
 def replay(
     campaign: CampaignFolder,

@@ -96,10 +96,6 @@ def settings_text(made: dict[str, Any]) -> str:
     return dumps({**made, "parameters": rounded})
 
 
-# The controller's files: its program as C99, as IEC 61131-3 structured text and as PLCopen XML, with self-tests on
-# its record; or a drive's parameters.
-
-
 COMPARED = 20  # samples between two torques that the self-test in structured text compares
 INPUTS = ("speed_reference_rad_s", "speed_motor_rad_s", "motor_failed")
 _OPERATORS = {

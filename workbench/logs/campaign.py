@@ -159,9 +159,6 @@ def _missing(log: LogFile, what: str, name: str, run: str) -> InputError:
     return InputError(f"no {what}; {hint}", file=log.file, place=run)
 
 
-# A campaign folder: machine.yaml, runs.yaml and the logs, read into one record.
-
-
 @dataclass(frozen=True, repr=False)
 class Campaign(Shown):
     """Measured runs of one machine. `notes` concern the campaign; each run carries its own.

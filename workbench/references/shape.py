@@ -134,12 +134,6 @@ def allowed_carriage_speed_m_s(motor_speed_limit_rad_s: float, ratio: float, dru
     return motor_speed_limit_rad_s * (drum_diameter_m / 2.0) / (FALLS * ratio)
 
 
-# The shape of one move: position, speed and acceleration as functions of time; the shortest moves, by ruckig.
-# Ruckig gives the time-optimal motion within limits of speed, acceleration and jerk as a piecewise cubic, which is
-# read out once. With an infinite jerk it is the exact trapezoid. (L. Berscheid and T. Kröger, "Jerk-limited real-
-# time trajectory generation with arbitrary target states", Robotics: Science and Systems, 2021.)
-
-
 Motion = Callable[[Array], tuple[Array, Array, Array]]
 
 

@@ -129,9 +129,6 @@ def check_multibody(machine: Hoist, reach_m: float | None = None) -> None:
         raise InputError(f"{reach_m:g} m, expected {expected}", place="events.arm_reach_m")
 
 
-# Both models of one machine on one torque record: the paper's Table 1 and Figure 8, and where the two part.
-
-
 STEP_S = 0.004  # motor speed within 1e-5 of nominal of that at a fraction of it
 _ROLLER, _SPEED = "force_roller_", "speed_motor_rad_s"
 

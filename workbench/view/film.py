@@ -61,12 +61,6 @@ def for_dark_ground(svg: str) -> str:
     return svg.replace(FILL, FILL_DARK)
 
 
-# The machine moving with a run, or with two beside each other: one page of HTML that the browser animates itself.
-# What a log lacks of a `Scene` is computed from its measured speed. The parts are drawn once, as SVG; a frame only
-# moves groups of them, at the rate of the screen. Everything that moves is computed here and handed over as
-# samples: height, angles of the wheels, tensions. The script interpolates.
-
-
 HEIGHT = 640  # px
 STEP_S, MOST_SAMPLES = 0.02, 4000
 STRIPS = (("speed_m_s", "speed (m/s)"), ("torque_nm", "torque per motor (N m)"), ("tension_kn", "drum tension (kN)"))

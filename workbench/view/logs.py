@@ -105,9 +105,6 @@ def _words(signal: str) -> str:
     return "<br>".join(wrap(words_of(signal), 18))
 
 
-# Campaigns, runs, simulated motions and imported logs as tables and figures.
-
-
 def run_figure(run: Run) -> Any:
     """The run's signals over time, a panel a signal."""
     labels = [metric_label(name) for name in run.signals]

@@ -295,9 +295,6 @@ class Logs:
             part.write_text(text, encoding="utf-8")
 
 
-# An OPC UA server's values: which nodes are which signals, and a subscription for ever that cuts and writes cycles.
-
-
 PAYLOAD = "payload_kg"
 SERVED = "nsu=urn:workbench:plant;s=Plant.Outputs."
 

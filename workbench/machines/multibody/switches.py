@@ -28,9 +28,6 @@ def engine() -> Any:
     return exudyn
 
 
-# What the multi-body machine can have beside its geometry; each is off at its default.
-
-
 @dataclass(frozen=True)
 class Switches:
     """SI; up and hoisting positive. From machine.yaml's arm.switches and, under the names there, from its effects.
