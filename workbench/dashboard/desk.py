@@ -117,16 +117,14 @@ def usual_desk(machine: Machine) -> Desk:
     speed = 0.6 * kind.looped.speed_scale(machine)
     ramp = max(0.2, 3.0 * speed * inertia / kind.looped.input_limit(machine))
     limits = (speed, speed / ramp, 1.5 * speed / ramp**2)
-    usual = Scenario.model_validate(
-        {
-            "name": START.name, key_in(unit, "start_position_m"): 0.0,
-            "moves": _there_and_back(unit, short(3.0 * speed * ramp), 0.5),
-            "limits": {key_in(unit, key): short(value) for key, value in zip(LIMITS.values(), limits, strict=True)},
-            "references": (BASELINE, "ruckig", "ruckig_equal_time"),
-            "controller": usual_cascade(cast(Axis, machine)).model_dump(),
-            "lead_s": 0.2, "settle_s": 0.8, "outputs": THINNED,
-        }
-    )  # fmt: skip
+    usual = Scenario.model_validate({
+        "name": START.name, key_in(unit, "start_position_m"): 0.0,
+        "moves": _there_and_back(unit, short(3.0 * speed * ramp), 0.5),
+        "limits": {key_in(unit, key): short(value) for key, value in zip(LIMITS.values(), limits, strict=True)},
+        "references": (BASELINE, "ruckig", "ruckig_equal_time"),
+        "controller": usual_cascade(cast(Axis, machine)).model_dump(),
+        "lead_s": 0.2, "settle_s": 0.8, "outputs": THINNED,
+    })  # fmt: skip
     return desk_of(usual, machine)
 
 

@@ -116,13 +116,11 @@ def _optimised(text: str, letters: Mapping[str, str], target: Any) -> Any:
 def _llvm(text: str, letters: Mapping[str, str]) -> str:
     """The text of a module, as LLVM's."""
     functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
-    return "\n".join(
-        [
-            *(f"declare double @llvm.{name}.f64({', '.join([REAL] * (1 + 2 * (name == 'fma')))})"
-              for name in _INTRINSICS.values()),
-            *(_Function(node, letters.get(node.name)).text for node in functions),
-        ]
-    )  # fmt: skip
+    return "\n".join([
+        *(f"declare double @llvm.{name}.f64({', '.join([REAL] * (1 + 2 * (name == 'fma')))})"
+          for name in _INTRINSICS.values()),
+        *(_Function(node, letters.get(node.name)).text for node in functions),
+    ])  # fmt: skip
 
 
 class _Function:

@@ -207,16 +207,14 @@ def _numbers(case: DesignCase, members: Sequence[Member], before: Sequence[Membe
     slow, slow_before = (min(m.margins.bandwidth_hz for m in each) for each in (members, before))
     known = not same and then.stable
     up_by = float(up) - float(up_before) if known and up[:1].isdigit() and up_before[:1].isdigit() else None
-    widgets.numbers(
-        [
-            Number("Largest Ms", now.ms, "", now.ms - then.ms if known else None, "lower"),
-            Number("Phase margin", now.phase_deg, "°", now.phase_deg - then.phase_deg if known else None, "higher"),
-            Number("Gain margin", float(up) if up[:1].isdigit() else None, "dB", up_by, "higher"),
-            Number("Delay margin", 1e3 * now.delay_s, "ms", 1e3 * (now.delay_s - then.delay_s) if known else None,
-                   "higher"),
-            Number("Slowest bandwidth", slow, "Hz", slow - slow_before if known else None, "higher"),
-        ]
-    )  # fmt: skip
+    widgets.numbers([
+        Number("Largest Ms", now.ms, "", now.ms - then.ms if known else None, "lower"),
+        Number("Phase margin", now.phase_deg, "°", now.phase_deg - then.phase_deg if known else None, "higher"),
+        Number("Gain margin", float(up) if up[:1].isdigit() else None, "dB", up_by, "higher"),
+        Number("Delay margin", 1e3 * now.delay_s, "ms", 1e3 * (now.delay_s - then.delay_s) if known else None,
+               "higher"),
+        Number("Slowest bandwidth", slow, "Hz", slow - slow_before if known else None, "higher"),
+    ])  # fmt: skip
     rule = "" if same else f"; below, the difference to gains {usual_settings(case.machine)[1].replace(': ', ', ')}"
     over = "Of the one loop" if len(members) == 1 else f"The least of each over the {len(members)} loops"
     st.caption(f"{over}{rule}.")

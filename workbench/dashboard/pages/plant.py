@@ -251,16 +251,14 @@ def _live() -> None:
         "Shown", WINDOWS, key=held("plant window", 20), required=True, format_func=lambda s: f"{s} s",
         label_visibility="collapsed",
     )  # fmt: skip
-    widgets.numbers(
-        [
-            Number("Height", now["position_carriage_m"], "m"),
-            Number("Speed", round(now["speed_motor_rad_s"], 1), "rad/s"),
-            Number("Torque", round(now["torque_at_work_nm"]), "N m",
-                   help="of all motors, behind the drive's limits and lag"),
-            Number("Drum tension", 1e-3 * now["tension_drum_n"], "kN"),
-            Number("Payload", now["payload_now_kg"], "kg", digits=4),
-        ]
-    )  # fmt: skip
+    widgets.numbers([
+        Number("Height", now["position_carriage_m"], "m"),
+        Number("Speed", round(now["speed_motor_rad_s"], 1), "rad/s"),
+        Number("Torque", round(now["torque_at_work_nm"]), "N m",
+               help="of all motors, behind the drive's limits and lag"),
+        Number("Drum tension", 1e-3 * now["tension_drum_n"], "kN"),
+        Number("Payload", now["payload_now_kg"], "kg", digits=4),
+    ])  # fmt: skip
     limit = torque_limits(plant.machine)["u_one" if now["is_motor_lost"] else "u_all"]
     figure = last_seconds(seen["columns"], float(window or 20), limit, seen["events"])
     widgets.chart(figure, "plant live", "Height, speed, torque and wire tension of the last seconds")
