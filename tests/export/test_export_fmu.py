@@ -35,13 +35,11 @@ from workbench.machines import (
     with_correction,
     with_values,
 )
-from workbench.machines.kinds.axis import LinearAxis, LinearFriction, LinearGravity
+from workbench.machines.kinds.axis import LinearAxis, LinearFriction, LinearGravity, RotaryFriction, RotaryGravity
 from workbench.machines.kinds.two_inertia import (
     Coupling,
     LoadSide,
     MotorSide,
-    RotaryFriction,
-    RotaryGravity,
     TwoInertia,
 )
 from workbench.metrics import observer
