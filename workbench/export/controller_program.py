@@ -10,7 +10,7 @@ program beside the compiled step of the studies before anything is printed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
@@ -69,11 +69,22 @@ class Program:
 
     `fresh`, a truth, and `speed_before` are kept beside the memory: the check of the slope needs them."""
 
-    numbers: tuple[Number, ...]
-    memory: tuple[str, ...]
-    reset: tuple[str, ...]
-    step: tuple[tuple[str, tuple[str, ...]], ...]
     sample_time_s: float
+    numbers: list[Number] = field(default_factory=list)
+    memory: list[str] = field(default_factory=list)
+    reset: list[str] = field(default_factory=list)
+    step: list[tuple[str, tuple[str, ...]]] = field(default_factory=list)
+
+    def number(self, name: str, value: float, meaning: str) -> None:
+        self.numbers.append(Number(name, float(value), meaning))
+
+    def keep(self, **memory: str) -> None:
+        """What is kept from sample to sample, with what a reset makes of it."""
+        self.memory.extend(memory)
+        self.reset.extend(f"{name} = {value}" for name, value in memory.items())
+
+    def block(self, title: str, *lines: str) -> None:
+        self.step.append((title, lines))
 
     @property
     def before(self) -> tuple[Check, ...]:
@@ -117,44 +128,24 @@ TERMS = {  # what the program does; a term that is none of these, and switched o
 def check_exported(settings: PiSettings) -> None:
     """InputError, in one line, for a term of the controller that is switched on and that no export knows."""
     for block, record in (("controller", settings), ("controller.feed_forward", settings.feed_forward)):
-        for name, field in type(record).model_fields.items():
-            off = field.get_default(call_default_factory=True)
+        for name, declared in type(record).model_fields.items():
+            off = declared.get_default(call_default_factory=True)
             if name not in TERMS[block] and getattr(record, name) != off:
                 raise InputError("is not exported; take it out of the controller block", place=f"{block}.{name}")
-
-
-class _Writer:
-    """Collects a program, block by block."""
-
-    def __init__(self) -> None:
-        self.numbers: list[Number] = []
-        self.memory: list[str] = []
-        self.reset: list[str] = []
-        self.step: list[tuple[str, tuple[str, ...]]] = []
-
-    def number(self, name: str, value: float, meaning: str) -> None:
-        self.numbers.append(Number(name, float(value), meaning))
-
-    def keep(self, **memory: str) -> None:
-        """What is kept from sample to sample, with what a reset makes of it."""
-        self.memory += memory
-        self.reset += [f"{name} = {value}" for name, value in memory.items()]
-
-    def block(self, title: str, *lines: str) -> None:
-        self.step.append((title, lines))
 
 
 def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) -> Program:
     """The controller on a machine, with the machine's torque limits and feed-forward. InputError: `check_exported`."""
     check_exported(settings)
-    dt, limits, share, w = settings.sample_time_s, torque_limits(machine), settings.feed_forward.weight, _Writer()
+    dt, limits, share = settings.sample_time_s, torque_limits(machine), settings.feed_forward.weight
+    w = Program(dt)
     w.number("sample_time_s", dt, "time from call to call")
     w.number("kp", settings.kp_nm_s_per_rad, "proportional gain, N m s/rad")
     w.number("ki", settings.ki_nm_per_rad, "integral gain, N m/rad")
     w.number("set_point_weight", settings.set_point_weight, "of the reference in the proportional part")
     w.number("torque_limit_nm", limits["u_all"], "largest torque of all motors together")
     w.number("torque_limit_one_failed_nm", limits["u_one"], "largest torque after one motor failed")
-    w.numbers += _plausible(machine, payload_kg, dt)
+    w.numbers.extend(_plausible(machine, payload_kg, dt))
     w.keep(integral_nm="torque_hold_nm")
     limit = ["largest = where(motor_failed, torque_limit_one_failed_nm, torque_limit_nm)"]
     if machine.drive.field_weakening:
@@ -166,13 +157,13 @@ def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) ->
     if share > 0.0:
         w.number("weight_share", share, "of the holding torque that is fed forward")
         w.memory.append("hold_nm")
-        w.reset = ["hold_nm = torque_hold_nm", "integral_nm = torque_hold_nm * (1.0 - weight_share)"]
+        w.reset[:] = ["hold_nm = torque_hold_nm", "integral_nm = torque_hold_nm * (1.0 - weight_share)"]
     if settings.notch is not None:
         names, values = ("b0", "b1", "b2", "a1", "a2"), notch_coefficients(settings.notch, dt)
         for name, value in zip(names, values, strict=True):
             w.number(name, value, f"notch at {settings.notch.frequency_hz:g} Hz")
-        w.memory += ["z1", "z2"]
-        w.reset += ["z2 = (b2 - a2) * integral_nm", "z1 = (b1 - a1) * integral_nm + z2"]
+        w.memory.extend(["z1", "z2"])
+        w.reset.extend(["z2 = (b2 - a2) * integral_nm", "z1 = (b1 - a1) * integral_nm + z2"])
         w.block(
             "notch, direct form II transposed",
             "cut = b0 * wanted + z1",
@@ -209,7 +200,7 @@ def program_of(settings: PiSettings, machine: Hoist, payload_kg: float = 0.0) ->
         push = f"ki * ({push}) + tracking_rate_per_s * (torque - wanted)"
         integral = [f"push = {push}", "integral_nm = integral_nm + sample_time_s * push"]
     w.block("integral and anti-windup", *integral)
-    return Program(tuple(w.numbers), tuple(w.memory), tuple(w.reset), tuple(w.step), dt)
+    return w
 
 
 def _plausible(machine: Hoist, payload_kg: float, dt: float) -> list[Number]:
@@ -231,7 +222,7 @@ def _plausible(machine: Hoist, payload_kg: float, dt: float) -> list[Number]:
     ]
 
 
-def _feed_forward(w: _Writer, settings: PiSettings, machine: Hoist, payload_kg: float) -> None:
+def _feed_forward(w: Program, settings: PiSettings, machine: Hoist, payload_kg: float) -> None:
     """The lines of the feed-forward; its numbers are those of `control.feed_forward` for unit inputs."""
     ff, dt, plant = settings.feed_forward, settings.sample_time_s, vars(HOIST.plant.values(machine, payload_kg))
 

@@ -9,7 +9,7 @@
 
 typedef struct {
     /* memory, set by speed_controller_reset */
-{% for name in program.memory + ("speed_before",) %}
+{% for name in program.memory + ["speed_before"] %}
     double {{ name }};
 {% endfor %}
     int fresh;              /* no sample since the reset */
