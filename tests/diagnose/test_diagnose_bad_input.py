@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import diagnose
+from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.free_parameters import Names
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search
 from workbench.diagnose.readiness.checks import check_runs, rigid_of
@@ -362,6 +365,23 @@ def test_a_base_fit_that_breaks_down_everywhere_is_one_clear_error(axis: Campaig
     monkeypatch.setattr(Search, "_fit", broken_down)
     with pytest.raises(InputError, match="its numbers are not finite; is a value of machine"):
         Search(Problem(axis.machine, axis.runs), []).base_fit()
+
+
+def test_a_base_fit_begins_at_nominal_where_it_breaks_down_beside_what_another_search_has_found(
+    axis: Campaign, monkeypatch: pytest.MonkeyPatch
+):
+    """A hoist with a damaged tooth, 107 N m, was refused: its first fit ended where a slope is not finite."""
+    search = Search(Problem(axis.machine, axis.runs), [])
+    fit = search._fit
+
+    def only_near_nominal(names: Names, free: Any, z: Array, *most: Any) -> Fitted:
+        if np.max(np.abs(z)) > 1.0:
+            raise np.linalg.LinAlgError("the slopes of the residual are not finite")
+        return fit(names, free, z, *most)
+
+    monkeypatch.setattr(search, "_fit", only_near_nominal)
+    search.begin = np.full(search.count, 40.0)
+    assert np.isfinite(search.base_fit().objective)
 
 
 def test_a_shaking_that_the_loop_answers_is_no_more_the_inputs_work_than_one_it_does_not(axis: Campaign):
