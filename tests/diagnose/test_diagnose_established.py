@@ -27,9 +27,10 @@ from workbench.core.run import Array
 from workbench.diagnose.candidates import candidates
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.gap import delivered_of
+from workbench.diagnose.hypotheses import evidence as evidence_module
 from workbench.diagnose.hypotheses import held_out as held_out_module
 from workbench.diagnose.hypotheses import search as search_module
-from workbench.diagnose.hypotheses.evidence import lag_explains, smooths, weigh
+from workbench.diagnose.hypotheses.evidence import Weighed, lag_explains, smooths, weigh
 from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     LOG_TIMING,
@@ -92,6 +93,31 @@ def test_a_cause_that_is_hardly_likelier_than_none_does_not_hide_what_the_machin
     assert judged.word == "unknown"
 
 
+@pytest.mark.parametrize(("part", "word"), [(0.3, "named"), (0.8, "unknown")])
+def test_a_cause_that_leaves_a_hoist_much_of_its_gap_is_a_part_of_another_one(
+    part: float, word: str, bump: tuple[Campaign, SearchResult]
+):
+    """A swell of two frequencies was heave at 0.99, which takes 64 % of the gap; a half of it by energy is a part."""
+    search = bump[1]
+    problem, rng = search.problem, np.random.default_rng(1)
+    near, fit = (f.rms(problem.inputs) for f in (search.within_tolerances, search.fits[TRUE,]))
+    begins = np.flatnonzero(np.diff(problem.run_of_row, prepend=-1))
+    steps = np.arange(problem.samples) - begins[problem.run_of_row]
+    wave = np.sin(0.7 * steps + rng.uniform(0.0, 6.0, len(begins))[problem.run_of_row])
+    wave *= part * math.sqrt(2.0 * (near**2 - fit**2))
+
+    def beside(one: Fitted) -> Fitted:
+        residual = one.residual + wave
+        white = problem.errors.whiten(residual)
+        return replace(one, residual=residual, chi2=float(white @ white))
+
+    fits = {names: beside(one) for names, one in search.fits.items()}
+    base, near_too = beside(search.base), beside(search.within_tolerances)
+    judged = judge.judge(replace(search, fits=fits, base=base, within_tolerances=near_too))
+    assert judged.word == word
+    assert judged.stands and judged.best is not None and judged.best.names == (TRUE,)
+
+
 @pytest.mark.parametrize(("times", "word"), [(0.9, "named"), (1.1, "unknown")])
 def test_a_cause_that_takes_less_than_the_log_hides_is_not_named(
     times: float, word: str, bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
@@ -142,6 +168,30 @@ def test_the_reason_is_that_against_the_hypothesis_with_most_evidence_and_names_
     (_, said) = judge._reasons(signs, None, first, varies, 0.0)
     assert (said.kind, said.over) == (ReasonKind.VARIES, "carriage speed")
     assert len(judge._reasons(signs, None, ("backlash",), mimics, 0.0)) == 1
+
+
+def test_a_freer_law_pays_for_its_freedom_once_beside_another_cause_too(
+    bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
+):
+    """Unequal friction of a hoist, with a ripple, was equal friction at 0.91: both explain the runs, and the freer law
+    had lost the threshold alone and again beside the ripple, so it was not said to be alike."""
+    search = bump[1]
+    one, other, count = search.fits[TRUE,], search.fits[MIMIC,], len(search.base.z)
+    free, z = [*one.free, *other.free[len(search.base.free) :]], np.append(one.z, other.z[count:])
+    both = fit_hypothesis(search.problem, (TRUE, MIMIC), free, z, base=count)
+    fits = {**search.fits, (MIMIC, TRUE): both}
+
+    def evidence(lost: float) -> dict[Names, float]:
+        def less(problem: Problem, near: Fitted, mine: Weighed, *_: object) -> Weighed:
+            return replace(mine, evidence=mine.evidence - lost) if len(mine.names) == 1 else mine
+
+        monkeypatch.setattr(evidence_module, "_not_freer", less)
+        rows = weigh(search.problem, search.base, search.within_tolerances, fits)
+        return {row.names: row.evidence for row in rows}
+
+    whole, paid = evidence(0.0), evidence(50.0)
+    assert paid[TRUE,] == pytest.approx(whole[TRUE,] - 50.0)
+    assert paid[MIMIC, TRUE] == pytest.approx(whole[MIMIC, TRUE])
 
 
 @pytest.mark.parametrize(

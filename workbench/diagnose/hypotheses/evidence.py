@@ -229,7 +229,7 @@ def weigh(
     that an inexact law of those before it allows (`inexact`). So it does not hang on which of them is best alone. One
     that adds nothing as the last has none that it may have as the first, in place of another.
     """
-    none, by_names = score_of(problem, base), dict[Names, Weighed]()
+    none, by_names, weighed = score_of(problem, base), dict[Names, Weighed](), list[Weighed]()
     for size in range(1, max(map(len, fits), default=0) + 1):
         together: dict[Names, Weighed] = {}
         for names, fit in [(names, fit) for names, fit in fits.items() if len(names) == size]:
@@ -246,8 +246,9 @@ def weigh(
                 continue
             gain, rival = base.objective - fit.objective, any(name in rivals for name in names)
             together[names] = Weighed(names, fit, gain, evidence, score, rival)
-        by_names |= {names: _not_freer(problem, near, w, together, fits) for names, w in together.items()}
-    return tuple(sorted(by_names.values(), key=lambda w: -w.evidence))
+        by_names |= together  # a freer law pays once, however many there are beside it
+        weighed += [_not_freer(problem, near, w, together, fits) for w in together.values()]
+    return tuple(sorted(weighed, key=lambda w: -w.evidence))
 
 
 def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: Score) -> float:
