@@ -34,7 +34,14 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
 from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.free_law import worth
-from workbench.diagnose.verdict.unknown_cause import beyond_noise, cancellation, kept_percent, own_percent, signs_of
+from workbench.diagnose.verdict.unknown_cause import (
+    beyond_noise,
+    cancellation,
+    kept_percent,
+    own_percent,
+    signs_of,
+    stays_beside,
+)
 from workbench.effects import ranges_of
 from workbench.simulate.motion import PLAY
 
@@ -112,8 +119,10 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         taken = beyond_noise(problem, near.rms(problem.inputs), best.fit.rms(problem.inputs)).percent_of_input
     # What takes less than the log itself hides imitates that.
     stands = best is not None and best.evidence > settings.calibration()["threshold"] and taken >= kept
-    signs: Mapping[str, float] = {}  # what an established cause leaves is a remainder
+    signs: Mapping[str, float] = {}  # what an established cause leaves is a remainder, where it takes more
     if best is not None and stands:
+        left = beyond_noise(problem, best.fit.rms(problem.inputs), floor)
+        signs = stays_beside(problem, search.base, best.fit, left)
         rows = rank(counted, signs, settings.calibration(), groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
     left = beyond_noise(problem, held.rms(problem.inputs), floor)

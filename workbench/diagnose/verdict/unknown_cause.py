@@ -44,6 +44,20 @@ def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
     }
 
 
+def stays_beside(problem: Problem, base: Fitted, fit: Fitted, left: Left) -> dict[str, float]:
+    """What speaks for an unknown cause beside an established one: `left`, the lesser of what stays over its limit and
+    of its share of what the cause takes over RESTS, both rms. Of a machine that leaves itself nothing a true cause
+    takes nearly all, and a part of another one does not. Any other may leave anything: that is a remainder.
+
+    base: the fit without effects as far as it goes: what base parameters can take is no cause's. left: what stays.
+    """
+    if kind_of(problem.machine).floor == "own":
+        return {}
+    taken = base.rms(problem.inputs) ** 2 - fit.rms(problem.inputs) ** 2
+    share = left.rms / math.sqrt(max(settings.RESTS * taken, 1e-300))
+    return {"left": min(left.percent_of_input / own_percent(problem), share)}
+
+
 def left_percent(problem: Problem, fit: Fitted, left: Left) -> float:
     """Of the input's rms: the most that a law of one variable foretells of the residual, on runs that it was not fitted
     to (`laws_left`), that an offset of each half of each run takes, beyond chance, for a sensor that wanders, or that a
