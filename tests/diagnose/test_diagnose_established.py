@@ -116,6 +116,8 @@ def test_a_cause_that_leaves_a_hoist_much_of_its_gap_is_a_part_of_another_one(
     judged = judge.judge(replace(search, fits=fits, base=base, within_tolerances=near_too))
     assert judged.word == word
     assert judged.stands and judged.best is not None and judged.best.names == (TRUE,)
+    told = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.LEAVES_MUCH]
+    assert told == ([(TRUE,)] if word == "unknown" else [])
 
 
 @pytest.mark.parametrize(("times", "word"), [(0.9, "named"), (1.1, "unknown")])
@@ -161,13 +163,13 @@ def test_the_reason_is_that_against_the_hypothesis_with_most_evidence_and_names_
         ("heave",): Constancy("heave", judge.BOUND, 1.0),
         first: Constancy("friction_coulomb", "carriage height", 0.0, free=True),
     }
-    tolerances, said = judge._reasons(signs, None, first, mimics, 0.0)
+    tolerances, said = judge._reasons(signs, (), None, first, mimics, 0.0)
     assert (said.kind, said.effects, said.over) == (ReasonKind.FREE_LAW, first, "carriage height")
     assert tolerances.effects == ()  # of the refit without an effect, which the sign is of
     varies: dict[Names, Constancy] = {first: Constancy("friction_coulomb", "carriage_speed", 1.0)}
-    (_, said) = judge._reasons(signs, None, first, varies, 0.0)
+    (_, said) = judge._reasons(signs, (), None, first, varies, 0.0)
     assert (said.kind, said.over) == (ReasonKind.VARIES, "carriage speed")
-    assert len(judge._reasons(signs, None, ("backlash",), mimics, 0.0)) == 1
+    assert len(judge._reasons(signs, (), None, ("backlash",), mimics, 0.0)) == 1
 
 
 def test_a_freer_law_pays_for_its_freedom_once_beside_another_cause_too(

@@ -257,8 +257,7 @@ def test_a_correlation_of_nothing_has_no_sign():
 def test_each_reason_names_the_hypothesis_that_it_is_about(kind: ReasonKind):
     reason = Reason(kind, ("heave", "brake_drag"), value=134.2, percent=0.8, over="speed of the carriage")
     text = diagnosis.said.reason(reason, "N m")
-    of_machine = kind in (ReasonKind.LEAVES_MUCH, ReasonKind.LOG_KEEPS)
-    assert ("heave and brake_drag" in text) == (not of_machine)
+    assert ("heave and brake_drag" in text) == (kind is not ReasonKind.LOG_KEEPS)
     assert ("134 N m" in text) == (kind is ReasonKind.LEAVES_MUCH)
     assert ("speed of the carriage" in text) == (kind in (ReasonKind.FREE_LAW, ReasonKind.VARIES))
     # A listed effect that is not established may have more evidence than the unlisted one, and the other way round.

@@ -141,7 +141,8 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         floor=floor,
         unknown_probability=next(row.probability for row in rows if row.verdict == "unknown"),
         reasons=_reasons(
-            signs,
+            signs if not stands or rows[0].verdict == "unknown" else {},
+            best.names if stands and best is not None else (),
             rival if said > least else None,
             next((w.names for w in weighed if not w.rival), ()),
             mimics,
@@ -348,19 +349,21 @@ def share_of(problem: Problem, near: Fitted, held: Fitted) -> float:
 
 def _reasons(
     signs: Mapping[str, float],
+    part: Names,
     rival: Weighed | None,
     first: Names,
     mimics: Mapping[Names, Constancy],
     kept: float,
 ) -> tuple[Reason, ...]:
-    """What speaks against a named cause; a sign does from HALF of its odds on. rival: an unlisted effect that explains
-    more. first: the listed hypothesis with most evidence. kept: percent that a log hides, 0 where that is no reason."""
+    """What speaks against a named cause; a sign does from HALF of its odds on. part: an established cause, which leaves
+    as much as a part of another one. rival: an unlisted effect that explains more. first: the listed hypothesis with
+    most evidence. kept: percent that a log hides, 0 where that is no reason."""
     loud = {name: value for name, value in signs.items() if value**2 > settings.HALF}
     reasons = [Reason(ReasonKind.LOG_KEEPS, percent=kept)] if kept else []
     if rival is not None:
         reasons.append(Reason(ReasonKind.UNLISTED_EXPLAINS_MORE, effects=rival.names))
     if "left" in loud:
-        reasons.append(Reason(ReasonKind.LEAVES_MUCH))  # by how much is said of held-out runs, in the end
+        reasons.append(Reason(ReasonKind.LEAVES_MUCH, effects=part))  # by how much is said of held-out runs, in the end
     if "prior" in loud:
         reasons.append(Reason(ReasonKind.STRETCHES_TOLERANCES, value=settings.NUISANCE * loud["prior"]))
     if why := mimics.get(first):
