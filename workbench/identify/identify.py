@@ -149,10 +149,17 @@ def identify(
         return model.on(own_log(with_values(machine, values), campaign.runs)).residuals(parameters, [z])[0]
 
     try:
-        result = fit(model, parameters, ties, own, model.spread)
+        alike, weighed = fit(model, parameters, ties, own), fit(model, parameters, ties, own, model.spread)
     except (np.linalg.LinAlgError, ZeroDivisionError, OverflowError) as error:
         problem = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
         raise InputError(problem, file=campaign.path) from error
+    pairs = zip(alike.value, weighed.value, weighed.std_error, strict=True)
+    bent = [f"{a:.4g}" if abs(a - w) > SURE * std else "" for a, w, std in pairs]
+    result = weighed if any(bent) else alike
+    if any(bent):
+        other = ", ".join(f"{f.key} {value}" for f, value in zip(parameters, bent, strict=True) if value)
+        told = f"friction near standstill is not as its law: samples there weigh less; alike they would make {other}"
+        result = replace(result, statements=(*result.statements, told))
     if result.residual_rms > HALF * _input_rms(model):
         percent = 100.0 * result.residual_rms / _input_rms(model)
         told = (
