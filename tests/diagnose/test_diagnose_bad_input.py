@@ -401,3 +401,7 @@ def test_a_shaking_that_the_loop_answers_is_no_more_the_inputs_work_than_one_it_
         hum = 5.0 * np.sin(2.0 * math.pi * hum_hz * time)
         answered = Run("answered", time, {"position_m": motion + heard, "force_n": force + loop + hum})
         assert 4.0 < informative_band(InverseSimulation(axis.machine, [answered]), 0) < 17.0, hum_hz
+    late = np.fft.irfft(np.exp(-0.01j * turn) * np.fft.rfft(motion), len(time))  # by 10 ms, which its machine.yaml says
+    answered = Run("answered", time, {"position_m": late + heard, "force_n": force + loop})
+    known = axis.machine.model_copy(update={"log": axis.machine.log.model_copy(update={"speed_late_s": 0.01})})
+    assert 4.0 < informative_band(InverseSimulation(known, [answered]), 0) < 17.0

@@ -158,8 +158,11 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
     by a quarter turn (direct identification in closed loop; T. Söderström, P. Stoica, System Identification, 1989,
     10.3). No delay does both, what filters an input lags, and noise that no loop answers is not coherent. Between the
     two stands the frequency at which both hold as much of the motion: there the coherence is least, and there the band
-    ends.
+    ends. A controller answers what it reads when it reads it: all this is of the motion as it is logged, however late.
     """
+    log = bench.machine.log.model_copy(update={"speed_late_s": 0.0, "of_runs": {}})
+    as_logged = bench.machine.model_copy(update={"log": log})
+    bench = InverseSimulation(as_logged, bench.runs, bench.band_hz, impacts=bench.impacts)
     random = np.random.default_rng(seed)
     noises = [noises_of(run, logged_motion(bench, run)) for run in bench.runs]
     before = [raw for raw, _ in bench.predict([bench.base])[0]]
