@@ -299,7 +299,7 @@ def test_damaged_logs_are_input_errors(tmp_path, noise, at, suffix):
 
 @pytest.mark.parametrize("name", ["../other.yaml", "a/b.csv", "/tmp/x.csv", "", "..", "."])
 def test_no_name_leads_out_of_the_sessions_folder(name: str):
-    upload = SimpleNamespace(size=1, getvalue=lambda: b"x")
+    upload: Any = SimpleNamespace(size=1, getvalue=lambda: b"x")
     with pytest.raises(ValueError, match="plain file name"):
         session.stored(upload, name)
 

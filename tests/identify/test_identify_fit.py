@@ -281,7 +281,7 @@ def test_a_balance_that_does_not_hold_tells_no_late_log():
     assert "the balance does not hold" in statements(identified.fit)
     assert "does not hold" not in statements(identify(swing).fit)
     light = identify(replace(swing, runs=tuple(pulled), machine=AXIS.model_copy(update={"mass_kg": 2e-6})))
-    assert light.machine.mass_kg == 1e-6  # no less than a file may say: there it ended in an error about a unit
+    assert get_value(light.machine, "mass_kg") == 1e-6  # no less than a file may say
 
 
 def test_friction_that_turns_over_as_no_law_says_bends_no_value_at_speed():
