@@ -289,9 +289,9 @@ def _on_machine(r: Ranged, machine: Machine, runs: Sequence[Run]) -> Ranged:
     What is on top of a level of the machine's own takes off that level at most.
     """
     kind = kind_of(machine)
-    if r.own:
+    if r.on_levels:
         keys = {symbol: key for key, symbol in kind.symbols.items()}
-        levels = [float(get_value(machine, keys[kind.friction.levels[way]])) for way in r.own]
+        levels = [float(get_value(machine, keys[kind.friction.levels[way]])) for way in r.on_levels]
         return replace(r, lowest=max(r.lowest, -min(levels)))
     if r.scan not in ("position", "width", "order", "phase") or not kind.moved.placed_by_log:
         return r

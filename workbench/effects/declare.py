@@ -79,8 +79,8 @@ class Parameter:
     speed; "": `tries` (in `size`), or some values from lowest to highest.
     simplified: one standard deviation, in the unit of the name, by which the fitted value may be off because the law
     simplifies what a machine does: a function of e, the effect's values. No run shows it, for all runs have it alike.
-    own: which of the machine's own Coulomb levels it is on top of, 0 the forward, 1 the backward one: it takes off no
-    more than there is, for friction does not drive.
+    on_levels: which of the machine's Coulomb levels it is on top of, 0 the forward, 1 the backward one: it takes off
+    no more than there is, for friction does not drive.
     """
 
     symbol: str
@@ -97,7 +97,7 @@ class Parameter:
     scan: Scan = ""
     tries: tuple[float, ...] = ()
     simplified: Callable[[Any], float] | None = None
-    own: tuple[int, ...] = ()
+    on_levels: tuple[int, ...] = ()
 
     def named(self, kind: str) -> str:
         return self.name.format(**words(kind))

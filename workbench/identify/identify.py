@@ -153,15 +153,14 @@ def identify(
     except (np.linalg.LinAlgError, ZeroDivisionError, OverflowError) as error:
         problem = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
         raise InputError(problem, file=campaign.path) from error
-    pairs = zip(alike.value, weighed.value, weighed.std_error, strict=True)
-    bent = [f"{a:.4g}" if abs(a - w) > SURE * std else "" for a, w, std in pairs]
-    result = weighed if any(bent) else alike
-    if any(bent):
-        other = ", ".join(f"{f.key} {value}" for f, value in zip(parameters, bent, strict=True) if value)
-        told = f"friction near standstill is not as its law: samples there weigh less; alike they would make {other}"
-        result = replace(result, statements=(*result.statements, told))
-    if result.residual_rms > HALF * _input_rms(model):
-        percent = 100.0 * result.residual_rms / _input_rms(model)
+    values = zip(parameters, alike.value, weighed.value, weighed.std_error, strict=True)
+    bent = [f"{f.key} {a:.4g}" for f, a, w, std in values if abs(a - w) > SURE * std]
+    result = weighed if bent else alike
+    if bent:
+        told = "friction near standstill is not as its law: samples there weigh less; alike they would make "
+        result = replace(result, statements=(*result.statements, told + ", ".join(bent)))
+    percent = 100.0 * result.residual_rms / _input_rms(model)
+    if percent > 100.0 * HALF:
         told = (
             f"while moving, {percent:.0f} % of the {kind_of(machine).drive.quantity} itself is left: the balance does "
             "not hold, its values mean little; is a sign, a unit, a column or the kind of machine another one?"

@@ -88,9 +88,8 @@ class ErrorModel:
         while True:
             g, h = best
             around = [(g * step, h), (g / step, h), (g, h * step), (g, h / step)]
-            inside = [
-                s for s in around if all(low <= size <= high for size, (low, high) in zip(s, bounds, strict=True))
-            ]
+            (least_g, most_g), (least_h, most_h) = bounds
+            inside = [(g, h) for g, h in around if least_g <= g <= most_g and least_h <= h <= most_h]
             better = min(inside, key=value, default=best)  # what a first search needed may lie beyond the bounds
             if value(better) >= value(best):
                 return value(best), best

@@ -229,15 +229,15 @@ class Search:
         if self._base is None:
             self._tell(Progress(Stage.SEARCH, Task.BASE))
             fits = list[Fitted]()
-            while not fits:
-                for z in self._starts():
-                    with suppress(*BREAKDOWNS):
-                        fits.append(self._fit((), self.held, z))
-                if not fits and self.begin is None:
-                    why = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
-                    raise InputError(why)
-                if not fits:
-                    self.begin = None  # beside what another search has found the simulation may break down
+            for z in self._starts():
+                with suppress(*BREAKDOWNS):
+                    fits.append(self._fit((), self.held, z))
+            if not fits and self.begin is not None:
+                self.begin = None  # beside what another search has found the simulation may break down
+                return self.base_fit()
+            if not fits:
+                problem = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
+                raise InputError(problem)
             self._base = min(fits, key=lambda fit: fit.objective)
         return self._base
 

@@ -31,9 +31,9 @@ def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
     cause is as likely as not: `left`, see `left_percent`; `prior`, the distance of the base parameters from nominal
     (`tolerance_excess`), over NUISANCE.
 
-    near: the fit without effects, left: what it leaves; of a machine whose equation leaves HALF of the input, whatever
-    tells of it, that is as much. Impacts that come again are a play's: beside them are their
-    rebounds, which no law foretells.
+    near: the fit without effects, left: what it leaves. HALF of the input is over the limit, whatever tells of it: the
+    equation is not this machine's. Impacts that come again are a play's: beside them are their rebounds, which no law
+    foretells.
     """
     if problem.struck:
         return {"left": settings.IMPACTS, "prior": 0.0}

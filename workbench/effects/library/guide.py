@@ -53,7 +53,7 @@ def friction_viscous_asymmetric(s: Any, e: Any, p: Any) -> Scalar:
     place=GUIDE, subsystem=OF, regime="all",
     parameters=[
         Parameter("F", "level_{n}", "beyond both nominal levels", "force", -0.5, 1.0, 0.02, 0.03, vanishes_at=0.0,
-                  own=(0, 1)),
+                  on_levels=(0, 1)),
     ],
     reads=SWITCH,
     equation="F = −ΔF S(v)",
@@ -70,9 +70,9 @@ def friction_coulomb(s: Any, e: Any, p: Any) -> Scalar:
     place=GUIDE, subsystem=OF, regime="all",
     parameters=[
         Parameter("F_up", "level_{up}_{n}", "beyond the level, v > 0", "force", -0.5, 1.0, 0.02, 0.03, vanishes_at=0.0,
-                  own=(0,)),
+                  on_levels=(0,)),
         Parameter("F_dn", "level_{dn}_{n}", "beyond the level, v < 0", "force", -0.5, 1.0, 0.02, 0.03, vanishes_at=0.0,
-                  own=(1,)),
+                  on_levels=(1,)),
     ],
     reads=SPEED | SWITCH,
     equation="F = −ΔF_up S(v) for S > 0, −ΔF_dn S(v) else",
