@@ -5,6 +5,10 @@ that a run decides, with a probability from ASKED on, that run is simulated on t
 diagnosed with it, and again with the best plain run of the menu that takes no longer in its place. Settled: the true
 cause alone, nothing open.
 
+Few campaigns ask a question. `--runs 1 --profiles slow middle --effects torque_offset carriage_mass_error
+payload_mass_error torque_scale gearbox_efficiency inertia_error friction_coulomb friction_load_dependent
+friction_viscous` makes one of two ask.
+
 With `--draws N` both runs are also simulated N times under each open hypothesis, whatever probability is stated: the
 machine drawn from what its fit leaves open, with the noise of the logs and the model error that it leaves; the open
 hypotheses are refitted to the campaign with that run and judged as a diagnosis judges them.
@@ -15,7 +19,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -64,6 +68,7 @@ from workbench.simulate.noise import channel_noise
 BINS = (0.0, 0.1, 0.5, 0.9, 1.01)  # of the stated probability
 CELL = 0.001  # of the mean tension: a load cell's noise, where the campaign has none
 ASKED = 0.5  # probability to decide, as stated, from which on a run is simulated
+Kept = Callable[[np.random.Generator, Content], Content]
 FAMILY = ("hoist_practice", "axis_std", "hoist_small", "axis_rates", "hoist_middle", "axis_encoder")
 
 
@@ -74,12 +79,16 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=20, help="campaigns that are drawn")
     parser.add_argument("--runs", type=int, default=2, help="of each campaign")
     parser.add_argument("--families", nargs="+", default=FAMILY)
+    parser.add_argument("--effects", nargs="+", default=(), help="causes that are drawn; without, all usual ones")
+    parser.add_argument("--profiles", nargs="+", default=(), help="of the runs that are kept, as slow; without, all")
+    parser.add_argument("--one-payload", action="store_true", help="runs of one payload alone are kept")
     parser.add_argument("--draws", type=int, default=0, help="runs simulated under each open hypothesis")
     parser.add_argument("--processes", type=int, default=1)
     given = parser.parse_args()
-    orders = [drawn(given.seed, n, given.families[n % len(given.families)]) for n in range(given.cases)]
+    orders = [drawn(given.seed, n, given.families[n % len(given.families)], given.effects) for n in range(given.cases)]
+    kept = partial(few, given.runs, given.profiles, given.one_payload)
     with mapped(given.processes) as over:
-        for line in over(partial(asked, given.folder, given.runs, given.draws), orders):
+        for line in over(partial(asked, given.folder, kept, given.draws), orders):
             print(line, flush=True)
     rows = [json.loads(file.read_text(encoding="utf-8")) for file in sorted(given.folder.glob("*.json"))]
     for line in calibration(rows):
@@ -97,10 +106,20 @@ def main() -> None:
             )
 
 
-def drawn(seed: int, number: int, family: str) -> Order:
-    rng = np.random.default_rng([seed, number, 8])
-    name = str(rng.choice(kind_of(FAMILIES[family]).usual))
+def drawn(seed: int, number: int, family: str, effects: Sequence[str] = ()) -> Order:
+    rng, usual = np.random.default_rng([seed, number, 8]), kind_of(FAMILIES[family]).usual
+    name = str(rng.choice([name for name in usual if name in effects] or usual))
     return Order(number, (seed, number), "simulator", family, "singles", (name,))
+
+
+def few(many: int, profiles: Sequence[str], one_payload: bool, rng: np.random.Generator, content: Content) -> Content:
+    """A campaign with so many of its runs, drawn: of these profiles, where it has them, and of one payload."""
+    runs = [run for run in content.runs if run.profile in profiles] or content.runs
+    if one_payload:
+        load = rng.choice([run.payload_kg for run in runs])
+        runs = [run for run in runs if run.payload_kg == load]
+    which = sorted(rng.choice(len(runs), min(many, len(runs)), replace=False))
+    return replace(content, runs=tuple(runs[k] for k in which))
 
 
 def calibration(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -125,22 +144,19 @@ def _settled(row: Mapping[str, Any], ends: Sequence[Mapping[str, Any]]) -> float
     return float(np.dot(row["likely"], [np.mean(one) for one in of_each]))
 
 
-def asked(folder: Path, runs: int, draws: int, order: Order) -> str:
+def asked(folder: Path, kept: Kept, draws: int, order: Order) -> str:
     """One campaign, a line of what came of it; what is there is kept."""
     file = folder / f"{order.number:03d}.json"
     if not file.exists():
-        save(json.dumps(_asked(file.with_suffix(""), runs, draws, order), default=float), file)
+        save(json.dumps(_asked(file.with_suffix(""), kept, draws, order), default=float), file)
     row = json.loads(file.read_text(encoding="utf-8"))
     ends = "; ".join(f"{k}: {'+'.join(row[k]['named'])} {'settled' if row[k]['settled'] else row[k]['open']}"
                      for k in ("designed", "plain") if k in row)  # fmt: skip
     return f"{file.stem} {order.family} {row['true']}: {row['said']}. {ends}"
 
 
-def _asked(folder: Path, runs: int, draws: int, order: Order) -> dict[str, Any]:
-    whole, (true,) = content_of(order), order.names
-    rng = np.random.default_rng([*order.seed, 9])
-    few = sorted(rng.choice(len(whole.runs), min(runs, len(whole.runs)), replace=False))
-    content = replace(whole, runs=tuple(whole.runs[k] for k in few))
+def _asked(folder: Path, kept: Kept, draws: int, order: Order) -> dict[str, Any]:
+    content, (true,) = kept(np.random.default_rng([*order.seed, 9]), content_of(order)), order.names
     first = _diagnosed(folder / "before", order, content)
     more, said = first.next_run, first.verdict.sentence
     row: dict[str, Any] = {"family": order.family, "true": true, "said": said}

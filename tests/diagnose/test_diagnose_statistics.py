@@ -389,16 +389,22 @@ def test_a_machine_whose_equation_leaves_half_of_its_input_is_none_without_a_gap
 def test_a_cause_that_takes_nothing_and_relieves_nothing_is_not_named():
     """A soft support was once named as a tight stretch at 0.99, of which the held-out runs showed nothing."""
     problem, own = answered({"payload_mass_error": {"payload_scale": 1.06}}, ["torque_scale"], {"gain": 1.0})
+    pulls = [{"tension_dead_line_n": np.full(len(run.time_s), 9e4)} for run in problem.runs]
+    runs = [replace(run, signals={**run.signals, **pull}) for run, pull in zip(problem.runs, pulls, strict=True)]
+    problem = Problem(problem.machine, runs)
     near = replace(own, effects=(), free=own.free[:-1], z=np.zeros(len(own.z) - 1))
     swing = 20.0 * problem.noise * np.sin(np.arange(problem.inputs))
 
-    def idle(taken: float, near_z: float = 0.0, timing: bool = False) -> bool:
-        """taken: of the residual's energy; near_z: of one base parameter that the cause brings back, deviations."""
+    def idle(taken: float, near_z: float = 0.0, timing: bool = False, pulled: float = 0.0) -> bool:
+        """taken: of the residual's energy; near_z: of one base parameter that the cause brings back, deviations;
+        pulled: of the dead line's tension, in its noise, which the cause takes: where nothing but that tells an offset
+        from a mass, it was held to take nothing."""
         is_timing = [isinstance(one, Scalar) and one.symbol == LOG_TIMING for one in near.free]
         z = near.z.copy()
         z[is_timing.index(timing)] = near_z * (near.free[is_timing.index(timing)].prior_std[0])
-        before = np.concatenate([swing, np.zeros(problem.samples - problem.inputs)])
-        fit = replace(own, z=np.zeros(len(own.z)), residual=math.sqrt(1.0 - taken) * before)
+        tension = np.full(problem.samples - problem.inputs, pulled * problem.noise)
+        before, after = np.append(swing, tension), np.append(math.sqrt(1.0 - taken) * swing, 0.0 * tension)
+        fit = replace(own, z=np.zeros(len(own.z)), residual=after)
         return takes_nothing(problem, replace(near, z=z, residual=before), fit)
 
     assert idle(0.05)
@@ -406,6 +412,7 @@ def test_a_cause_that_takes_nothing_and_relieves_nothing_is_not_named():
     assert not idle(0.0, near_z=3.5)
     assert idle(0.0, near_z=2.0)
     assert idle(0.0, near_z=3.5, timing=True)
+    assert idle(0.05, pulled=1.0) and not idle(0.05, pulled=2.0)
 
 
 def test_a_log_by_exception_is_no_machine_without_a_gap():

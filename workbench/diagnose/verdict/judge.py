@@ -340,11 +340,12 @@ def floor_of(problem: Problem) -> float:
 
 
 def share_of(problem: Problem, near: Fitted, held: Fitted) -> float:
-    """The share of the gap's energy beyond the floor that a fit explains."""
-    floor = floor_of(problem)
-    left, gap = beyond_noise(problem, held.rms(problem.inputs), floor), near.rms(problem.inputs) ** 2 - floor**2
-    share = 1.0 - left.rms**2 / gap if gap > 0.0 and held.effects else 0.0
-    return min(max(share, 0.0), 1.0)
+    """The share of the gap's energy beyond the floor that a fit explains: of the input, or of the dead line's tension
+    where that tells more."""
+    floor, of_input = problem.errors.sized((1.0, 1.0)).model_error ** 2, np.arange(problem.samples) < problem.inputs
+    parts = [(fit.residual**2 - floor - problem.noise**2) for fit in (near, held)]
+    both = [[max(float(np.sum(part[rows])), 0.0) for part in parts] for rows in (of_input, ~of_input)]
+    return max(1.0 - left / gap if gap > 0.0 else 0.0 for gap, left in both)
 
 
 def _reasons(
