@@ -120,6 +120,32 @@ def test_a_cause_that_leaves_a_hoist_much_of_its_gap_is_a_part_of_another_one(
     assert told == ([(TRUE,)] if word == "unknown" else [])
 
 
+@pytest.mark.parametrize(("off", "word"), [(1.0, "named"), (8.0, "unknown")])
+def test_a_cause_that_leaves_base_values_far_off_is_not_the_one_that_moved_them(
+    off: float, word: str, bump: tuple[Campaign, SearchResult]
+):
+    """On a real axis a bent force sensor was a play, at 0.98 before it was shared, that left its base values ten
+    tolerances off; an axis' gain by direction was a friction level, at 0.92."""
+    search = bump[1]
+    count = len(search.base.z)
+    std = bounds_of(search.base.free)[2]
+    shown = np.linalg.norm(search.problem.errors.whiten(search.base.jacobian), axis=0) * std
+    most = int(np.argmax(np.where(np.isfinite(std) & ~logarithmic_of(search.base.free), shown, 0.0)))
+
+    def moved(one: Fitted) -> Fitted:  # as in a campaign whose machine.yaml has that value so far off
+        z = one.z.copy()
+        z[most] += off * std[most]
+        return replace(one, z=z, prior=float(np.sum((z[:count] / std) ** 2)))
+
+    fits = {names: moved(one) for names, one in search.fits.items()}
+    base, near = moved(search.base), moved(search.within_tolerances)
+    judged = judge.judge(replace(search, fits=fits, base=base, within_tolerances=near))
+    assert judged.best is not None and judged.best.names == (TRUE,) and judged.stands
+    assert judged.word == word
+    told = [reason.kind for reason in judged.reasons]
+    assert (ReasonKind.STRETCHES_TOLERANCES in told) == (word == "unknown")
+
+
 @pytest.mark.parametrize(("times", "word"), [(0.9, "named"), (1.1, "unknown")])
 def test_a_cause_that_takes_less_than_the_log_hides_is_not_named(
     times: float, word: str, bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch

@@ -41,6 +41,7 @@ from workbench.diagnose.verdict.unknown_cause import (
     own_percent,
     signs_of,
     stays_beside,
+    stretched,
 )
 from workbench.effects import ranges_of
 from workbench.simulate.motion import PLAY
@@ -119,10 +120,12 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         taken = beyond_noise(problem, near.rms(problem.inputs), best.fit.rms(problem.inputs)).percent_of_input
     # What takes less than the log itself hides imitates that.
     stands = best is not None and best.evidence > settings.calibration()["threshold"] and taken >= kept
-    signs: Mapping[str, float] = {}  # what an established cause leaves is a remainder, where it takes more
+    signs: dict[str, float] = {}  # what an established cause leaves is a remainder, where it takes more
     if best is not None and stands:
         left = beyond_noise(problem, best.fit.rms(problem.inputs), floor)
         signs = stays_beside(problem, search.base, best.fit, left)
+        if not (problem.struck and PLAY in best.names):  # a play's rebounds, which it leaves, stretch them too
+            signs |= stretched(problem, best.fit)
         rows = rank(counted, signs, settings.calibration(), groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
     left = beyond_noise(problem, held.rms(problem.inputs), floor)

@@ -28,8 +28,7 @@ from workbench.machines import kind_of
 
 def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
     """What speaks for a cause that no hypothesis holds where none is established, each over its limit, at which such a
-    cause is as likely as not: `left`, see `left_percent`; `prior`, the distance of the base parameters from nominal
-    (`tolerance_excess`), over NUISANCE.
+    cause is as likely as not: `left`, see `left_percent`, and `stretched`.
 
     near: the fit without effects, left: what it leaves. HALF of the input is over the limit, whatever tells of it: the
     equation is not this machine's. Impacts that come again are a play's: beside them are their rebounds, which no law
@@ -40,8 +39,14 @@ def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
     told = left_percent(problem, near, left) / own_percent(problem)
     return {
         "left": max(told, left.percent_of_input / (100.0 * settings.HALF)),
-        "prior": max(tolerance_excess(problem, near), 0.0) / settings.NUISANCE,
+        **stretched(problem, near),
     }
+
+
+def stretched(problem: Problem, fit: Fitted) -> dict[str, float]:
+    """What speaks for an unknown cause, beside an established one too: `prior`, how far a fit has the base parameters
+    from nominal beyond chance (`tolerance_excess`), over NUISANCE. A true cause brings them back, on any machine."""
+    return {"prior": max(tolerance_excess(problem, fit), 0.0) / settings.NUISANCE}
 
 
 def stays_beside(problem: Problem, base: Fitted, fit: Fitted, left: Left) -> dict[str, float]:
