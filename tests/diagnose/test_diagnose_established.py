@@ -146,6 +146,23 @@ def test_a_cause_that_leaves_base_values_far_off_is_not_the_one_that_moved_them(
     assert (ReasonKind.STRETCHES_TOLERANCES in told) == (word == "unknown")
 
 
+def test_a_cause_whose_amount_may_as_well_be_none_is_no_surer_than_a_half(
+    bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
+):
+    """The friction of four runs of a real axis fell by 0.72 ± 0.54 of itself, at 0.99."""
+    campaign, search = bump
+    fit = search.fits[TRUE,]
+    assert judge.may_be_none(search.problem, fit) == ()
+    widened = search.problem.with_model_error((1000.0, 1.0))
+    (peak, *_) = estimates(widened, fit)[TRUE]
+    assert abs(float(np.mean(peak.value))) < INSIDE_90 * float(np.mean(peak.std_error))
+    assert judge.may_be_none(widened, fit) == (TRUE,)
+    monkeypatch.setattr("workbench.diagnose.diagnose.may_be_none", lambda problem, fit: fit.effects)
+    d = diagnose(campaign, quick=True)
+    assert d.verdict.effects == (TRUE,) and d.verdict.probability == pytest.approx(0.5)
+    assert any(TRUE in warning and "may as well be none" in warning for warning in d.warnings)
+
+
 @pytest.mark.parametrize(("times", "word"), [(0.9, "named"), (1.1, "unknown")])
 def test_a_cause_that_takes_less_than_the_log_hides_is_not_named(
     times: float, word: str, bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch

@@ -26,7 +26,7 @@ from workbench.diagnose.hypotheses.evidence import (
     smooths,
     weigh,
 )
-from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis, is_timing, parameters_of
+from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis, is_timing, parameters_of
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, Scalar, bounds_of, within
 from workbench.diagnose.hypotheses.held_out import folds_by_run, foretold, held_out, significance, weighed_both_ways
 from workbench.diagnose.hypotheses.problem import Problem
@@ -300,6 +300,18 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     if PLAY in w.names and only_mends(problem, PLAY) and more > -settings.HALF:
         return Constancy(PLAY, IMPACTS, more)
     return Constancy(last, BOUND, 1.0) if _on_bound(w.fit, len(near.z)) else None
+
+
+def may_be_none(problem: Problem, fit: Fitted) -> Names:
+    """The effects of a fit all of whose amounts may as well be where they vanish, at SIGNIFICANT each way: what a trade
+    of an amount for a time constant leaves open is no sure cause, whatever both take together."""
+    least, unsure = -float(ndtri(SIGNIFICANT)), []
+    for name, values in estimates(problem, fit).items():
+        off = {r.name: r.vanishes_at for r in ranges_of(problem.effect(name), problem.machine, problem.runs)}
+        amounts = [(one, at) for one in values if (at := off[one.name]) is not None]
+        small = [np.all(np.abs(np.array(one.value) - at) < least * np.array(one.std_error)) for one, at in amounts]
+        unsure += [name] if amounts and all(small) else []
+    return tuple(unsure)
 
 
 def takes_nothing(problem: Problem, near: Fitted, fit: Fitted) -> bool:
