@@ -61,6 +61,7 @@ from workbench.simulate.replay import replay_runs
 
 BUMP = {"friction_position_dependent": {"peak_n": 4000.0, "centre_m": 9.6, "width_m": 0.5}}
 TRUE, MIMIC = "friction_position_dependent", "friction_coulomb"
+AXIS = SimpleNamespace(machine=KINDS["axis-rotary"].example(), runs=(), noise=0.1, inputs=1, struck=False)
 
 
 @pytest.fixture(scope="module")
@@ -833,7 +834,7 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
         some: SimpleNamespace(effects=some, prior=0.0, chi2=0.0, objective=0.0, z=())
         for some in ((names[0],), (names[1],), names)
     }
-    search = SimpleNamespace(problem=SimpleNamespace(struck=False), base=fits[names], within_tolerances=None, fits=fits)
+    search = SimpleNamespace(problem=AXIS, base=fits[names], within_tolerances=None, fits=fits)
     both = cast(Any, SimpleNamespace(names=names, fit=fits[names]))
     worths: dict[tuple[str, ...], float] = {names: 40.0, names[:1]: 5.0, names[1:]: 5.0}
 
@@ -843,6 +844,7 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     late: list[str] = []
     monkeypatch.setattr(judge, "significance", lambda *fits, by_runs_alone=False: 9.0)
     monkeypatch.setattr(judge, "worth", worth)
+    monkeypatch.setattr(judge, "folds_by_run", lambda _: None)
     monkeypatch.setattr(judge, "only_late", lambda problem, less, fit, name, base: name in late)
     assert deserved(cast(Any, search), both)
     worths[tuple(name for name in names if name != idle)] = -1.0  # what is left without the idle one is as good
@@ -863,9 +865,8 @@ def test_a_play_that_impacts_tell_of_is_told_beside_another_cause_as_it_is_alone
         some: SimpleNamespace(effects=some, objective=0.0, z=(), left=10.0 if play in some else 10.0 - plain)
         for some in ((drift,), (play,), (play, drift))
     }
-    search = SimpleNamespace(
-        problem=SimpleNamespace(struck=struck), base=fits[play,], within_tolerances=fits[play,], fits=fits
-    )
+    problem = SimpleNamespace(**{**vars(AXIS), "struck": struck})
+    search = SimpleNamespace(problem=problem, base=fits[play,], within_tolerances=fits[play,], fits=fits)
     monkeypatch.setattr(judge, "significance", lambda problem, rest, *_, **__: 9.0 if play in rest.effects else 0.3)
     monkeypatch.setattr(judge, "worth", lambda *_: (40.0, "speed"))
     monkeypatch.setattr(judge, "only_late", lambda *_: False)
@@ -922,7 +923,7 @@ def test_what_adds_nothing_to_a_cause_that_is_not_to_be_named_is_not_asked_again
 
     def judged(search: object, barred: Any) -> object:
         weighed = [w for w in kept if w.names not in barred]
-        return SimpleNamespace(names=weighed[0].names, best=weighed[0], stands=True, weighed=weighed)
+        return SimpleNamespace(names=weighed[0].names, best=weighed[0], stands=True, weighed=weighed, mimics={})
 
     def deserved(search: object, w: Any) -> bool:
         asked.append(w.names)
@@ -932,6 +933,53 @@ def test_what_adds_nothing_to_a_cause_that_is_not_to_be_named_is_not_asked_again
     monkeypatch.setattr(judge, "deserved", deserved)
     assert judged_to_help(cast(Any, None)).names == ("a",)
     assert asked == [("a", "b"), ("a",)]
+
+
+@pytest.mark.parametrize(("slope", "on"), [(0.5, False), (-9.0, False), (9.0, True)])
+def test_a_value_speaks_against_a_cause_where_the_data_would_carry_it_over_its_bound(slope: float, on: bool):
+    """A tight stretch as narrow as a servo's log can show was found at its true place and size, its width on its bound
+    by chance, and the answer was unknown; an untouched spindle's stretch there asks for less width still."""
+    free = (Scalar("M", 1.0, 0.1, std=1.0), Scalar("F", 0.0, 1.0), Scalar("b", 2.0, 1.0, 1.0))
+    rows = ErrorModel(np.ones(4), *np.zeros((3, 4)))
+    residual = np.array([0.0, 0.0, slope, 1.0])
+    fit = SimpleNamespace(z=np.array([0.1, 5.0, -1.0]), free=free, residual=residual, jacobian=np.eye(4)[:, :3])
+    w = SimpleNamespace(fit=fit, score=SimpleNamespace(sizes=(1.0, 1.0)))
+    assert judge._on_bound(cast(Any, SimpleNamespace(errors=rows)), cast(Any, w), 1) == on
+
+
+def test_what_every_machine_has_a_little_of_is_no_cause_where_most_of_the_gap_stays(monkeypatch: pytest.MonkeyPatch):
+    """An untouched servo bench had a ripple of its own named, of 5.2 waves a turn in four of its runs and of 6.0 in
+    others, that took 18 and 12 % of what it leaves on held-out runs."""
+    monkeypatch.setattr(judge, "significance", lambda *fits, by_runs_alone=False: 9.0)
+    monkeypatch.setattr(judge, "folds_by_run", lambda _: None)
+    monkeypatch.setattr(judge, "held_out", lambda problem, fit, folds: fit)
+
+    def named(name: str, left: float) -> bool:
+        near, fit = (SimpleNamespace(effects=(), z=(), rms=lambda _, rms=rms: rms) for rms in (1.0, left))
+        search = SimpleNamespace(problem=AXIS, base=near, within_tolerances=near, fits={(name,): fit})
+        monkeypatch.setattr(judge, "weighed_both_ways", lambda *_: (fit,))
+        return deserved(cast(Any, search), cast(Any, SimpleNamespace(names=(name,), fit=fit)))
+
+    assert not named("torque_ripple", 0.95)
+    assert named("torque_ripple", 0.85)
+    assert named("friction_thermal_drift", 0.95)
+
+
+def test_a_mimic_of_several_that_is_worth_nothing_leaves_its_parts_to_be_judged(monkeypatch: pytest.MonkeyPatch):
+    """Beside a wrong inertia a spindle's runs of unlike friction made a drift, which left-out runs showed nothing of:
+    the pair was no law, had five times the evidence, and the inertia behind it was not looked at."""
+    kept = [SimpleNamespace(names=names, evidence=e, rival=False) for names, e in ((("a", "b"), 100.0), (("a",), 18.0))]
+
+    def judged(search: object, barred: Any) -> object:
+        weighed = [w for w in kept if w.names not in barred]
+        pair = weighed[0] is kept[0]
+        mimics = {kept[0].names: object()} if pair else {}
+        names = () if pair else weighed[0].names
+        return SimpleNamespace(names=names, best=None, stands=False, weighed=weighed, mimics=mimics)
+
+    monkeypatch.setattr(judge, "judge", judged)
+    monkeypatch.setattr(judge, "deserved", lambda search, w: w.names == ("a",))
+    assert judged_to_help(cast(Any, None)).names == ("a",)
 
 
 @pytest.mark.parametrize(
@@ -952,6 +1000,7 @@ def test_no_cause_is_named_for_what_left_out_runs_gain_by_chance_or_lose(
     monkeypatch.setattr(
         judge, "significance", lambda *fits, by_runs_alone=False: by_runs if by_runs_alone else deviations
     )
+    monkeypatch.setattr(judge, "folds_by_run", lambda _: None)
     drift = SimpleNamespace(effects=("drift",), z=())
-    search = SimpleNamespace(problem=None, base=drift, within_tolerances=None, fits={("drift",): drift})
+    search = SimpleNamespace(problem=AXIS, base=drift, within_tolerances=None, fits={("drift",): drift})
     assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=("drift",), fit=drift))) == named

@@ -486,9 +486,7 @@ def test_no_gap_is_not_credited_to_tolerances_that_the_refit_breaks():
         assert ("put p1 3.5 tolerances below its value" in said) == (count == -3.5)
         # A cause that these values could stand in for has not made the residual smaller.
         rest = types.SimpleNamespace(share=0.0, rms=0.0)
-        cause = types.SimpleNamespace(
-            word="named", names=("a",), of_answer=(), ranking=[Hypothesis("named", ("a",), 0.7)]
-        )
+        cause = types.SimpleNamespace(word="named", names=("a",), ranking=[Hypothesis("named", ("a",), 0.7)])
         said = sentence_of(cast(Any, cause), cast(Any, shrink), cast(Any, rest), (), gap=cast(Any, gap))
         assert ("shrinks" in said) == (chance >= 0.01)
         assert ("without it these runs put p1 3.5 tolerances below its value" in said) == (count == -3.5)

@@ -152,7 +152,7 @@ def sentence_of(
             )
             + "."
         )
-    same = judged.of_answer
+    same = judged.ranking[0].twins
     cause = f"comes from {either(judged.names, same)} ({chance(sure)})"
     if gap is not None and shrink.after > STAYS * shrink.before and (stretch := stretch_of(gap)):
         text = f"The gap {cause}: without it these runs put {stretch}; "

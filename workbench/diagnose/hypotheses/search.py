@@ -331,7 +331,9 @@ class Search:
         """The result of the same campaign posed otherwise: what counts is refitted, the rest weighed."""
         evidence = {w.names: w.evidence for w in self.weighed(result)}
         counts = {names for names, worth in evidence.items() if worth > max(evidence.values()) - SLACK}
-        for size in range(most_of(counts), 1, -1):  # the evidence of several builds on that of their best part
+        for size in range(
+            max(map(len, counts), default=0), 1, -1
+        ):  # the evidence of several builds on that of their best part
             for names in [names for names in counts if len(names) == size]:
                 counts |= {max(combinations(names, size - 1), key=lambda part: evidence.get(part, -math.inf))}
 
@@ -882,8 +884,3 @@ def _ahead(run: Run, late_s: float, plant: Plant) -> Run:
     """The run with its motion `late_s` earlier."""
     t, names = run.time_s, [name for name in (*plant.positions, *plant.speeds) if name in run]
     return replace(run, signals={**run.signals, **{name: np.interp(t + late_s, t, run[name]) for name in names}})
-
-
-def most_of(hypotheses: Iterable[Names]) -> int:
-    """The most effects that one of the hypotheses has."""
-    return max(map(len, hypotheses), default=0)

@@ -27,7 +27,7 @@ from workbench.diagnose.hypotheses.evidence import (
     weigh,
 )
 from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis, is_timing, parameters_of
-from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, Scalar, bounds_of, within
+from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, bounds_of, nuisance_std, within
 from workbench.diagnose.hypotheses.held_out import folds_by_run, foretold, held_out, significance, weighed_both_ways
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
@@ -63,8 +63,7 @@ AGAINST = {
 class Judged:
     """word, names: the answer. best: the best named hypothesis, also where it is not the answer.
 
-    held: the fit that the answer was judged on. left: what it leaves. floor: rms of noise and model error, in the
-    input's unit: what a machine without a gap leaves. signs: of an unknown cause.
+    held: the fit that the answer was judged on. left: what it leaves. signs: of an unknown cause.
     stands: whether best is established, and the answer judged on it. counted: the evidence as it was ranked. groups: of
     hypotheses that differ in name only. mimics: those that were not established, with what speaks against each.
     """
@@ -77,18 +76,11 @@ class Judged:
     held: Fitted
     left: Left
     signs: Mapping[str, float]
-    floor: float
-    unknown_probability: float
     reasons: tuple[Reason, ...]
     counted: tuple[tuple[Names, float], ...]
     stands: bool
     groups: tuple[tuple[Names, ...], ...] = ()
     mimics: Mapping[Names, Constancy] = field(default_factory=dict)
-
-    @property
-    def of_answer(self) -> tuple[Names, ...]:
-        """What differs from the answer in name only."""
-        return self.ranking[0].twins
 
 
 def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
@@ -115,9 +107,8 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     ) + (() if rival is None else (((), said),))
     groups = groups_of(problem, [w for w in weighed if not w.rival and w.names not in mimics])
     floor, kept = floor_of(problem), kept_percent(problem)
-    held, taken = near, 0.0
-    if best is not None:
-        taken = beyond_noise(problem, near.rms(problem.inputs), best.fit.rms(problem.inputs)).percent_of_input
+    held, after = near, near if best is None else best.fit
+    taken = beyond_noise(problem, near.rms(problem.inputs), after.rms(problem.inputs)).percent_of_input
     # What takes less than the log itself hides imitates that.
     stands = best is not None and best.evidence > settings.calibration()["threshold"] and taken >= kept
     signs: dict[str, float] = {}  # what an established cause leaves is a remainder, where it takes more
@@ -141,8 +132,6 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         held=held,
         left=left,
         signs=signs,
-        floor=floor,
-        unknown_probability=next(row.probability for row in rows if row.verdict == "unknown"),
         reasons=_reasons(
             signs if not stands or rows[0].verdict == "unknown" else {},
             best.names if stands and best is not None else (),
@@ -180,8 +169,9 @@ def judged_to_help(search: SearchResult) -> Judged:
     barred, deserving = list[Names](), set[Names]()
     while True:
         judged = judge(search, barred)
-        standing = judged.best.names if judged.best is not None and judged.stands else ()
-        asked = {judged.names, standing} - {()} - deserving
+        standing = judged.best.names if judged.best is not None and judged.stands else next(iter(judged.mimics), ())
+        # A single mimic stays: what is about as good imitates the same cause. The parts of several may be one.
+        asked = {judged.names, standing if judged.stands or len(standing) > 1 else ()} - {()} - deserving
         idle = [w for w in judged.weighed if w.names in asked and not deserved(search, w)]
         if not idle:
             return judged
@@ -199,7 +189,7 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     and with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than
     with a free law of one variable in its place (`worth`); a play that impacts tell of is chosen from none. A delay
     beside others has to take something, too, of what the log's timing leaves (`takes_nothing`): a machine's own lags
-    may be some sampling steps."""
+    may be some sampling steps; and what every machine has, MINOR of what the others leave on held-out runs."""
     problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
@@ -208,11 +198,18 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
             return False
         if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
             return False
+    folds = folds_by_run(problem)
+    for name, rest in zip(w.names, less or [near], strict=True):  # so little of what every machine has is its own
+        if nuisance_std(problem.machine, problem.runs, name):
+            rms = [held_out(problem, fit, folds).rms(problem.inputs) for fit in (w.fit, rest)]
+            stays, gap = (max(left**2 - problem.noise**2, 0.0) for left in rms)
+            if stays > (1.0 - settings.MINOR) * gap:
+                return False
     by_chance = -float(ndtri(SIGNIFICANT))
     _, *plain = weighed_both_ways(problem, w.fit, len(base.z))
 
     def told(before: Fitted) -> bool:
-        both = ((held_out(problem, one, folds_by_run(problem)) for one in (before, after)) for after in plain)
+        both = ((held_out(problem, one, folds) for one in (before, after)) for after in plain)
         return any(foretold(problem, *two) > by_chance for two in both)
 
     if not told(near):
@@ -299,7 +296,7 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
         return Constancy(last, LATE, 1.0)
     if PLAY in w.names and only_mends(problem, PLAY) and more > -settings.HALF:
         return Constancy(PLAY, IMPACTS, more)
-    return Constancy(last, BOUND, 1.0) if _on_bound(w.fit, len(near.z)) else None
+    return Constancy(last, BOUND, 1.0) if _on_bound(problem, w, len(near.z)) else None
 
 
 def may_be_none(problem: Problem, fit: Fitted) -> Names:
@@ -317,10 +314,7 @@ def may_be_none(problem: Problem, fit: Fitted) -> Names:
 def takes_nothing(problem: Problem, near: Fitted, fit: Fitted) -> bool:
     """Whether a fit takes no more of the gap's energy than chance does, nor brings the machine's known values nearer to
     nominal. The log's timing is no such value: what goes with the speed bends it as it bends a delay."""
-    known = np.repeat(
-        [not (isinstance(one, Scalar) and one.symbol == LOG_TIMING) for one in near.free],
-        [one.size for one in near.free],
-    )
+    known = np.repeat([not is_timing(one) for one in near.free], [one.size for one in near.free])
     held = known / bounds_of(near.free)[2]
     relieved = float(np.sum((near.z * held) ** 2) - np.sum((fit.z[: len(near.z)] * held) ** 2))
     return relieved < settings.NUISANCE**2 and share_of(problem, near, fit) < settings.FORETOLD
@@ -388,11 +382,16 @@ def _reasons(
     return tuple(reasons)
 
 
-def _on_bound(fit: Fitted, base: int) -> bool:
-    """Whether an effect's value is at its upper bound, or at a lower bound where the effect does not vanish."""
-    lowest, highest, _ = bounds_of(fit.free)
-    z, low, high = fit.z[base:], lowest[base:], highest[base:]
-    return bool(np.any((z >= high - 1e-9) | ((z <= low + 1e-9) & (z != 0.0))))
+def _on_bound(problem: Problem, w: Weighed, base: int) -> bool:
+    """Whether an effect's value is at its upper bound, or at a lower one where the effect does not vanish and the data
+    would carry it further: let go, the others refitted, chi^2 falls by g C g, by more than the threshold, g its slope
+    there and C its variance. As narrow as the log can show, a true stretch is on its bound."""
+    (lowest, highest, std), z = bounds_of(w.fit.free), w.fit.z
+    rows = problem.errors.sized(w.score.sizes).whiten(np.column_stack([w.fit.jacobian, w.fit.residual]))
+    slope, information = rows[:, :-1].T @ rows[:, -1] + z / std**2, rows[:, :-1].T @ rows[:, :-1] + np.diag(std**-2.0)
+    gain = np.maximum(slope, 0.0) ** 2 * np.diag(np.linalg.pinv(information, rcond=1e-12, hermitian=True))
+    further = (z <= lowest + 1e-9) & (z != 0.0) & (gain > settings.calibration()["threshold"])
+    return bool(np.any(((z >= highest - 1e-9) | further)[base:]))
 
 
 def alternatives(judged: Judged, kind: str) -> tuple[Names, ...]:
