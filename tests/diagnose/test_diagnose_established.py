@@ -514,7 +514,7 @@ def test_a_play_is_named_where_plain_least_squares_foretells_left_out_runs(
     monkeypatch.setattr(judge, "held_out", lambda problem, fit, folds: fit)
     monkeypatch.setattr(judge, "foretold", lambda problem, near, fit: fit)
     base = SimpleNamespace(z=())
-    search = SimpleNamespace(problem=None, base=base, within_tolerances=None, fits={("backlash",): base})
+    search = SimpleNamespace(problem=AXIS, base=base, within_tolerances=None, fits={("backlash",): base})
     assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=("backlash",), fit=None))) == named
 
 

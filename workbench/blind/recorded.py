@@ -324,11 +324,12 @@ UNLISTED: dict[str, Bend] = {
 
 def bent(name: str, seed: Sequence[int], known: Recording) -> tuple[Bent, Array] | None:
     """The bend of that name with a drawn size, and the change of the residual that it makes. None where the machine
-    has no such thing, and where it cannot show: base values within twice their tolerances take it up."""
+    has no such thing, or the effect by itself, and where it cannot show: base values within twice their tolerances take
+    it up."""
     rng = np.random.default_rng([*seed, 1])
     for _ in range(TRIES):
         made = (SINGLES | UNLISTED)[name](rng, known)
-        if made is None:
+        if made is None or made.entry in known.machine.effects:
             return None
         change = known.residual(made.machine, made.runs) - known.own
         if known.left(change, 2.0) >= SHOWS * known.remainder_rms:
