@@ -844,7 +844,6 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     late: list[str] = []
     monkeypatch.setattr(judge, "significance", lambda *fits, by_runs_alone=False: 9.0)
     monkeypatch.setattr(judge, "worth", worth)
-    monkeypatch.setattr(judge, "folds_by_run", lambda _: None)
     monkeypatch.setattr(judge, "only_late", lambda problem, less, fit, name, base: name in late)
     assert deserved(cast(Any, search), both)
     worths[tuple(name for name in names if name != idle)] = -1.0  # what is left without the idle one is as good
@@ -1000,7 +999,6 @@ def test_no_cause_is_named_for_what_left_out_runs_gain_by_chance_or_lose(
     monkeypatch.setattr(
         judge, "significance", lambda *fits, by_runs_alone=False: by_runs if by_runs_alone else deviations
     )
-    monkeypatch.setattr(judge, "folds_by_run", lambda _: None)
     drift = SimpleNamespace(effects=("drift",), z=())
     search = SimpleNamespace(problem=AXIS, base=drift, within_tolerances=None, fits={("drift",): drift})
     assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=("drift",), fit=drift))) == named

@@ -142,10 +142,8 @@ def maker_of(asked: Asked, seed: int, tell: Tell) -> Maker:
     if asked.kind not in (None, known.machine.kind):
         raise InputError(f"{asked.kind}, but the machine is of kind {known.machine.kind}", place="kind")
     share = 100.0 * known.remainder_rms / known.input_rms
-    tell(
-        f"{known.name} identified on {len(known.runs)} runs; it leaves {share:.1f} % of its input"
-        + "".join(f", with {name} of its own" for name in known.machine.effects)
-    )
+    own = "".join(f", with {name} of its own" for name in known.machine.effects)
+    tell(f"{known.name} identified on {len(known.runs)} runs; it leaves {share:.1f} % of its input{own}")
     return Maker(recorded.ordered(seed, known, asked.cases, asked.case), partial(recorded.made, known))
 
 

@@ -409,7 +409,7 @@ def _label(known: Recording, order: Order, made: Bent | None, change: Array) -> 
         signals="+".join(known.runs[0].signals),
         parameters={made.entry: parameters} if made and made.entry else {},
         case=order.case,
-        kind=known.kind,
+        kind=known.machine.kind,
         family=known.name,
         machine=known.machine.name,
         seed=tuple(order.seed),

@@ -43,10 +43,6 @@ class Recording:
         return InverseSimulation(self.machine, self.runs, self.band_hz)
 
     @property
-    def kind(self) -> str:
-        return self.machine.kind
-
-    @property
     def plant(self) -> str:
         return kind_of(self.machine).name
 

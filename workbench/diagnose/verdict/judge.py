@@ -198,10 +198,9 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
             return False
         if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
             return False
-    folds = folds_by_run(problem)
     for name, rest in zip(w.names, less or [near], strict=True):  # so little of what every machine has is its own
         if nuisance_std(problem.machine, problem.runs, name):
-            rms = [held_out(problem, fit, folds).rms(problem.inputs) for fit in (w.fit, rest)]
+            rms = [held_out(problem, fit, folds_by_run(problem)).rms(problem.inputs) for fit in (w.fit, rest)]
             stays, gap = (max(left**2 - problem.noise**2, 0.0) for left in rms)
             if stays > (1.0 - settings.MINOR) * gap:
                 return False
@@ -209,7 +208,7 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     _, *plain = weighed_both_ways(problem, w.fit, len(base.z))
 
     def told(before: Fitted) -> bool:
-        both = ((held_out(problem, one, folds) for one in (before, after)) for after in plain)
+        both = ((held_out(problem, one, folds_by_run(problem)) for one in (before, after)) for after in plain)
         return any(foretold(problem, *two) > by_chance for two in both)
 
     if not told(near):
