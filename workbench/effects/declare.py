@@ -53,7 +53,7 @@ def words(kind: str) -> Mapping[str, str]:
 
 
 Domain = Literal["any", "not_negative", "positive"]
-Scan = Literal["", "position", "width", "drum_angle", "phase", "frequency", "waves", "order"]
+Scan = Literal["", "position", "width", "drum_angle", "phase", "frequency", "waves", "period", "order"]
 INEXACT = 0.06  # of a value: one standard deviation of what a simple law near standstill, or of a wire, is off
 DOMAINS: Mapping[str, tuple[Callable[[float], bool], str]] = {
     "any": (lambda value: True, "a number"),
@@ -74,7 +74,8 @@ class Parameter:
     per_run: every run has its own. domain: what a value has to be at all.
     scan: how a search tries a shape (what has no vanishing value) before it refines it: as a
     place that the runs have passed (position, drum_angle), as a phase of the amplitude beside
-    it, as a frequency, as waves along the way, as finely as the runs resolve it; as an order (`tries`, of which the
+    it, as a frequency, as waves along the way, as finely as the runs resolve it; as a period of friction along the way,
+    of the residual's loudest; as an order (`tries`, of which the
     way has to show more than one wave, and the residual's loudest); as a width on the way that the samples show at any
     speed; "": `tries` (in `size`), or some values from lowest to highest.
     simplified: one standard deviation, in the unit of the name, by which the fitted value may be off because the law

@@ -21,6 +21,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     setting_of,
 )
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.location.profiles import forward
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.identify.fit import bounded
 from workbench.machines import kind_of
@@ -150,19 +151,22 @@ def _tried(problem: Problem, r: Ranged, base: Setting) -> Sequence[float]:
         longest = max(run.duration_s for run in problem.runs)
         count = max(2, math.ceil((r.highest - r.lowest) * longest / 2.5))
         return [float(x) for x in np.linspace(r.lowest, min(r.highest, 2.0 * math.pi * problem.band_hz), count)]
-    if r.scan == "waves":
+    if r.scan in ("waves", "period"):
         low, high = _visited(problem, "position")
+        least, most = (r.lowest, r.highest) if r.scan == "waves" else (1.0 / r.highest, 1.0 / r.lowest)
         # What passes faster than the band is not seen at the speed that the runs mostly have.
-        most = problem.band_hz / max(_typical_speed(problem), 1e-300)
-        most = min(r.highest, max(most, 2.0 * r.lowest))
-        count = max(2, math.ceil((most - r.lowest) * (high - low) / APART))
-        evenly = np.linspace(r.lowest, most, min(count, WAVES_TRIED))
-        if count <= WAVES_TRIED:
-            return [float(x) for x in evenly]
-        fine = np.linspace(r.lowest, most, min(2 * count, WAVES_WEIGHED))
+        most = min(most, max(problem.band_hz / max(_typical_speed(problem), 1e-300), 2.0 * least))
+        count = max(2, math.ceil((most - least) * (high - low) / APART))
+        fine = np.linspace(least, most, min(2 * count, WAVES_WEIGHED))
         place = np.concatenate([at[rows] for at, rows in zip(_places(problem), problem.rows, strict=True)])
-        strongest = fine[loudest(problem.residuals([base])[0][: problem.inputs], place, fine, WAVES_TRIED // 2)]
-        return [float(x) for x in np.unique(np.concatenate([strongest, evenly[::2]]))]
+        left = problem.residuals([base])[0][: problem.inputs]
+        if r.scan == "period":  # of friction: it goes against the motion
+            against = np.where(forward(problem), left, -left)
+            return list(1.0 / fine[loudest(against - np.mean(against), place, fine, ORDERS_TRIED)])
+        evenly = np.linspace(least, most, min(count, WAVES_TRIED))
+        if count <= WAVES_TRIED:
+            return list(evenly)
+        return list(np.union1d(fine[loudest(left, place, fine, WAVES_TRIED // 2)], evenly[::2]))
     low = max(r.lowest, 1e-6 * r.highest)
     return [float(x) for x in np.geomspace(low, r.highest, SHAPES_TRIED + 2)[1:-1]] if r.highest > 0 else [r.start]
 

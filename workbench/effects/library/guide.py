@@ -204,7 +204,8 @@ def friction_step(s: Any, e: Any, p: Any) -> Scalar:
     place=GUIDE, subsystem=OF, regime="periodic", listed=False,
     parameters=[
         amount("F", "amplitude_{n}", "friction at the tightest point", "force", 0.5, 0.01, 0.02),
-        Parameter("d", "period_{m}", "a roller's circumference", "length", 0.002, 1.0, 0.01, 0.03, domain="positive"),
+        Parameter("d", "period_{m}", "a roller's circumference", "length", 0.002, 1.0, 0.01, 0.03, domain="positive",
+                  scan="period"),
         Parameter("phi", "phase_rad", "at position 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0,
                   tries=(0.0, 1.57, 3.14, 4.71)),
     ],
