@@ -95,7 +95,7 @@ def only_mends(problem: Problem, effect: str) -> bool:
     """
     if effect == PLAY:
         return kind_of(problem.machine).bridged_impacts and not problem.struck
-    return problem.struck and _is_lag(problem, effect)
+    return problem.struck and is_lag(problem, effect)
 
 
 def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score, law: float = 0.0) -> float:
@@ -119,7 +119,7 @@ def lag_explains(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -
         left = min((fits[names].rms(problem.inputs) for names in some), default=math.inf)
         return near.rms(problem.inputs) ** 2 - left**2
 
-    lags = [names for names in fits if len(names) == 1 and _is_lag(problem, names[0])]
+    lags = [names for names in fits if len(names) == 1 and is_lag(problem, names[0])]
     lag = taken([names for names in lags if not smooths(problem, fits[names])])
     return lag > 0.0 and lag > (1.0 - settings.FORETOLD) * taken([names for names in fits if PLAY in names])
 
@@ -136,7 +136,7 @@ def smooths(problem: Problem, fit: Fitted) -> bool:
     return sum(late) > (1.0 - settings.SMOOTHED) * lag_s
 
 
-def _is_lag(problem: Problem, name: str) -> bool:
+def is_lag(problem: Problem, name: str) -> bool:
     declared = problem.effect(name)
     return declared.regime == "acceleration" and declared.subsystem(problem.active.kind).endswith("sensor")
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, uncorrelated
+from workbench.diagnose.hypotheses.evidence import is_lag
+from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, is_timing, uncorrelated
 from workbench.diagnose.hypotheses.free_parameters import (
     PhaseOfEachRun,
     Setting,
@@ -82,8 +83,9 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
     Gauss-Newton steps with a Jacobian that each step corrects (C. G. Broyden, Mathematics of Computation 19, 1965); all
     folds are simulated together. A step is taken as far as it serves the runs that are left: all of it, or a part. One
     that promises next to nothing is the end.
-    What is each run's own (a phase) is taken from that run itself: another run cannot know it. What was computed once
-    is kept.
+    What is each run's own (a phase) is taken from that run itself: another run cannot know it. How late the log is no
+    run knows alone, a slow one next to nothing: it stays as in the joint fit, unless an effect is a lag itself. What was
+    computed once is kept.
     """
     asked = (fitted, fold_of_row.tobytes(), problem.errors.sizes)
     return once(problem, asked, lambda: _held_out(problem, fitted, fold_of_row))
@@ -127,7 +129,9 @@ def fitted_without(
             slopes.append(white[~mine, :-1].copy())
             rows.append(white[~mine, -1].copy())
     sizes = np.abs(fitted.jacobian)
-    shown = [np.max(sizes[~mine], axis=0) > ROUNDING * np.max(sizes, axis=0) for mine in inside]  # by the other rows
+    lag = any(is_lag(problem, name) for name in fitted.effects)
+    timing = np.array([is_timing(k) and not lag for k in fitted.free for _ in k.lowest], dtype=bool)
+    shown = [(np.max(sizes[~mine], axis=0) > ROUNDING * np.max(sizes, axis=0)) & ~timing for mine in inside]
     worth = [float(r @ r) + _pull(at, std) for at, r in zip(z, rows, strict=True)]
 
     steps: dict[int, Array | None] = dict.fromkeys(range(len(inside)))  # fold -> the step that has not served
