@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -265,6 +265,16 @@ def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
     return best
 
 
+def event_gain(problem: Problem, fit: Fitted) -> float:
+    """What brief events, whose choice is paid for, add to the logarithm of the likelihood of a fit of base parameters,
+    beside the likeliest law of one place: an axis' own ripple, or a sensor that wanders, is no event."""
+    survey = survey_of(problem, fit)
+    port, law = max(evidence_of(Weigher(survey), Ports(survey).all()), key=lambda one: one[1].log)
+    survey = replace(survey, base=np.hstack([survey.base, law.size * port.columns]))
+    pulses = pulses_of(survey, weigher := Weigher(survey))
+    return -math.inf if pulses is None else pulses.evidence.log - pulses.choices - weigher.nothing()
+
+
 def widths_of(survey: Survey) -> Array:
     shortest = max(SHORTEST_S if survey.hoist else 0.05, 0.7 / survey.band_hz)
     longest = min(LONGEST_S, 0.2 * min(float(np.ptp(c.time)) for c in survey.runs))
@@ -472,16 +482,8 @@ def weighed(survey: Survey, holds: Callable[[Array], bool] | None = None) -> Pla
 
 def evidence_of(weigher: Weigher, ports: Iterable[Port]) -> Iterator[tuple[Port, Evidence]]:
     """Each port with its evidence; some of them are whitened together, which is quicker."""
-    waiting: list[Port] = []
-    for port in ports:
-        waiting.append(port)
-        if sum(queued.columns.shape[1] for queued in waiting) >= TOGETHER:
-            yield from _weighed_together(weigher, waiting)
-            waiting = []
-    if waiting:
-        yield from _weighed_together(weigher, waiting)
-
-
-def _weighed_together(weigher: Weigher, ports: list[Port]) -> Iterator[tuple[Port, Evidence]]:
-    evidences = weigher.evidences([port.columns for port in ports], [port.positive for port in ports])
-    yield from zip(ports, evidences, strict=True)
+    every = list(ports)
+    batch = np.cumsum([port.columns.shape[1] for port in every]) // TOGETHER
+    for k in np.unique(batch):
+        mine = [port for port, its in zip(every, batch, strict=True) if its == k]
+        yield from zip(mine, weigher.evidences([p.columns for p in mine], [p.positive for p in mine]), strict=True)

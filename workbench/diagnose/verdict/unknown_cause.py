@@ -18,6 +18,7 @@ from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of, logarithmic_of
 from workbench.diagnose.hypotheses.problem import Problem, once, rms
 from workbench.diagnose.hypotheses.signatures import Projection
+from workbench.diagnose.location.places import event_gain
 from workbench.diagnose.location.profiles import spacing
 from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.verdict.answer import Left
@@ -31,14 +32,16 @@ def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
     cause is as likely as not: `left`, see `left_percent`, and `stretched`.
 
     near: the fit without effects, left: what it leaves. HALF of the input is over the limit, whatever tells of it: the
-    equation is not this machine's. Impacts that come again are a play's: beside them are their rebounds, which no law
+    equation is not this machine's. So are brief events, which no law of the motion foretells, that are more than
+    DECISIVE in the logarithm likelier than none: what a machine leaves has longer tails than a normal distribution. Impacts that come again are a play's: beside them are their rebounds, which no law
     foretells.
     """
     if problem.struck:
         return {"left": settings.IMPACTS, "prior": 0.0}
     told = left_percent(problem, near, left) / own_percent(problem)
+    events = max(once(problem, (near, "events"), lambda: event_gain(problem, near)), 0.0)
     return {
-        "left": max(told, left.percent_of_input / (100.0 * settings.HALF)),
+        "left": max(told, left.percent_of_input / (100.0 * settings.HALF), math.sqrt(events / settings.DECISIVE)),
         **stretched(problem, near),
     }
 
