@@ -88,6 +88,11 @@ def own_impacts(machine: Any, runs: Sequence[Run]) -> tuple[Array, ...]:
     return impacts_of(machine, runs) if PLAY in machine.effects else tuple(np.zeros(0) for _ in runs)
 
 
+def audible(runs: Sequence[Run]) -> bool:
+    """Whether the logs are fine enough to tell an impact from a kink."""
+    return any(run.sample_time_s <= WINDOW_S for run in runs)
+
+
 def impacts_of(machine: Any, runs: Sequence[Run]) -> tuple[Array, ...]:
     """Times of a play's impacts in each run, s; none for kinds whose laws have them (`Kind.bridged_impacts`)."""
     kind = kind_of(machine)
@@ -144,7 +149,7 @@ def _jumps(run: Run, momentum: Array, force: Array, wider: int) -> tuple[Array, 
     defect = momentum - integrated(force, t)
     gap = wider * max(round(WINDOW_S / run.sample_time_s), 1)
     w = 2 * gap
-    if len(t) < 5 * w + gap or run.sample_time_s > WINDOW_S:  # too coarse to tell an impact from a kink
+    if len(t) < 5 * w + gap or not audible([run]):
         return np.zeros(0), np.zeros(0), np.zeros(0)
     c = np.cumsum(np.concatenate([[0.0], defect]))
     i = np.arange(2 * w, len(t) - 2 * w - gap)

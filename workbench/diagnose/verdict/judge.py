@@ -44,7 +44,8 @@ from workbench.diagnose.verdict.unknown_cause import (
     stretched,
 )
 from workbench.effects import ranges_of
-from workbench.simulate.motion import PLAY
+from workbench.machines import kind_of
+from workbench.simulate.motion import PLAY, audible
 
 SAME = 0.1  # chi^2 between two hypotheses that differ in name only, and of the difference of their predictions
 SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
@@ -115,7 +116,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     if best is not None and stands:
         left = beyond_noise(problem, best.fit.rms(problem.inputs), floor)
         signs = stays_beside(problem, search.base, best.fit, left)
-        if not (problem.struck and PLAY in best.names):  # a play's rebounds, which it leaves, stretch them too
+        if not rebounds(problem, best.names):  # which a play leaves: they stretch them too
             signs |= stretched(problem, best.fit)
         rows = rank(counted, signs, settings.calibration(), groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
@@ -269,8 +270,8 @@ def established(
         why = next((one for one in constancies(problem, base, near, w.fit) if one.broken), None)
         if why is None:
             evidence, variable = worth(problem, base, w)
-            heard = settings.IMPACTS if problem.struck and PLAY in w.names else 0.0  # without what its law takes
-            if evidence > 0.0 and w.evidence > heard:
+            heard = settings.IMPACTS if PLAY in w.names and kind_of(problem.machine).bridged_impacts else 0.0
+            if evidence > 0.0 and max(evidence, w.evidence if problem.struck else 0.0) > heard:
                 return w, mimics | no_laws
             why = Constancy(w.names[-1], variable, 0.0, free=True)
         imitated = True
@@ -279,6 +280,12 @@ def established(
     if able:  # none holds: what was not looked at is no better
         return None, {w.names: mimics.get(w.names, next(iter(mimics.values()))) for w in able}
     return next(iter(listed), None), mimics
+
+
+def rebounds(problem: Problem, names: Names) -> bool:
+    """Whether a hypothesis has a play of an axis whose impacts are heard, or are none that such logs show."""
+    bridged = kind_of(problem.machine).bridged_impacts
+    return PLAY in names and bridged and (problem.struck or not audible(problem.runs))
 
 
 def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
@@ -293,7 +300,7 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
         return Constancy(last, OTHER, undone)
     if smooths(problem, w.fit):
         return Constancy(last, LATE, 1.0)
-    if PLAY in w.names and only_mends(problem, PLAY) and more > -settings.HALF:
+    if PLAY in w.names and only_mends(problem, PLAY) and not rebounds(problem, w.names) and more > -settings.HALF:
         return Constancy(PLAY, IMPACTS, more)
     return Constancy(last, BOUND, 1.0) if _on_bound(problem, w, len(near.z)) else None
 

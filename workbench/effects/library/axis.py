@@ -133,7 +133,7 @@ def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
         Parameter("play", "play_{m}", "from flank to flank", "length", 1e-4, 0.1, 0.03, 0.003,
                   domain="positive", tries=PLAYS, simplified=lambda e: FORETOLD * e.play),
         Parameter("rub", "friction_over_load_share", "the friction behind the play, over the share of it", "1",
-                  0.0, 1.5, 2.0, 0.0, domain="not_negative", tries=(0.0, 0.4, 0.8, 1.2),
+                  0.0, 3.0, 2.0, 0.0, domain="not_negative", tries=(0.0, 0.4, 0.8, 1.2),
                   simplified=lambda e: FORETOLD),
     ],
     reads={"friction": "the axis' friction, {n}", "x": "position, {m}", "q": "its memory: motor before load, {m}",
