@@ -84,8 +84,8 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
     folds are simulated together. A step is taken as far as it serves the runs that are left: all of it, or a part. One
     that promises next to nothing is the end.
     What is each run's own (a phase) is taken from that run itself: another run cannot know it. How late the log is no
-    run knows alone, a slow one next to nothing: it stays as in the joint fit, unless an effect is a lag itself. What was
-    computed once is kept.
+    run knows alone, a slow one next to nothing: it stays as in the joint fit, unless an effect is a lag itself. What
+    was computed once is kept.
     """
     asked = (fitted, fold_of_row.tobytes(), problem.errors.sizes)
     return once(problem, asked, lambda: _held_out(problem, fitted, fold_of_row))

@@ -33,8 +33,8 @@ def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
 
     near: the fit without effects, left: what it leaves. HALF of the input is over the limit, whatever tells of it: the
     equation is not this machine's. So are brief events, which no law of the motion foretells, that are more than
-    DECISIVE in the logarithm likelier than none: what a machine leaves has longer tails than a normal distribution. Impacts that come again are a play's: beside them are their rebounds, which no law
-    foretells.
+    DECISIVE in the logarithm likelier than none: what a machine leaves has longer tails than a normal distribution.
+    Impacts that come again are a play's: beside them are their rebounds, which no law foretells.
     """
     if problem.struck:
         return {"left": settings.IMPACTS, "prior": 0.0}
