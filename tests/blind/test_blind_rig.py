@@ -24,8 +24,8 @@ from tests.support.emps_campaign import emps_in
 from workbench.blind import make as making
 from workbench.blind.make import Asked
 from workbench.blind.power import LEAST, power_of, thresholds
-from workbench.blind.recorded import SINGLES, bent, write_case
-from workbench.blind.recording import Recording, recording, rms, with_own_cause
+from workbench.blind.recorded import SINGLES, bent
+from workbench.blind.recording import Recording, recording, rms
 from workbench.blind.seal import Order, key_of, read_manifest, unseal
 from workbench.core.errors import InputError
 from workbench.core.record import LogTraits
@@ -279,21 +279,6 @@ def test_with_what_the_label_says_the_bent_axis_leaves_what_the_machine_does(emp
     before, after = explained(known_of(emps), name)
     assert before > 1.1
     assert abs(after**2 - 1.0) < 0.2 * (before**2 - 1.0)
-
-
-def test_what_a_machine_has_by_itself_is_known_of_it_and_no_bend(emps: Path, tmp_path: Path):
-    """A toe's friction falls from run to run: untouched, or with another cause, that was named in four cases of six."""
-    known = known_of(emps)
-    made = bent("drift", (9901, 6), known)
-    assert made is not None
-    write_case(tmp_path, known, made[0], SEED)
-    warming = replace(known, runs=read_campaign(tmp_path).runs)
-    own = with_own_cause(warming, tmp_path)
-    assert [*own.machine.effects] == ["friction_thermal_drift"]
-    assert own.remainder_rms < 0.9 * warming.remainder_rms
-    assert bent("drift", (9901, 6), own) is None
-    again = with_own_cause(own, tmp_path)
-    assert again.machine == own.machine  # nothing more is named
 
 
 def test_a_bent_sensor_leaves_the_lateness_that_a_log_has(emps: Path):

@@ -25,7 +25,7 @@ from typing import Any
 
 from workbench import __version__
 from workbench.blind import recorded
-from workbench.blind.recording import recording, with_own_cause
+from workbench.blind.recording import recording
 from workbench.blind.seal import CAMPAIGNS, Label, Order, Truth, fernet, hashes, key_of, read_manifest, seal, write_key
 from workbench.core.errors import InputError, check_known
 from workbench.core.whole_folder import check_free, whole_folder
@@ -138,12 +138,11 @@ def maker_of(asked: Asked, seed: int, tell: Tell) -> Maker:
             "the machine is that of the runs" if place in given else "one piece is bent of a machine that is identified"
         )
         raise InputError(f"does not go with recorded: {why}", place=place)
-    known = with_own_cause(recording(asked.runs), asked.runs)
+    known = recording(asked.runs)
     if asked.kind not in (None, known.machine.kind):
         raise InputError(f"{asked.kind}, but the machine is of kind {known.machine.kind}", place="kind")
     share = 100.0 * known.remainder_rms / known.input_rms
-    own = "".join(f", with {name} of its own" for name in known.machine.effects)
-    tell(f"{known.name} identified on {len(known.runs)} runs; it leaves {share:.1f} % of its input{own}")
+    tell(f"{known.name} identified on {len(known.runs)} runs; it leaves {share:.1f} % of its input")
     return Maker(recorded.ordered(seed, known, asked.cases, asked.case), partial(recorded.made, known))
 
 

@@ -324,12 +324,11 @@ UNLISTED: dict[str, Bend] = {
 
 def bent(name: str, seed: Sequence[int], known: Recording) -> tuple[Bent, Array] | None:
     """The bend of that name with a drawn size, and the change of the residual that it makes. None where the machine
-    has no such thing, or the effect by itself, and where it cannot show: base values within twice their tolerances take
-    it up."""
+    has no such thing, and where it cannot show: base values within twice their tolerances take it up."""
     rng = np.random.default_rng([*seed, 1])
     for _ in range(TRIES):
         made = (SINGLES | UNLISTED)[name](rng, known)
-        if made is None or made.entry in known.machine.effects:
+        if made is None:
             return None
         change = known.residual(made.machine, made.runs) - known.own
         if known.left(change, 2.0) >= SHOWS * known.remainder_rms:
@@ -409,7 +408,7 @@ def _label(known: Recording, order: Order, made: Bent | None, change: Array) -> 
         signals="+".join(known.runs[0].signals),
         parameters={made.entry: parameters} if made and made.entry else {},
         case=order.case,
-        kind=known.machine.kind,
+        kind=known.kind,
         family=known.name,
         machine=known.machine.name,
         seed=tuple(order.seed),

@@ -15,7 +15,6 @@ from scipy.optimize import lsq_linear
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
-from workbench.diagnose.diagnose import diagnose
 from workbench.effects import effects_for, sizes_of
 from workbench.identify.identify import LATE, Identification, identify
 from workbench.logs import Campaign, read_campaign
@@ -41,6 +40,10 @@ class Recording:
     @cached_property
     def bench(self) -> InverseSimulation:
         return InverseSimulation(self.machine, self.runs, self.band_hz)
+
+    @property
+    def kind(self) -> str:
+        return self.machine.kind
 
     @property
     def plant(self) -> str:
@@ -152,13 +155,6 @@ def recording(path: Path) -> Recording:
     if not sum(map(len, known.moving)):
         raise InputError("the machine stands still in every run", file=path)
     return known
-
-
-def with_own_cause(known: Recording, path: Path) -> Recording:
-    """The recording, its machine with the cause that a diagnosis of these runs names: it has that by itself, and
-    who looks for a change has seen it before."""
-    own = diagnose(replace(read_campaign(path), machine=known.machine), study=False)
-    return replace(known, machine=own.corrected) if own.verdict.word == "named" else known
 
 
 def _identified(campaign: Campaign, band_hz: float | None = None) -> Identification:
