@@ -36,7 +36,13 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.search import SLACK, Search, SearchResult
-from workbench.diagnose.hypotheses.signatures import Projection, linear_gain, signatures_of, stepped_aside
+from workbench.diagnose.hypotheses.signatures import (
+    Projection,
+    columns_signed,
+    linear_gain,
+    signatures_of,
+    stepped_aside,
+)
 from workbench.effects import Effect, Ranged, effects_for, find, of, ranges_of
 from workbench.machines import Axis, Hoist, default_hoist, with_values
 from workbench.simulate.driven import InverseSimulation
@@ -641,7 +647,7 @@ def test_nothing_that_the_base_explains_is_left_of_a_projected_signature(hoist: 
     assert np.linalg.norm(projection.rows.T @ projection.residual) < 1e-8
     signatures = signatures_of(hoist, [find("friction_coulomb", "hoist"), find("torque_scale", "hoist")], base.setting)
     for one, (data, prior, amounts) in zip(signatures, projection.gains(signatures), strict=True):
-        alone = linear_gain(projection.clean(one.columns), projection.residual, [one.signed], projection.priors)
+        alone = linear_gain(projection.clean(one.columns), projection.residual, columns_signed(one), projection.priors)
         assert (data, prior, *amounts) == pytest.approx((*alone[:2], *alone[2]), rel=1e-6, abs=1e-9)
     assert projection.gains([]) == []
     # At the best point of the base nothing is gained by it either: what is projected out was nothing.

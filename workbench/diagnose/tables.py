@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 from typing import TypeVar
 
 import numpy as np
@@ -27,6 +26,7 @@ from workbench.diagnose.hypotheses.free_parameters import (  # fmt: skip
 )
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.location.survey import of_run
 from workbench.diagnose.machines import refitted_machine
 from workbench.machines import Axis, Hoist, Table, kind_of, with_correction
 from workbench.simulate.driven import changed, sensor
@@ -73,7 +73,7 @@ def variables_of(problem: Problem) -> tuple[Table, ...]:
 def rides_of(problem: Problem, setting: Setting) -> list[Ride]:
     """All runs, simulated with the machine of these values."""
     bench = problem.bench
-    chosen = [_of_run(bench.base[j], setting, j) for j in range(len(problem.runs))]
+    chosen = [of_run(bench.base[j], setting, j) for j in range(len(problem.runs))]
     predicted = bench.predict([chosen])[0]
     kind, rides = kind_of(problem.machine), []
     for run, motion, (force, others), p in zip(problem.runs, bench.motions, predicted, chosen, strict=True):
@@ -85,12 +85,6 @@ def rides_of(problem: Problem, setting: Setting) -> list[Ride]:
         way = {acts_on: port.way(frame, here) for acts_on, port in kind.ports.items()}
         rides.append(Ride({**at, **turned}, way))
     return rides
-
-
-def _of_run(base: SimpleNamespace, setting: Setting, j: int) -> SimpleNamespace:
-    """Run j's parameters; what belongs to the sensors stays out."""
-    known = {key: value for key, value in setting.items() if hasattr(base, key)}
-    return changed(base, {key: value[j] if isinstance(value, tuple) else value for key, value in known.items()})
 
 
 def points_of(problem: Problem, rides: Sequence[Ride], variable: Table) -> Array:

@@ -42,8 +42,7 @@ AGAIN = 2  # steps of one size
 class Signature:
     """An effect at one shape. columns: (samples, k), for one scale of each amount (two of a wave; of each run).
 
-    at: symbol -> value of the shapes. amounts: the ranges of the columns; scale: their amount. signed: whether a
-    column may be taken negatively.
+    at: symbol -> value of the shapes. amounts: the ranges of the columns; scale: their amount.
     """
 
     effect: Effect
@@ -52,10 +51,6 @@ class Signature:
     amounts: tuple[Ranged, ...]
     scale: tuple[float, ...]
     wave: Ranged | None
-
-    @property
-    def signed(self) -> bool:
-        return self.wave is not None or all(r.lowest < _off(r) for r in self.amounts)
 
 
 def _quadrature(
@@ -100,9 +95,7 @@ def signatures_of(
         if shapes_of is not None and effect.id in shapes_of:
             points = [dict(at) for at in shapes_of[effect.id]]
         else:
-            symbols = [r.symbol for r in shapes]
-            tried = product(*(_tried(problem, r, base) for r in shapes))
-            points = [dict(zip(symbols, point, strict=True)) for point in tried]
+            points = [dict(at) for at in product(*(product([r.symbol], _tried(problem, r, base)) for r in shapes))]
         starts = [amounts]
         if (problem.struck or effect.id != PLAY) and len(amounts) == 1 and amounts[0].tries:
             starts = [(replace(amounts[0], start=start),) for start in amounts[0].tries]

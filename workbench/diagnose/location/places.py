@@ -13,7 +13,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.location.ports import SENSOR, Port, Ports
 from workbench.diagnose.location.survey import Course, Survey, at_rows, since_reversal, survey_of
 from workbench.simulate.model_error import SPREAD, ErrorModel
@@ -88,7 +88,7 @@ class Weigher:
 
     def __init__(self, survey: Survey) -> None:
         self.survey = survey
-        gap, nominal = survey.gap_rms, float(np.sqrt(np.mean(survey.residual[: survey.inputs] ** 2)))
+        gap, nominal = (rms(rows[: survey.inputs]) for rows in (survey.left, survey.residual))
         self.sizes = np.geomspace(SMALLEST * survey.noise, max(LARGEST * max(nominal, gap), survey.noise), SIZES)
         self.whitened: list[_Whitened] = []
         for g in DISCREPANCIES:
@@ -241,7 +241,9 @@ def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
     left = robust_left(survey)
     times = [c.at for c in survey.runs]
     begins = np.cumsum([0, *map(len, times)])
-    widths = widths_of(survey)
+    shortest = max(SHORTEST_S if survey.hoist else 0.05, 0.7 / survey.band_hz)
+    longest = min(LONGEST_S, 0.2 * min(float(np.ptp(c.time)) for c in survey.runs))
+    widths = np.geomspace(shortest, max(longest, 2.0 * shortest), WIDTHS)
     choices = math.log(sum(max(float(len(t)), 1.0) for t in times) * len(widths))
     states, open_to, shapes = states_of(survey), np.array(left), _shapes(survey, times, widths)
     pulses: list[Pulse] = []
@@ -257,7 +259,7 @@ def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
         if comes_back(left, mine, states):
             continue
         pulses = _joined([*pulses, pulse])
-        evidence = weigher.evidence(torque_columns(survey, pulses))
+        evidence = weigher.evidence(_scaled(survey, at_rows(survey, _hats(survey, pulses)), 0.0))
         price = choices * len(pulses)
         if best is not None and evidence.log - price <= best.evidence.log - best.choices:
             break
@@ -275,12 +277,6 @@ def event_gain(problem: Problem, fit: Fitted) -> float:
         pulses = pulses_of(beside := replace(survey, base=base), weigher := Weigher(beside))
         gains.append(-math.inf if pulses is None else pulses.evidence.log - pulses.choices - weigher.nothing())
     return min(gains)
-
-
-def widths_of(survey: Survey) -> Array:
-    shortest = max(SHORTEST_S if survey.hoist else 0.05, 0.7 / survey.band_hz)
-    longest = min(LONGEST_S, 0.2 * min(float(np.ptp(c.time)) for c in survey.runs))
-    return np.geomspace(shortest, max(longest, 2.0 * shortest), WIDTHS)
 
 
 def robust_left(survey: Survey) -> Array:
@@ -371,10 +367,6 @@ def _hats(survey: Survey, pulses: list[Pulse] | tuple[Pulse, ...]) -> list[Array
             parts.append(np.maximum(1.0 - np.abs(x), 0.0) * float(pulse.run == j))
         out.append(np.hstack(parts))
     return out
-
-
-def torque_columns(survey: Survey, pulses: list[Pulse] | tuple[Pulse, ...]) -> Array:
-    return _scaled(survey, at_rows(survey, _hats(survey, pulses)), 0.0)
 
 
 def _scaled(survey: Survey, rows: Array, pull: float, sensed: bool = False) -> Array:

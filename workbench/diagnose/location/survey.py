@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 
-from workbench.core.run import Array
+from workbench.core.run import Array, integrated
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Setting, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
@@ -64,14 +65,10 @@ def loop_of(problem: Problem) -> Loop | None:
 
 
 def _law(t: Array, u: Array, r: Array, e: Array, band_hz: float) -> Array:
-    once = _integral(t, e)
+    once = integrated(e, t)
     rate = np.gradient(lowpass(t, r, 2.0 * band_hz), t)
-    every = np.stack([e, once, _integral(t, once), np.gradient(e, t), r, rate, np.gradient(rate, t)], axis=1)
+    every = np.stack([e, once, integrated(once, t), np.gradient(e, t), r, rate, np.gradient(rate, t)], axis=1)
     return np.column_stack([np.gradient(u, t), lowpass(t, every, band_hz)])
-
-
-def _integral(t: Array, x: Array) -> Array:
-    return np.concatenate([[0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * np.diff(t))])
 
 
 def _robust(columns: Array, y: Array) -> Array:
@@ -165,11 +162,6 @@ class Survey:
     turns: Mapping[str, float]
 
     @property
-    def gap_rms(self) -> float:
-        """The rms of the input's residual after the base parameters are refitted, N m (N)."""
-        return float(np.sqrt(np.mean(self.left[: self.inputs] ** 2)))
-
-    @property
     def left(self) -> Array:
         """(samples,) the residual after a linear refit of the base parameters within their tolerances."""
         white = self.errors.whiten(np.column_stack([self.base, self.residual]))
@@ -252,7 +244,7 @@ def _with_loop(loop: Loop, residual: Array, base: Array, errors: ErrorModel) -> 
 def courses_of(problem: Problem, setting: Setting) -> list[Course]:
     """Every run as a machine of these values goes through it."""
     bench = problem.bench
-    values = [_of_run(bench.base[j], setting, j) for j in range(len(problem.runs))]
+    values = [of_run(bench.base[j], setting, j) for j in range(len(problem.runs))]
     predicted = bench.predict([values])[0]
     return [_course(problem, j, values[j], *predicted[j]) for j in range(len(problem.runs))]
 
@@ -296,7 +288,8 @@ def since_reversal(c: Course) -> Array:
     return np.asarray(gone - np.maximum.accumulate(np.where(turned, gone, 0.0)), dtype=float)
 
 
-def _of_run(base, setting: Setting, j: int):  # type: ignore[no-untyped-def]
+def of_run(base: SimpleNamespace, setting: Setting, j: int) -> SimpleNamespace:
+    """Run j's parameters; what belongs to the sensors stays out."""
     known = {key: value for key, value in setting.items() if hasattr(base, key)}
     return changed(base, {key: value[j] if isinstance(value, tuple) else value for key, value in known.items()})
 
