@@ -26,6 +26,7 @@ from workbench.blind.measures import (
     calibration_by_chance,
     calibration_error,
     family_of,
+    kind_of,
     pair,
     right_as_stated,
     right_word,
@@ -35,7 +36,7 @@ from workbench.blind.run import run
 from workbench.blind.score import open_and_score
 from workbench.blind.seal import key_of
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.settings import CALIBRATION, calibration
+from workbench.diagnose.hypotheses.settings import CALIBRATION, calibration, none_missed
 from workbench.diagnose.verdict.answer import Hypothesis, logistic_argument, rank
 
 Row = Mapping[str, Any]
@@ -157,7 +158,12 @@ def _anew(row: Row, numbers: Mapping[str, float]) -> dict[str, Any]:
 
 def _ranked(row: Row, numbers: Mapping[str, float]) -> tuple[Hypothesis, ...]:
     twins = [[tuple(names) for names in group] for group in row.get("twins") or ()]
-    return rank([(tuple(names), float(merit)) for names, merit in row["counted"]], row["evidence"], numbers, twins)
+    counted = [(tuple(names), float(merit)) for names, merit in row["counted"]]
+    stands = any(names and merit > numbers["threshold"] for names, merit in counted)
+    beside = stands and logistic_argument(row["evidence"], numbers) > 0.0
+    if row["word"] == "unknown" and kind_of(row) == "hoist" and not beside:
+        numbers = none_missed(numbers)
+    return rank(counted, row["evidence"], numbers, twins)
 
 
 def fitted(rows: Sequence[Row]) -> dict[str, float]:

@@ -854,28 +854,13 @@ def test_a_play_that_no_impact_tells_of_is_none_where_most_stays(
     left: float, over: str | None, struck: bool, step_s: float, monkeypatch: pytest.MonkeyPatch
 ):
     """An axis that swings on its shaft as its model does not: a play took a fifth of what stays, at 0.99."""
-    for name, value in (("takes_nothing", False), ("cancellation", 0.0), ("smooths", False), ("_on_bound", False)):
+    for name, value in (("takes_nothing", False), ("smooths", False), ("_on_bound", False)):
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     play, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (left, 1.0))
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=step_s)]
     problem = SimpleNamespace(struck=struck, machine=machine, runs=runs)
     why = judge._against(cast(Any, problem), cast(Any, SimpleNamespace(names=("backlash",), fit=play)), cast(Any, near))
     assert (why and why.over) == (None if struck or step_s > 0.006 else over)  # no such log shows an impact
-
-
-@pytest.mark.parametrize(("excess", "over"), [(0.5, None), (2.0, "the other effect")])
-def test_effects_that_cancel_are_none_where_they_leave_more_than_a_machine_without_a_gap(
-    excess: float, over: str | None, monkeypatch: pytest.MonkeyPatch
-):
-    """A drift, a gearbox' loss and a wire's mass came at their true values and cancelled by 1.3: the loaded run was the
-    second of four."""
-    for name, value in (("takes_nothing", False), ("cancellation", 1.3), ("smooths", False), ("_on_bound", False)):
-        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
-    both, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (0.1, 1.0))
-    problem, names = SimpleNamespace(struck=False), ("friction_thermal_drift", "gearbox_efficiency")
-    weighed = SimpleNamespace(names=names, fit=both, score=SimpleNamespace(excess=excess))
-    why = judge._against(cast(Any, problem), cast(Any, weighed), cast(Any, near))
-    assert (why and why.over) == over
 
 
 @pytest.mark.parametrize("idle", ["friction_coulomb", "torque_scale"])

@@ -45,7 +45,7 @@ from workbench.diagnose.hypotheses.held_out import (
 )
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.hypotheses.settings import calibration
+from workbench.diagnose.hypotheses.settings import calibration, none_missed
 from workbench.diagnose.verdict.answer import Hypothesis, rank
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runners_up
 from workbench.effects import effects_for, find, ranges_of
@@ -368,6 +368,14 @@ def test_structure_that_the_best_leaves_makes_the_cause_unknown(numbers: dict[st
     left = {**NO_EVIDENCE, "left": 2.0}
     rows = rank(named([400.0]), left, numbers)
     assert (rows[0].verdict, rows[0].effects) == ("unknown", ())
+
+
+def test_an_unknown_cause_is_surer_of_a_machine_that_leaves_nothing_itself():
+    """Of 22 hoists whose answer was unknown all had an unlisted cause, and 0.64 was stated."""
+    left = {**NO_EVIDENCE, "left": 2.0}
+    alone, other = (rank(named([20.0]), left, numbers)[0] for numbers in (none_missed(calibration()), calibration()))
+    assert alone.verdict == other.verdict == "unknown"
+    assert other.probability < 0.7 < 0.9 < alone.probability
 
 
 def test_what_may_not_be_named_speaks_for_an_unknown_cause():

@@ -23,10 +23,8 @@ NUISANCE = 3.0  # standard deviations of a tolerance or an effect's nuisance amo
 IMPACTS = 150.0  # evidence of a play where impacts come again: no other effect has them, and no fit looks at them
 
 # A law that holds
-VARIES = 0.08  # share: a true cause has shown 0.076 at most (a lag), mimics 0.09 and more
 RESTS = 0.25  # rest, and of a hoist's cause what stays over what it takes: 0.2 at most, and 0.4 and more
-FORETOLD = 0.1  # of an energy: so much a curve, a change of amount, another lag or the base parameters take by chance
-SMOOTHED = 0.2  # of a filter's lag: as far the delays of two causes agree by chance in one of ten
+FORETOLD = 0.1  # of an energy or a lag: so much a curve, a change of amount, another lag or the base take by chance
 HALF = 0.5  # of the best one's evidence: what a part of it needs; of several shares' energy: their sum; of the input
 MINOR = 0.2  # of the gap: of five causes surer than one half that explained less two were none, of nine up to 0.36 one
 
@@ -43,3 +41,8 @@ def calibration() -> Mapping[str, float]:
     """
     numbers: Mapping[str, float] = json.loads(CALIBRATION.read_text(encoding="utf-8"))["numbers"]
     return numbers
+
+
+def none_missed(numbers: Mapping[str, float]) -> Mapping[str, float]:
+    """The numbers for an unknown cause of a machine that leaves nothing itself: no listed one has its gap unseen."""
+    return {**numbers, "missed_unknown": 0.0}

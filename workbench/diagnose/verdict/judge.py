@@ -31,12 +31,20 @@ from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, bounds_
 from workbench.diagnose.hypotheses.held_out import folds_by_run, foretold, held_out, significance, weighed_both_ways
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.verdict.answer import Hypothesis, Left, Reason, ReasonKind, Step, VerdictWord, rank
+from workbench.diagnose.verdict.answer import (
+    Hypothesis,
+    Left,
+    Reason,
+    ReasonKind,
+    Step,
+    VerdictWord,
+    logistic_argument,
+    rank,
+)
 from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.free_law import worth
 from workbench.diagnose.verdict.unknown_cause import (
     beyond_noise,
-    cancellation,
     kept_percent,
     own_percent,
     signs_of,
@@ -50,9 +58,8 @@ from workbench.simulate.motion import PLAY, audible
 SAME = 0.1  # chi^2 between two hypotheses that differ in name only, and of the difference of their predictions
 SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
 # What speaks against a fit that is none of its law.
-OTHER, LATE, NOTHING, BOUND, IMPACTS = "the other effect", "a late motion", "residual", "a bound", "impacts"
+LATE, NOTHING, BOUND, IMPACTS = "a late motion", "residual", "a bound", "impacts"
 AGAINST = {
-    OTHER: ReasonKind.UNDO_EACH_OTHER,
     LATE: ReasonKind.ONLY_SMOOTHER,
     NOTHING: ReasonKind.TAKES_NOTHING,
     BOUND: ReasonKind.ON_A_BOUND,
@@ -98,7 +105,8 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     weighed = tuple(w for w in weighed if w.names not in barred)
     best, mimics = established(problem, weighed, search.base, near)
     rival, said = unlisted(problem, near, weighed, best)
-    least = max(settings.calibration()["threshold"], -math.inf if best is None else best.evidence)
+    numbers = settings.calibration()
+    least = max(numbers["threshold"], -math.inf if best is None else best.evidence)
     # A mimic has no evidence, unless a law of one variable does without it: then its evidence is that law's.
     free = {names for names, why in mimics.items() if why.free}
     counted = tuple(
@@ -111,19 +119,22 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     held, after = near, near if best is None else best.fit
     taken = beyond_noise(problem, near.rms(problem.inputs), after.rms(problem.inputs)).percent_of_input
     # What takes less than the log itself hides imitates that.
-    stands = best is not None and best.evidence > settings.calibration()["threshold"] and taken >= kept
+    stands = best is not None and best.evidence > numbers["threshold"] and taken >= kept
     signs: dict[str, float] = {}  # what an established cause leaves is a remainder, where it takes more
     if best is not None and stands:
         left = beyond_noise(problem, best.fit.rms(problem.inputs), floor)
         signs = stays_beside(problem, search.base, best.fit, left)
         if not rebounds(problem, best.names):  # which a play leaves: they stretch them too
             signs |= stretched(problem, best.fit)
-        rows = rank(counted, signs, settings.calibration(), groups)
+        rows = rank(counted, signs, numbers, groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
     left = beyond_noise(problem, held.rms(problem.inputs), floor)
     if not stands:  # nor is no gap what leaves much
         signs = signs_of(problem, near, left)
-        rows = rank(counted, signs, settings.calibration(), groups)
+        rows = rank(counted, signs, numbers, groups)
+    beside = stands and logistic_argument(signs, numbers) > 0.0  # an established cause: a listed one may be missed
+    if rows[0].verdict == "unknown" and kind_of(problem.machine).floor == "sensors" and not beside:
+        rows = rank(counted, signs, settings.none_missed(numbers), groups)
     return Judged(
         word=rows[0].verdict,
         names=rows[0].effects,
@@ -252,7 +263,7 @@ def established(
     each with what speaks against it.
 
     base, near: the fits without effects, the latter within the tolerances. A hypothesis that leaves more than `near`,
-    by more than chance, whose effects undo each other, or that sits on a bound is not established either: the next
+    by more than chance or that sits on a bound is not established either: the next
     about as good is looked at. Behind a mimic only what it is made of is, for whatever else is about as good imitates
     the same cause.
     """
@@ -294,10 +305,6 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     worse = w.fit.chi2 - near.chi2 > 1.0  # by more than one standard deviation of one value
     if (worse or takes_nothing(problem, near, w.fit)) and not (problem.struck and PLAY in w.names):
         return Constancy(last, NOTHING, more)  # what a play leaves are the rebounds
-    undone = cancellation(problem, w.fit, len(near.z))
-    # True causes may happen to cancel, as a drift where later runs carry more; what imitates leaves a remainder.
-    if undone > -math.log(settings.HALF) and w.score.excess > 1.0:
-        return Constancy(last, OTHER, undone)
     if smooths(problem, w.fit):
         return Constancy(last, LATE, 1.0)
     if PLAY in w.names and only_mends(problem, PLAY) and not rebounds(problem, w.names) and more > -settings.HALF:
