@@ -863,6 +863,23 @@ def test_a_play_that_no_impact_tells_of_is_none_where_most_stays(
     assert (why and why.over) == (None if struck or step_s > 0.006 else over)  # no such log shows an impact
 
 
+@pytest.mark.parametrize(
+    ("names", "evidence", "stands"),
+    [(("backlash",), 100.0, False), (("backlash",), 200.0, True), (("backlash", "friction_coulomb"), 100.0, True)],
+)
+def test_a_play_that_a_log_cannot_show_says_what_impacts_would_or_is_asked_beside_others(
+    names: tuple[str, ...], evidence: float, stands: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """Beside a play that 100 Hz cannot show an unequal viscous friction was unknown: the play was barred, and with it
+    what explains forty times as much."""
+    for name, value in (("_against", None), ("constancies", ()), ("worth", (evidence, "speed"))):
+        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
+    machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
+    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs))
+    w = cast(Any, SimpleNamespace(names=names, rival=False, evidence=3000.0, fit=None))
+    assert (judge.established(problem, [w], cast(Any, None), cast(Any, None))[0] is w) == stands
+
+
 @pytest.mark.parametrize("idle", ["friction_coulomb", "torque_scale"])
 def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     idle: str, monkeypatch: pytest.MonkeyPatch

@@ -281,8 +281,10 @@ def established(
         why = next((one for one in constancies(problem, base, near, w.fit) if one.broken), None)
         if why is None:
             evidence, variable = worth(problem, base, w)
-            heard = settings.IMPACTS if PLAY in w.names and kind_of(problem.machine).bridged_impacts else 0.0
-            if evidence > 0.0 and max(evidence, w.evidence if problem.struck else 0.0) > heard:
+            # Of several effects, a play that is not heard is asked of beside the others (`deserved`).
+            asked = rebounds(problem, w.names) and (problem.struck or len(w.names) == 1)
+            most = max(evidence, w.evidence) if problem.struck else evidence
+            if evidence > 0.0 and most > (settings.IMPACTS if asked else 0.0):
                 return w, mimics | no_laws
             why = Constancy(w.names[-1], variable, 0.0, free=True)
         imitated = True
