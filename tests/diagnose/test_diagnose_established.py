@@ -880,6 +880,35 @@ def test_a_play_that_a_log_cannot_show_says_what_impacts_would_or_is_asked_besid
     assert (judge.established(problem, [w], cast(Any, None), cast(Any, None))[0] is w) == stands
 
 
+@pytest.mark.parametrize(("left", "over"), [(0.95, "residual"), (0.85, None)])
+def test_a_cause_takes_something_where_the_weighed_residual_falls(
+    left: float, over: str | None, monkeypatch: pytest.MonkeyPatch
+):
+    """A late speed of a servo bench took a seventh of what is weighed, and a twentieth of an energy that lies mostly
+    where no law is exact: the answer was unknown."""
+    for name, value in (("takes_nothing", True), ("smooths", False), ("_on_bound", False)):
+        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
+    late, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (left, 1.0))
+    weighed = SimpleNamespace(names=("speed_delay",), fit=late)
+    why = judge._against(cast(Any, SimpleNamespace(struck=False)), cast(Any, weighed), cast(Any, near))
+    assert (why and why.over) == over
+
+
+def test_the_log_s_timing_is_held_within_as_many_of_its_deviations_as_other_base_values(
+    shared_data: Path, tmp_path: Path
+):
+    """Within three sampling steps, five of its deviations, it took all of a servo's delay: none was left to name."""
+    campaign = read_campaign(emps_in(tmp_path / "emps", shared_data, HELD))
+    step_s = campaign.runs[0].sample_time_s
+    late = of(campaign.machine, {"speed_delay": {"delay_s": 5.0 * step_s}})
+    runs = [logged(run, late) for run in campaign.runs]
+    search = Search(Problem(campaign.machine, runs), [], base=base_parameters(campaign.machine, runs))
+    base = search.base_fit()
+    near = search._within_tolerances(base)
+    assert base.setting[LOG_TIMING] > 3.0 * step_s
+    assert near.setting[LOG_TIMING] == pytest.approx(math.sqrt(3.0) * step_s, rel=1e-3)
+
+
 @pytest.mark.parametrize("idle", ["friction_coulomb", "torque_scale"])
 def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     idle: str, monkeypatch: pytest.MonkeyPatch

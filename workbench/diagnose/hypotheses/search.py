@@ -455,12 +455,12 @@ class Search:
     def _within_tolerances(self, base: Fitted) -> Fitted:
         """The base fit with all parameters within TOLERANCES. Signatures are taken there: a fit that a large effect has
         pulled far from nominal is a poor point to linearise at."""
-        if np.all(np.abs(base.z) <= TOLERANCES):
-            return base
         # What happens at standstill must not stand in for the gap either.
-        far = [TURNED if k.logarithmic else TOLERANCES for k in self.held]
-        held = [within(k, limit) for k, limit in zip(self.held, far, strict=True)]
+        far = [TURNED if k.logarithmic else TOLERANCES * k.prior_std[0] for k in self.held]
         reach = np.repeat(far, [k.size for k in self.held])
+        if np.all(np.abs(base.z) <= TOLERANCES * np.minimum(bounds_of(self.held)[2], 1.0)):
+            return base
+        held = [within(k, limit) for k, limit in zip(self.held, far, strict=True)]
         z = np.clip(base.z, -reach, reach)
         return self._fit((), held, z)
 

@@ -304,8 +304,9 @@ def rebounds(problem: Problem, names: Names) -> bool:
 def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     """What speaks against a fit, whatever its law."""
     last, more = w.names[-1], w.fit.chi2 / max(near.chi2, 1e-300) - 1.0  # as weighed: near standstill no law is exact
-    worse = w.fit.chi2 - near.chi2 > 1.0  # by more than one standard deviation of one value
-    if (worse or takes_nothing(problem, near, w.fit)) and not (problem.struck and PLAY in w.names):
+    nothing = more > -settings.FORETOLD and takes_nothing(problem, near, w.fit)
+    # Worse: by more than one standard deviation of one value.
+    if (w.fit.chi2 - near.chi2 > 1.0 or nothing) and not (problem.struck and PLAY in w.names):
         return Constancy(last, NOTHING, more)  # what a play leaves are the rebounds
     if smooths(problem, w.fit):
         return Constancy(last, LATE, 1.0)
