@@ -124,7 +124,7 @@ def test_a_cause_that_leaves_a_hoist_much_of_its_gap_is_a_part_of_another_one(
 
 @pytest.mark.parametrize(("off", "word"), [(1.0, "named"), (8.0, "unknown")])
 def test_a_cause_that_leaves_base_values_far_off_is_not_the_one_that_moved_them(
-    off: float, word: str, bump: tuple[Campaign, SearchResult]
+    off: float, word: str, bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
 ):
     """On a real axis a bent force sensor was a play, at 0.98 before it was shared, that left its base values ten
     tolerances off; an axis' gain by direction was a friction level, at 0.92."""
@@ -141,6 +141,7 @@ def test_a_cause_that_leaves_base_values_far_off_is_not_the_one_that_moved_them(
 
     fits = {names: moved(one) for names, one in search.fits.items()}
     base, near = moved(search.base), moved(search.within_tolerances)
+    monkeypatch.setattr(judge, "refitted", lambda problem, fit, base: fit)
     judged = judge.judge(replace(search, fits=fits, base=base, within_tolerances=near))
     assert judged.best is not None and judged.best.names == (TRUE,) and judged.stands
     assert judged.word == word
@@ -854,7 +855,7 @@ def test_a_play_that_no_impact_tells_of_is_none_where_most_stays(
     left: float, over: str | None, struck: bool, step_s: float, monkeypatch: pytest.MonkeyPatch
 ):
     """An axis that swings on its shaft as its model does not: a play took a fifth of what stays, at 0.99."""
-    for name, value in (("takes_nothing", False), ("smooths", False), ("_on_bound", False)):
+    for name, value in (("takes_nothing", False), ("cancellation", 0.0), ("smooths", False), ("_on_bound", False)):
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     play, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (left, 1.0))
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=step_s)]
@@ -886,7 +887,7 @@ def test_a_cause_takes_something_where_the_weighed_residual_falls(
 ):
     """A late speed of a servo bench took a seventh of what is weighed, and a twentieth of an energy that lies mostly
     where no law is exact: the answer was unknown."""
-    for name, value in (("takes_nothing", True), ("smooths", False), ("_on_bound", False)):
+    for name, value in (("takes_nothing", True), ("cancellation", 0.0), ("smooths", False), ("_on_bound", False)):
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     late, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (left, 1.0))
     weighed = SimpleNamespace(names=("speed_delay",), fit=late)
@@ -907,6 +908,21 @@ def test_the_log_s_timing_is_held_within_as_many_of_its_deviations_as_other_base
     near = search._within_tolerances(base)
     assert base.setting[LOG_TIMING] > 3.0 * step_s
     assert near.setting[LOG_TIMING] == pytest.approx(math.sqrt(3.0) * step_s, rel=1e-3)
+
+
+@pytest.mark.parametrize(("excess", "over"), [(0.5, None), (2.0, "the other effect")])
+def test_effects_that_cancel_are_none_where_they_leave_more_than_a_machine_without_a_gap(
+    excess: float, over: str | None, monkeypatch: pytest.MonkeyPatch
+):
+    """A drift, a gearbox' loss and a wire's mass came at their true values and cancelled by 1.3: the loaded run was the
+    second of four."""
+    for name, value in (("takes_nothing", False), ("cancellation", 1.3), ("smooths", False), ("_on_bound", False)):
+        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
+    both, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (0.1, 1.0))
+    problem, names = SimpleNamespace(struck=False), ("friction_thermal_drift", "gearbox_efficiency")
+    weighed = SimpleNamespace(names=names, fit=both, score=SimpleNamespace(excess=excess))
+    why = judge._against(cast(Any, problem), cast(Any, weighed), cast(Any, near))
+    assert (why and why.over) == over
 
 
 @pytest.mark.parametrize("idle", ["friction_coulomb", "torque_scale"])

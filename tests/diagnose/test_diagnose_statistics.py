@@ -37,7 +37,7 @@ from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
 from workbench.diagnose.verdict.answer import Left
 from workbench.diagnose.verdict.judge import takes_nothing
-from workbench.diagnose.verdict.unknown_cause import signs_of, tolerance_excess
+from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of, tolerance_excess
 from workbench.effects import Effect, find, library_effects, ranges_of
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import KINDS, Hoist, default_hoist, kind_of, with_values
@@ -431,6 +431,21 @@ def test_a_log_by_exception_is_no_machine_without_a_gap():
 
     assert left(0.0) == 0.0
     assert left(40.0) > 1.0
+
+
+# Two effects
+
+
+def test_a_pair_that_stands_in_for_one_cause_is_against_itself_and_a_true_pair_is_not():
+    pair = ("payload_mass_error", "torque_scale")
+    begin = {"payload_scale": 1.01, "gain": 0.99}
+    same, instead = answered({"gearbox_inertia": {"inertia_kg_m2": 1.0}}, pair, begin)
+    true = {"friction_viscous": {"viscous_n_s_per_m": 2000.0}, "payload_mass_error": {"payload_scale": 1.06}}
+    problem, both = answered(true, tuple(true), {"viscous_n_s_per_m": 1500.0, "payload_scale": 1.05})
+    base = len(base_parameters(problem.machine, problem.runs))
+    assert cancellation(same, instead, base) > 0.5
+    assert cancellation(problem, both, base) < 0.1
+    assert cancellation(problem, replace(both, effects=both.effects[:1]), base) == 0.0
 
 
 # One run that is not like the others is named: a wrong payload, swapped signals; and sound runs are not.

@@ -26,6 +26,7 @@ class ReasonKind(Enum):
     STRETCHES_TOLERANCES = "stretches_tolerances"
     LOG_KEEPS = "log_keeps"
     ON_A_BOUND = "on_a_bound"
+    UNDO_EACH_OTHER = "undo_each_other"
     ONLY_SMOOTHER = "only_smoother"
     TAKES_NOTHING = "takes_nothing"
     VARIES = "varies"

@@ -26,7 +26,7 @@ from workbench.diagnose.hypotheses.evidence import (
     smooths,
     weigh,
 )
-from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis, is_timing, parameters_of
+from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, estimates, fit_hypothesis, is_timing, parameters_of
 from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, bounds_of, nuisance_std, within
 from workbench.diagnose.hypotheses.held_out import folds_by_run, foretold, held_out, significance, weighed_both_ways
 from workbench.diagnose.hypotheses.problem import Problem
@@ -45,6 +45,7 @@ from workbench.diagnose.verdict.constancy import Constancy, constancies
 from workbench.diagnose.verdict.free_law import worth
 from workbench.diagnose.verdict.unknown_cause import (
     beyond_noise,
+    cancellation,
     kept_percent,
     own_percent,
     signs_of,
@@ -58,8 +59,9 @@ from workbench.simulate.motion import PLAY, audible
 SAME = 0.1  # chi^2 between two hypotheses that differ in name only, and of the difference of their predictions
 SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
 # What speaks against a fit that is none of its law.
-LATE, NOTHING, BOUND, IMPACTS = "a late motion", "residual", "a bound", "impacts"
+OTHER, LATE, NOTHING, BOUND, IMPACTS = "the other effect", "a late motion", "residual", "a bound", "impacts"
 AGAINST = {
+    OTHER: ReasonKind.UNDO_EACH_OTHER,
     LATE: ReasonKind.ONLY_SMOOTHER,
     NOTHING: ReasonKind.TAKES_NOTHING,
     BOUND: ReasonKind.ON_A_BOUND,
@@ -124,8 +126,11 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     if best is not None and stands:
         left = beyond_noise(problem, best.fit.rms(problem.inputs), floor)
         signs = stays_beside(problem, search.base, best.fit, left)
-        if not rebounds(problem, best.names):  # which a play leaves: they stretch them too
-            signs |= stretched(problem, best.fit)
+        # A first search weighs by no model error of its own; and a play leaves rebounds, which stretch one of its fits.
+        own = problem.with_model_error(best.score.sizes)
+        fit = best.fit if own.errors.sizes == problem.errors.sizes else refitted(own, best.fit, len(search.base.z))
+        ways = [stretched(own, one) for one in weighed_both_ways(own, fit, len(search.base.z))]
+        signs |= min(ways, key=lambda sign: sign["prior"])
         rows = rank(counted, signs, numbers, groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
     left = beyond_noise(problem, held.rms(problem.inputs), floor)
@@ -263,7 +268,7 @@ def established(
     each with what speaks against it.
 
     base, near: the fits without effects, the latter within the tolerances. A hypothesis that leaves more than `near`,
-    by more than chance or that sits on a bound is not established either: the next
+    by more than chance, whose effects undo each other, or that sits on a bound is not established either: the next
     about as good is looked at. Behind a mimic only what it is made of is, for whatever else is about as good imitates
     the same cause.
     """
@@ -295,6 +300,14 @@ def established(
     return next(iter(listed), None), mimics
 
 
+def refitted(problem: Problem, fit: Fitted, base: int) -> Fitted:
+    """A fit as another error model weighs it; or as it is, where that breaks down."""
+    try:
+        return fit_hypothesis(problem, fit.effects, fit.free, fit.z, base=base)
+    except BREAKDOWNS:
+        return fit
+
+
 def rebounds(problem: Problem, names: Names) -> bool:
     """Whether a hypothesis has a play of an axis whose impacts are heard, or are none that such logs show."""
     bridged = kind_of(problem.machine).bridged_impacts
@@ -308,6 +321,10 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     # Worse: by more than one standard deviation of one value.
     if (w.fit.chi2 - near.chi2 > 1.0 or nothing) and not (problem.struck and PLAY in w.names):
         return Constancy(last, NOTHING, more)  # what a play leaves are the rebounds
+    undone = cancellation(problem, w.fit, len(near.z))
+    # True causes may happen to cancel, as a drift where later runs carry more; what imitates leaves a remainder.
+    if undone > -math.log(settings.HALF) and w.score.excess > 1.0:
+        return Constancy(last, OTHER, undone)
     if smooths(problem, w.fit):
         return Constancy(last, LATE, 1.0)
     if PLAY in w.names and only_mends(problem, PLAY) and not rebounds(problem, w.names) and more > -settings.HALF:

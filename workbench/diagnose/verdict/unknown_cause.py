@@ -8,13 +8,16 @@ little itself by its size alone. And the base parameters may absorb it: then the
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of, logarithmic_of
 from workbench.diagnose.hypotheses.problem import Problem, once, rms
+from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.location.places import event_gain
 from workbench.diagnose.location.profiles import spacing
 from workbench.diagnose.location.where import laws_left
@@ -126,3 +129,29 @@ def tolerance_excess(problem: Problem, fit: Fitted) -> float:
     unit = float(np.sum(shares**2) / np.sum(shares))
     off = (fit.z * hold)[which]
     return math.sqrt(2.0 * float(off @ off) / unit) - math.sqrt(max(2.0 * float(np.sum(shares)) / unit - 1.0, 0.0))
+
+
+def cancellation(problem: Problem, fit: Fitted, base: int) -> float:
+    """The cancellation between the effects of a fit: the logarithm of the energy of their shares over that of the sum;
+    0 where they add, and for one effect.
+
+    Real causes are independent: their shares of the residual are mostly orthogonal, and add as often as they cancel.
+    Two effects that together imitate a third explain the same part of it and cancel in the rest. base: how many of the
+    fit's first z are the base parameters'. What these could explain of a share is taken out.
+    """
+    if len(fit.effects) < 2:
+        return 0.0
+
+    def found() -> float:
+        parts = parts_of(problem, fit, [(name,) for name in fit.effects])
+        first = int(np.searchsorted(np.cumsum([parameter.size for parameter in fit.free]), base)) + 1
+        plain = replace(fit, free=fit.free[:first], z=fit.z[:base], jacobian=fit.jacobian[:, :base])
+        return cancelled(Projection.of(problem, plain).clean(parts.T))
+
+    return once(problem, (fit, "cancellation", problem.errors.sizes), found)
+
+
+def cancelled(shares: Array) -> float:
+    """The cancellation of shares, (rows, effects)."""
+    apart, together = float(np.sum(shares**2)), float(np.sum(np.sum(shares, axis=1) ** 2))
+    return max(math.log(max(apart, 1e-300) / max(together, 1e-12 * apart, 1e-300)), 0.0)
