@@ -906,7 +906,7 @@ def test_the_log_s_timing_is_held_within_as_many_of_its_deviations_as_other_base
     search = Search(Problem(campaign.machine, runs), [], base=base_parameters(campaign.machine, runs))
     base = search.base_fit()
     near = search._within_tolerances(base)
-    assert base.setting[LOG_TIMING] > 3.0 * step_s
+    assert float(np.mean(base.setting[LOG_TIMING])) > 3.0 * step_s
     assert near.setting[LOG_TIMING] == pytest.approx(math.sqrt(3.0) * step_s, rel=1e-3)
 
 
