@@ -126,11 +126,12 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     if best is not None and stands:
         left = beyond_noise(problem, best.fit.rms(problem.inputs), floor)
         signs = stays_beside(problem, search.base, best.fit, left)
-        # A first search weighs by no model error of its own; and a play leaves rebounds, which stretch one of its fits.
-        own = problem.with_model_error(best.score.sizes)
-        fit = best.fit if own.errors.sizes == problem.errors.sizes else refitted(own, best.fit, len(search.base.z))
-        ways = [stretched(own, one) for one in weighed_both_ways(own, fit, len(search.base.z))]
-        signs |= min(ways, key=lambda sign: sign["prior"])
+        if not rebounds(problem, best.names) or share_of(problem, near, best.fit) < settings.HALF:
+            # A first search weighs by no model error of its own; and rebounds stretch one fit of a play's two.
+            own, count = problem.with_model_error(best.score.sizes), len(search.base.z)
+            fit = best.fit if own.errors.sizes == problem.errors.sizes else refitted(own, best.fit, count)
+            ways = [stretched(own, one) for one in weighed_both_ways(own, fit, count)]
+            signs |= min(ways, key=lambda sign: sign["prior"])
         rows = rank(counted, signs, numbers, groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
     left = beyond_noise(problem, held.rms(problem.inputs), floor)
