@@ -270,13 +270,15 @@ def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
 def event_gain(problem: Problem, fit: Fitted) -> float:
     """What brief events, whose choice is paid for, add to the logarithm of the likelihood of a fit of base parameters,
     alone and beside the likeliest law of one place, the less: an axis' own ripple, or a sensor that wanders, is no
-    event, nor is what a wrong law leaves."""
-    survey, gains = survey_of(problem, fit), list[float]()
+    event, nor is what a wrong law leaves, nor are as many as are tried, alone and beside it: waves have them anywhere.
+    """
+    survey, gains, few = survey_of(problem, fit), list[float](), False
     port, law = max(evidence_of(Weigher(survey), Ports(survey).all()), key=lambda one: one[1].log)
     for base in (survey.base, np.hstack([survey.base, law.size * port.columns])):
         pulses = pulses_of(beside := replace(survey, base=base), weigher := Weigher(beside))
         gains.append(-math.inf if pulses is None else pulses.evidence.log - pulses.choices - weigher.nothing())
-    return min(gains)
+        few |= pulses is not None and len(pulses.pulses) < MOST
+    return min(gains) if few else -math.inf
 
 
 def robust_left(survey: Survey) -> Array:

@@ -19,6 +19,7 @@ from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
     Weighed,
     advantage,
+    is_lag,
     lag_explains,
     model_error_rms,
     only_mends,
@@ -126,11 +127,12 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     if best is not None and stands:
         left = beyond_noise(problem, best.fit.rms(problem.inputs), floor)
         signs = stays_beside(problem, search.base, best.fit, left)
-        if not rebounds(problem, best.names) or share_of(problem, near, best.fit) < settings.HALF:
-            # A first search weighs by no model error of its own; and rebounds stretch one fit of a play's two.
+        inexact = rebounds(problem, best.names) or any(is_lag(problem, name) for name in best.names)
+        if not inexact or share_of(problem, near, best.fit) < settings.HALF:
+            # A first search weighs by no model error of its own, and rebounds stretch one fit of a play: the least.
             own, count = problem.with_model_error(best.score.sizes), len(search.base.z)
-            fit = best.fit if own.errors.sizes == problem.errors.sizes else refitted(own, best.fit, count)
-            ways = [stretched(own, one) for one in weighed_both_ways(own, fit, count)]
+            fits = {own: refitted(own, best.fit, count), problem: best.fit}
+            ways = [stretched(p, one) for p, fit in fits.items() for one in weighed_both_ways(p, fit, count)]
             signs |= min(ways, key=lambda sign: sign["prior"])
         rows = rank(counted, signs, numbers, groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
