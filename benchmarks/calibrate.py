@@ -161,7 +161,8 @@ def _ranked(row: Row, numbers: Mapping[str, float]) -> tuple[Hypothesis, ...]:
     counted = [(tuple(names), float(merit)) for names, merit in row["counted"]]
     stands = any(names and merit > numbers["threshold"] for names, merit in counted)
     beside = stands and logistic_argument(row["evidence"], numbers) > 0.0
-    if row["word"] == "unknown" and kind_of(row) == "hoist" and not beside:
+    much = kind_of(row) == "hoist" and row["evidence"].get("left", 0.0) > 1.0
+    if row["word"] == "unknown" and much and not beside:
         numbers = none_missed(numbers)
     return rank(counted, row["evidence"], numbers, twins)
 

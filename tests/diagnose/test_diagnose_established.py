@@ -150,6 +150,31 @@ def test_a_cause_that_leaves_base_values_far_off_is_not_the_one_that_moved_them(
     assert (ReasonKind.STRETCHES_TOLERANCES in told) == (word == "unknown")
 
 
+@pytest.mark.parametrize(("left", "off", "least", "most"), [(1.0, 0.0, 0.9, 1.0), (0.0, 8.0, 0.5, 0.7)])
+def test_an_unknown_cause_of_a_hoist_is_sure_by_what_is_left_and_not_by_base_values(
+    left: float, off: float, least: float, most: float, bump: tuple[Campaign, SearchResult]
+):
+    """An untouched hoist whose base values lay far off by chance had an unknown cause at 0.95."""
+    search = bump[1]
+    std = bounds_of(search.base.free)[2]
+    shown = np.linalg.norm(search.problem.errors.whiten(search.base.jacobian), axis=0) * std
+    far = int(np.argmax(np.where(np.isfinite(std) & ~logarithmic_of(search.base.free), shown, 0.0)))
+
+    def made(one: Fitted) -> Fitted:
+        z, residual = np.zeros(len(one.z)), left * one.residual
+        z[far] = off * std[far]
+        white = search.problem.errors.whiten(residual)
+        return replace(one, z=z, residual=residual, chi2=float(white @ white), prior=off**2)
+
+    near = made(search.within_tolerances)
+    true = search.fits[TRUE,]
+    z = np.pad(near.z, (0, len(true.z) - len(near.z)))
+    idle = replace(true, z=z, residual=near.residual, chi2=near.chi2, prior=near.prior)
+    judged = judge.judge(replace(search, fits={(TRUE,): idle}, base=made(search.base), within_tolerances=near))
+    assert judged.word == "unknown", judged.ranking
+    assert least < judged.ranking[0].probability <= most
+
+
 def test_a_cause_whose_amount_may_as_well_be_none_is_no_surer_than_a_half(
     bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
 ):

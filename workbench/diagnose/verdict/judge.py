@@ -140,8 +140,10 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     if not stands:  # nor is no gap what leaves much
         signs = signs_of(problem, near, left)
         rows = rank(counted, signs, numbers, groups)
+    # A hoist that leaves much has a cause, and all listed ones show; base values are stretched by chance, too.
     beside = stands and logistic_argument(signs, numbers) > 0.0  # an established cause: a listed one may be missed
-    if rows[0].verdict == "unknown" and kind_of(problem.machine).floor == "sensors" and not beside:
+    much = kind_of(problem.machine).floor == "sensors" and signs["left"] > 1.0
+    if rows[0].verdict == "unknown" and much and not beside:
         rows = rank(counted, signs, settings.none_missed(numbers), groups)
     return Judged(
         word=rows[0].verdict,
