@@ -128,7 +128,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         left = beyond_noise(problem, best.fit.rms(problem.inputs), floor)
         signs = stays_beside(problem, search.base, best.fit, left)
         inexact = rebounds(problem, best.names) or any(is_lag(problem, name) for name in best.names)
-        if not inexact or share_of(problem, near, best.fit) < settings.HALF:
+        if not inexact or share_of(problem, near, best.fit) < settings.MINOR:
             # A first search weighs by no model error of its own, and rebounds stretch one fit of a play: the least.
             own, count = problem.with_model_error(best.score.sizes), len(search.base.z)
             fits = {own: refitted(own, best.fit, count), problem: best.fit}
