@@ -36,8 +36,8 @@ from workbench.blind.run import run
 from workbench.blind.score import open_and_score
 from workbench.blind.seal import key_of
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.settings import CALIBRATION, calibration, none_missed
-from workbench.diagnose.verdict.answer import Hypothesis, logistic_argument, rank
+from workbench.diagnose.hypotheses.settings import CALIBRATION, calibration
+from workbench.diagnose.verdict.answer import Hypothesis, logistic_argument, none_missed, rank
 
 Row = Mapping[str, Any]
 STATED = ("surer", "missed_no_gap", "missed_unknown")
@@ -160,10 +160,8 @@ def _ranked(row: Row, numbers: Mapping[str, float]) -> tuple[Hypothesis, ...]:
     twins = [[tuple(names) for names in group] for group in row.get("twins") or ()]
     counted = [(tuple(names), float(merit)) for names, merit in row["counted"]]
     stands = any(names and merit > numbers["threshold"] for names, merit in counted)
-    beside = stands and logistic_argument(row["evidence"], numbers) > 0.0
-    much = kind_of(row) == "hoist" and row["evidence"].get("left", 0.0) > 1.0
-    if row["word"] == "unknown" and much and not beside:
-        numbers = none_missed(numbers)
+    if row["word"] == "unknown" and kind_of(row) == "hoist":
+        numbers = none_missed(row["evidence"], stands, numbers)
     return rank(counted, row["evidence"], numbers, twins)
 
 

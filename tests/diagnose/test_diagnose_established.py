@@ -141,7 +141,7 @@ def test_a_cause_that_leaves_base_values_far_off_is_not_the_one_that_moved_them(
 
     fits = {names: moved(one) for names, one in search.fits.items()}
     base, near = moved(search.base), moved(search.within_tolerances)
-    monkeypatch.setattr(judge, "refitted", lambda problem, fit, base: fit)
+    monkeypatch.setattr(judge, "reweighed", lambda problem, fit, base: fit)
     monkeypatch.setattr(judge, "rebounds", lambda problem, names: bool(play))
     judged = judge.judge(replace(search, fits=fits, base=base, within_tolerances=near))
     assert judged.best is not None and judged.best.names == (TRUE,) and judged.stands

@@ -45,8 +45,8 @@ from workbench.diagnose.hypotheses.held_out import (
 )
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.hypotheses.settings import calibration, none_missed
-from workbench.diagnose.verdict.answer import Hypothesis, rank
+from workbench.diagnose.hypotheses.settings import calibration
+from workbench.diagnose.verdict.answer import Hypothesis, none_missed, rank
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runners_up
 from workbench.effects import effects_for, find, ranges_of
 from workbench.machines import default_hoist, get_value, with_values
@@ -372,8 +372,8 @@ def test_structure_that_the_best_leaves_makes_the_cause_unknown(numbers: dict[st
 
 def test_an_unknown_cause_is_surer_of_a_machine_that_leaves_nothing_itself():
     """Of 22 hoists whose answer was unknown all had an unlisted cause, and 0.64 was stated."""
-    left = {**NO_EVIDENCE, "left": 2.0}
-    alone, other = (rank(named([20.0]), left, numbers)[0] for numbers in (none_missed(calibration()), calibration()))
+    left, numbers = {**NO_EVIDENCE, "left": 2.0}, calibration()
+    alone, other = (rank(named([20.0]), left, these)[0] for these in (none_missed(left, False, numbers), numbers))
     assert alone.verdict == other.verdict == "unknown"
     assert other.probability < 0.7 < 0.9 < alone.probability
 

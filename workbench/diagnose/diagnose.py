@@ -349,9 +349,9 @@ def diagnose(
     warnings = (*warnings, *differing(delivered))
     held = fit or (unknown.fitted if unknown else search.within_tolerances)
     remainder = remainder_of(problem, held, len(search.base.z), shrink, seed)
-    open_amounts = may_be_none(problem, fit) if fit is not None else ()
-    warnings += tuple(f"{name}: within its standard error it may as well be none" for name in open_amounts)
-    if judged.word == "named" and (also or leaves_most(remainder) or shrink.ci95[0] <= 1.0 or open_amounts):
+    idle = may_be_none(problem, fit) if fit is not None else ()
+    warnings += tuple(f"{name}: by the 90 % interval of its amount it may as well be none" for name in idle)
+    if judged.word == "named" and (also or leaves_most(remainder) or shrink.ci95[0] <= 1.0 or idle):
         judged = replace(judged, ranking=shared(judged.ranking, also))
     say(Progress(Stage.CONSEQUENCES))
     changes, why_not = None, "Not asked for."

@@ -331,9 +331,8 @@ class Search:
         """The result of the same campaign posed otherwise: what counts is refitted, the rest weighed."""
         evidence = {w.names: w.evidence for w in self.weighed(result)}
         counts = {names for names, worth in evidence.items() if worth > max(evidence.values()) - SLACK}
-        for size in range(
-            max(map(len, counts), default=0), 1, -1
-        ):  # the evidence of several builds on that of their best part
+        # The evidence of several builds on that of their best part.
+        for size in range(max(map(len, counts), default=0), 1, -1):
             for names in [names for names in counts if len(names) == size]:
                 counts |= {max(combinations(names, size - 1), key=lambda part: evidence.get(part, -math.inf))}
 

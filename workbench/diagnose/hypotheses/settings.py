@@ -42,8 +42,3 @@ def calibration() -> Mapping[str, float]:
     """
     numbers: Mapping[str, float] = json.loads(CALIBRATION.read_text(encoding="utf-8"))["numbers"]
     return numbers
-
-
-def none_missed(numbers: Mapping[str, float]) -> Mapping[str, float]:
-    """The numbers for an unknown cause of a machine that leaves nothing itself: no listed one has its gap unseen."""
-    return {**numbers, "missed_unknown": 0.0}

@@ -198,6 +198,14 @@ def logistic_argument(signs: Mapping[str, float], numbers: Mapping[str, float]) 
     return numbers["unknown_bias"] * (1.0 - min(sum(value**2 for value in signs.values()), 2.0))
 
 
+def none_missed(signs: Mapping[str, float], stands: bool, numbers: Mapping[str, float]) -> Mapping[str, float]:
+    """The numbers for an unknown cause of a machine that leaves nothing itself: where it leaves much, no listed cause
+    is one that the fits miss. Base values are stretched by chance, too; and beside an established cause (`stands`) that
+    speaks for another one, that may be listed."""
+    beside = stands and logistic_argument(signs, numbers) > 0.0
+    return {**numbers, "missed_unknown": 0.0} if signs.get("left", 0.0) > 1.0 and not beside else numbers
+
+
 @dataclass(frozen=True)
 class _Shares:
     """Probabilities; named: of each hypothesis, 0 for evidence without names."""

@@ -39,7 +39,7 @@ from workbench.diagnose.verdict.answer import (
     ReasonKind,
     Step,
     VerdictWord,
-    logistic_argument,
+    none_missed,
     rank,
 )
 from workbench.diagnose.verdict.constancy import Constancy, constancies
@@ -130,9 +130,11 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         inexact = rebounds(problem, best.names) or any(is_lag(problem, name) for name in best.names)
         if not inexact or share_of(problem, near, best.fit) < settings.MINOR:
             # A first search weighs by no model error of its own, and rebounds stretch one fit of a play: the least.
-            own, count = problem.with_model_error(best.score.sizes), len(search.base.z)
-            fits = {own: refitted(own, best.fit, count), problem: best.fit}
-            ways = [stretched(p, one) for p, fit in fits.items() for one in weighed_both_ways(p, fit, count)]
+            count, known = len(search.base.z), [(problem, best.fit)]
+            if best.score.sizes != problem.errors.sizes:
+                own = problem.with_model_error(best.score.sizes)
+                known.append((own, reweighed(own, best.fit, count)))
+            ways = [stretched(p, one) for p, fit in known for one in weighed_both_ways(p, fit, count)]
             signs |= min(ways, key=lambda sign: sign["prior"])
         rows = rank(counted, signs, numbers, groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
@@ -140,11 +142,8 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     if not stands:  # nor is no gap what leaves much
         signs = signs_of(problem, near, left)
         rows = rank(counted, signs, numbers, groups)
-    # A hoist that leaves much has a cause, and all listed ones show; base values are stretched by chance, too.
-    beside = stands and logistic_argument(signs, numbers) > 0.0  # an established cause: a listed one may be missed
-    much = kind_of(problem.machine).floor == "sensors" and signs["left"] > 1.0
-    if rows[0].verdict == "unknown" and much and not beside:
-        rows = rank(counted, signs, settings.none_missed(numbers), groups)
+    if rows[0].verdict == "unknown" and kind_of(problem.machine).floor == "sensors":
+        rows = rank(counted, signs, none_missed(signs, stands, numbers), groups)
     return Judged(
         word=rows[0].verdict,
         names=rows[0].effects,
@@ -305,8 +304,8 @@ def established(
     return next(iter(listed), None), mimics
 
 
-def refitted(problem: Problem, fit: Fitted, base: int) -> Fitted:
-    """A fit as another error model weighs it; or as it is, where that breaks down."""
+def reweighed(problem: Problem, fit: Fitted, base: int) -> Fitted:
+    """A fit as the problem weighs its samples, refitted; or as it is, where that breaks down."""
     try:
         return fit_hypothesis(problem, fit.effects, fit.free, fit.z, base=base)
     except BREAKDOWNS:
