@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from tests.support.commands import Commands
@@ -27,7 +29,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Run
 from workbench.identify.fit import Fit, bounded, fit, minimise
 from workbench.identify.identify import Identification, friction_levels, identify
-from workbench.identify.model import BalanceModel, free_parameters
+from workbench.identify.model import BalanceModel, Free, free_parameters
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import HOIST as HOIST_KIND
 from workbench.machines import Hoist, LinearAxis, default_hoist, get_value, load_machine, value_names, with_values
@@ -334,6 +336,12 @@ def test_levels_of_an_axis_with_a_known_load_are_found_each():
     assert fitted_values.values()["friction.coulomb_forward_n"] == pytest.approx(20.0, abs=0.3)
     assert fitted_values.values()["friction.coulomb_backward_n"] == pytest.approx(24.0, abs=0.3)
     assert "held alike" not in statements(fitted_values)
+
+
+@given(nominal=st.floats(0.01, 1e5), scale=st.floats(0.01, 1e5))
+def test_a_value_at_its_bound_is_one_that_its_file_may_hold(nominal, scale):
+    value = Free("friction.viscous_n_s_per_m", "b", nominal, scale, False, 0.0, None)
+    assert value.value(value.lowest_z) == pytest.approx(0.0, abs=1e-9 * nominal) and value.value(value.lowest_z) >= 0.0
 
 
 @pytest.mark.parametrize(

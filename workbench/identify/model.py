@@ -39,7 +39,9 @@ class Free:
     prior_std: float | None
 
     def value(self, z: float) -> float:
-        return self.nominal * math.exp(self.scale * z) if self.logarithmic else self.nominal + self.scale * z
+        if self.logarithmic:
+            return self.nominal * math.exp(self.scale * z)
+        return max(self.lowest, self.nominal + self.scale * z)  # at its bound, whatever rounding says
 
     def std_error(self, z: float, std_z: float) -> float:
         """A standard error of z, in the value's own unit."""
