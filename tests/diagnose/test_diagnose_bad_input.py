@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -153,6 +154,11 @@ ON_AXIS: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
 }  # fmt: skip
 
 
+def _thinned(run: Run, stride: int) -> Run:
+    signals = {name: values[::stride] for name, values in run.signals.items()}
+    return replace(run, time_s=run.time_s[::stride], signals=signals)
+
+
 def _still(run: Run) -> Run:
     noise = np.random.default_rng(2).normal(scale=0.03, size=len(run.time_s))
     torque = 400.0 + np.random.default_rng(3).normal(scale=2.0, size=len(run.time_s))
@@ -213,16 +219,17 @@ def test_what_runs_cannot_show_is_a_warning(hoist: Campaign, name: str):
     assert any(said in text for text in check_runs(made(hoist)))
 
 
+@pytest.mark.parametrize(("stride", "coarse"), [(10, False), (50, True)])
+def test_a_log_with_few_samples_a_ramp_is_a_warning(axis: Campaign, stride: int, coarse: bool):
+    """Waves of 2.7 Hz, logged at 100 and at 20 Hz."""
+    runs = tuple(replace(_thinned(axis.runs[0], stride), name=name) for name in "abcd")
+    assert any("The steepest ramps last" in text for text in check_runs(replace(axis, runs=runs))) == coarse
+
+
 @pytest.mark.parametrize("stride", [1, 2])
 def test_units_are_seen_at_fifty_hertz_too(hoist: Campaign, stride: int):
     """100 and 50 Hz."""
-
-    def thinned(run: Run) -> Run:
-        return replace(
-            run, time_s=run.time_s[::stride], signals={name: values[::stride] for name, values in run.signals.items()}
-        )
-
-    slow = changed(hoist, ALL, thinned)
+    slow = changed(hoist, ALL, partial(_thinned, stride=stride))
     check_runs(slow)
     assert "in rpm" in refusal(scaled(slow, ALL, speed_motor_rad_s=RPM))
 

@@ -376,13 +376,14 @@ def test_a_law_that_holds_on_other_runs_is_a_gap_of_a_hoist_below_its_model_erro
     assert (signs_of(problem, near, Left(0.0, 0.0, False))["left"] > 1.0) == told
 
 
-def test_a_machine_whose_equation_leaves_half_of_its_input_is_none_without_a_gap(shared_data: Path):
-    """No law of one variable told of what an actuator left, half of its current; the answer was no gap, at 0.85."""
+def test_a_machine_whose_equation_leaves_a_fifth_of_its_input_is_none_without_a_gap(shared_data: Path):
+    """No law of one variable told of what an actuator left, half of its current; the answer was no gap, at 0.85, and of
+    another one 39 %, at 0.76. Eleven recorded machines leave 0.3 to 11 %."""
     campaign = read_campaign(shared_data / "axes" / "01")
     problem = Problem(campaign.machine, campaign.runs)
     free = list(base_parameters(problem.machine, problem.runs).values())
     near = fit_hypothesis(problem, (), free, np.zeros(len(free)), 60)
-    nothing, much, most = (signs_of(problem, near, Left(1.0, percent, True))["left"] for percent in (0.0, 45.0, 55.0))
+    nothing, much, most = (signs_of(problem, near, Left(1.0, percent, True))["left"] for percent in (0.0, 11.4, 21.0))
     assert nothing < much < 1.0 < most
 
 

@@ -33,6 +33,7 @@ ONE_WAY = 0.03  # of the moving time the other way: too little to tell friction 
 ONE_SPEED = 0.7  # of the larger cruising speeds over the smaller: slower and faster are then one speed
 EVEN = 0.1  # of the largest acceleration: below it counts as cruising
 PAYLOADS_ALIKE = 0.02  # of the moved mass: less is no other payload
+FEW_SAMPLES = 5.0  # of a ramp: fewer, and an acceleration is hardly in the log
 BAND_SHARE = 0.5  # of the band: farther below the wire's resonance the machine is nearly rigid
 TURNS_OVER = 0.005  # of the speed scale: where friction takes on its full value
 SURE = 5.0  # standard errors
@@ -448,7 +449,20 @@ def variety(bench: InverseSimulation) -> tuple[str, ...]:
             "All runs move at one speed: only their ramps tell friction that grows or falls with the speed from a "
             "constant level; a slow run beside a fast one would show it."
         )
+    coarse = {bench.runs[j].name: samples for j in going if (samples := _ramp(bench, j)) < FEW_SAMPLES}
+    if coarse:
+        sentences.append(
+            f"The steepest ramps last {min(coarse.values()):.1f} samples in {listed(list(coarse))}: inertia, delays "
+            "and what changes within a ramp hardly show; a faster log, or slower ramps, would show them."
+        )
     return tuple(sentences)
+
+
+def _ramp(bench: InverseSimulation, j: int) -> float:
+    """Samples that the steepest ramps of run j take from its least to its largest speed, one in a hundred left out."""
+    speed = bench.motions[j].speed
+    steps = np.abs(np.diff(speed))[bench.moving[j][1:]]
+    return float(np.ptp(speed) / max(float(np.percentile(steps, 99.0)), 1e-300)) if len(steps) else math.inf
 
 
 def _one_speed(bench: InverseSimulation, going: Sequence[int], speeds: Sequence[Array]) -> bool:
