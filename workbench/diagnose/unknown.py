@@ -201,7 +201,7 @@ def _tabled(problem: Problem, fitted: Fitted, place: str) -> Explained:
         return _in_vain(problem, fitted, alone, first, by_chance)
     others = [table.curve() for table in tried if table is not best.tried and table.fit.explains > SHOWN]
     curves = (first, *others)
-    sentences = _sentences(problem, curves, kept, before, best.rms, unseen.rms(problem.inputs))
+    sentences = _sentences(problem, curves, kept, (before, best.rms), (alone, unseen))
     return Explained(curves, sentences, best.fitted, before, best.rms, unseen, machines)
 
 
@@ -244,20 +244,27 @@ def _left_out(problem: Problem) -> str:
 
 
 def _sentences(
-    problem: Problem, curves: Sequence[Curve], share: float, before: float, after: float, unseen: float
+    problem: Problem,
+    curves: Sequence[Curve],
+    share: float,
+    fits: tuple[float, float],
+    left_out: tuple[HeldOut, HeldOut],
 ) -> tuple[str, ...]:
+    """fits: rms, left_out: each run by a fit without it; base parameters alone, and beside the table."""
     best = curves[0]
     unit = "N m" if problem.bench.plant.input.endswith("nm") else "N"
     force, kind = ("N", "force") if best.acts_on == "guide" or unit == "N" else ("N m", "torque")
     low, high = (float(f(np.concatenate([best.forward, best.backward]))) for f in (np.min, np.max))
+    (before, after), (alone, unseen) = (
+        [figures(rms, 2) for rms in both] for both in (fits, (held.rms(problem.inputs) for held in left_out))
+    )
     sentences = [
         f"Of tables over one variable a {kind} at the {best.acts_on} over {over_what(best.over)} explains most: "
         f"{percent_of(share)} of the gap's energy on {_left_out(problem)}. It lies between "
         f"{span(low, high, force).replace(' to ', ' and ')} against the motion; a constant in it cannot be told from "
         "the friction levels.",
-        f"With that {kind} as a table beside the base parameters, {figures(after, 2)} {unit} rms are left of "
-        f"{figures(before, 2)} {unit}; on {_left_out(problem)} {figures(unseen, 2)} {unit}. The noise is "
-        f"{figures(problem.noise, 2)} {unit}.",
+        f"With that {kind} as a table beside the base parameters, {after} {unit} rms are left of {before} {unit}; on "
+        f"{_left_out(problem)} {unseen} of {alone} {unit}. The noise is {figures(problem.noise, 2)} {unit}.",
     ]
     if len(curves) > 1 and curves[1].explains > 0.9 * best.explains:
         sentences.append(
