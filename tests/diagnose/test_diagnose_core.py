@@ -628,8 +628,8 @@ def test_no_fit_is_made_twice_from_one_start(monkeypatch: pytest.MonkeyPatch):
         linearised.append((repr(sorted(base.items())), *(effect.id for effect in effects)))
         return signatures_of(problem, effects, base, *rest)
 
-    monkeypatch.setattr("workbench.diagnose.hypotheses.search.signatures_of", signed)
-    monkeypatch.setattr("workbench.diagnose.hypotheses.search.fit_hypothesis", counted)
+    monkeypatch.setattr("workbench.diagnose.hypotheses.fits.signatures_of", signed)
+    monkeypatch.setattr("workbench.diagnose.hypotheses.fits.fit_hypothesis", counted)
     search.causes(2, 1, 0.0)
     assert search._strained(search.base_fit()) and len(starts) == len(set(starts))
     first = len(starts)

@@ -125,7 +125,7 @@ def lag_explains(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -
 
 
 def smooths(problem: Problem, fit: Fitted) -> bool:
-    """Whether a late motion undoes the lag of a filter of the input, but for SMOOTHED of it: the prediction is made
+    """Whether a late motion undoes the lag of a filter of the input, but for MINOR of it: the prediction is made
     smoother, and later by what the motion is later still. No data tell that from a motion that is late by the rest
     alone; a smoother prediction takes off what the motion holds and the input does not ask for, as cogging or noise at
     high frequency."""
@@ -133,7 +133,7 @@ def smooths(problem: Problem, fit: Fitted) -> bool:
         return False
     (lag,) = ranges_of(problem.effect(FILTER), problem.machine, problem.runs)
     lag_s, *late = (float(np.mean(fit.setting.get(one, 0.0))) for one in (lag.symbol, LOG_TIMING, problem.late))
-    return sum(late) > (1.0 - settings.SMOOTHED) * lag_s
+    return sum(late) > (1.0 - settings.MINOR) * lag_s
 
 
 def is_lag(problem: Problem, name: str) -> bool:

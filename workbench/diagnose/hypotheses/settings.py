@@ -25,9 +25,8 @@ IMPACTS = 150.0  # evidence of a play where impacts come again: no other effect 
 # A law that holds
 RESTS = 0.25  # rest, and of a hoist's cause what stays over what it takes: 0.2 at most, and 0.4 and more
 FORETOLD = 0.1  # of an energy: so much a curve, a change of amount, another lag or the base parameters take by chance
-SMOOTHED = 0.2  # of a filter's lag: as far the delays of two causes agree by chance in one of ten
 HALF = 0.5  # of the best one's evidence: what a part of it needs; of several shares' energy: their sum
-MINOR = 0.2  # of the gap: of five causes surer than one half that explained less two were none; of the input
+MINOR = 0.2  # of the gap, of the input, of a filter's lag: of five surer causes that explained less two were none
 
 # An unknown cause
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study
