@@ -24,9 +24,10 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.fit import Fitted
+from workbench.diagnose.hypotheses.fit import Fitted, parameters_of, parts_of
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, nuisance_std
 from workbench.diagnose.hypotheses.problem import Problem, once, rms
+from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.effects import effects_for, find, ranges_of
 from workbench.machines import kind_of
 from workbench.simulate.model_error import Sizes
@@ -98,10 +99,10 @@ def only_mends(problem: Problem, effect: str) -> bool:
     return problem.struck and is_lag(problem, effect)
 
 
-def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score, law: float = 0.0) -> float:
-    """The gain that another effect could have by correcting the inexact law of this fit: `law` of what the fit
-    explains, as rms; LAW where that is a play with its impacts."""
-    off = settings.LAW if problem.struck and PLAY in fit.effects else law
+def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score) -> float:
+    """The gain that another effect could have by correcting the inexact law of a play with its impacts: LAW of what the
+    fit explains, as rms."""
+    off = settings.LAW if problem.struck and PLAY in fit.effects else 0.0
     return off**2 * explained(problem, near, fit, score)
 
 
@@ -246,8 +247,8 @@ def weigh(
                 continue
             gain, rival = base.objective - fit.objective, any(name in rivals for name in names)
             together[names] = Weighed(names, fit, gain, evidence, score, rival)
-        by_names |= together  # a freer law pays once, however many there are beside it
-        weighed += [_not_freer(problem, near, w, together, fits) for w in together.values()]
+        by_names |= together
+        weighed += _paid(problem, together, len(base.z)).values()
     return tuple(sorted(weighed, key=lambda w: -w.evidence))
 
 
@@ -267,14 +268,24 @@ def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: S
     return of_impacts(problem, {last}, evidence) if last == PLAY else evidence
 
 
+def _paid(problem: Problem, together: Mapping[Names, Weighed], base: int) -> dict[Names, Weighed]:
+    """Hypotheses of as many effects, after freer laws have paid for their freedom (`_not_freer`): simpler ones first,
+    for a freer one is held against what they come to."""
+    paid: dict[Names, Weighed] = {}
+    for w in sorted(together.values(), key=lambda w: len(w.fit.z)):
+        paid[w.names] = _not_freer(problem, w, together, paid, base)
+    return paid
+
+
 def _not_freer(
-    problem: Problem, near: Fitted, mine: Weighed, beside: Mapping[Names, Weighed], fits: Mapping[Names, Fitted]
+    problem: Problem, mine: Weighed, beside: Mapping[Names, Weighed], paid: Mapping[Names, Weighed], base: int
 ) -> Weighed:
     """The hypothesis with less evidence, if it is not better by the threshold than the best simpler law of the place
-    and regime of each of its effects: the shortfall is subtracted. No more is it where its prediction is off that of
-    the simpler law by less than LAW of what that law explains, rms: so far a real machine is off any law; but by what
-    it relieves the tolerances. What the law explains is what it adds to the effects that both have."""
-    lost, least = 0.0, settings.calibration()["threshold"]
+    and regime of each of its effects: the shortfall is subtracted, with what that one has paid itself (`paid`). No more
+    is it where its prediction is off that of the simpler law by less than LAW of what that law explains, rms: so far a
+    real machine is off any law; but by what it relieves the tolerances. base: how many of a fit's z are the base
+    parameters'."""
+    most, least = mine.evidence, settings.calibration()["threshold"]
     best: dict[str, Weighed] = {}
     for names, other in beside.items():
         own, its = set(mine.names) - set(names), set(names) - set(mine.names)
@@ -282,23 +293,36 @@ def _not_freer(
             (freer,) = own
             best[freer] = max(other, best.get(freer, other), key=lambda w: w.evidence)
     for other in best.values():
-        names = other.names
-        without = fits.get(tuple(name for name in names if name in mine.names), near)
-        rows = slice(0, problem.inputs)
-        bent, law = (fit.residual[rows] - other.fit.residual[rows] for fit in (mine.fit, without))
-        raw, real = mine.evidence - other.evidence, advantage(problem, without, mine, other, settings.LAW)
-        if rms(bent) < settings.LAW * rms(law):
+        off = settings.LAW**2 * own_energy(problem, other, tuple({*other.names} - {*mine.names}), base)
+        real = advantage(mine, other, off)
+        bent = problem.errors.sized(other.score.sizes).whiten(mine.fit.residual - other.fit.residual)
+        if float(bent @ bent) < off:
             real = min(real, max(other.fit.prior - mine.fit.prior, 0.0))
-        lost = max(lost, raw - real + min(max(least - real, 0.0), least))
-    return replace(mine, evidence=mine.evidence - lost)
+        most = min(most, paid[other.names].evidence + real - min(max(least - real, 0.0), least))
+    return replace(mine, evidence=most)
 
 
-def advantage(problem: Problem, near: Fitted, mine: Weighed, other: Weighed, law: float) -> float:
+def own_energy(problem: Problem, w: Weighed, names: Names, base: int) -> float:
+    """The energy of what effects of a hypothesis explain, whitened as it is, without what the others of its parameters
+    could take up within their tolerances: the same law explains as much alone as beside others. base: how many of its z
+    are the base parameters'."""
+
+    def found() -> float:
+        own = parameters_of(w.fit, names, base)[0]
+        stays = np.repeat([one not in own for one in w.fit.free], [one.size for one in w.fit.free])
+        free = tuple(one for one in w.fit.free if one not in own)
+        others = replace(w.fit, free=free, z=w.fit.z[stays], jacobian=w.fit.jacobian[:, stays])
+        sized = problem.with_model_error(w.score.sizes)
+        return float(np.sum(Projection.of(sized, others).clean(parts_of(problem, w.fit, [names]).T) ** 2))
+
+    return once(problem, (w.fit, names, "own energy", w.score.sizes), found)
+
+
+def advantage(mine: Weighed, other: Weighed, off: float) -> float:
     """How much better a hypothesis is than another one whose inexact law it may only correct: the difference of the
-    tolerances in full, that of the data above the other one's inexactness, `law` of what it explains, rms."""
+    tolerances in full, that of the data above what the other one's law may be off."""
     prior = other.fit.prior - mine.fit.prior
-    least = inexact(problem, near, other.fit, other.score, law)
-    return prior + beyond(mine.evidence - other.evidence - prior, least)
+    return prior + beyond(mine.evidence - other.evidence - prior, off)
 
 
 def beyond_nuisance(problem: Problem, fit: Fitted, name: str, evidence: float) -> float:

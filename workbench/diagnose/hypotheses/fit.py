@@ -31,6 +31,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     Scalar,
     Setting,
     bounds_of,
+    inward,
     logarithmic_of,
     setting_of,
 )
@@ -261,11 +262,12 @@ def _slopes(fit: Fitted) -> dict[str, Array]:
     """symbol -> (values, m): the derivative of each value by z; angles by their shorter way round."""
     base = {name: np.atleast_1d(np.array(value)) for name, value in fit.setting.items()}
     slopes = {name: np.zeros((len(value), len(fit.z))) for name, value in base.items()}
-    for k, row in enumerate(SLOPE_STEP * np.eye(len(fit.z))):
+    steps = inward(fit.free, fit.z, np.full(len(fit.z), SLOPE_STEP))
+    for k, row in enumerate(np.diag(steps)):
         moved = setting_of(fit.free, fit.z + row)
         for name, value in moved.items():
             change = np.atleast_1d(np.array(value)) - base[name]
             if name.endswith("phase_rad"):
                 change = (change + math.pi) % (2.0 * math.pi) - math.pi
-            slopes[name][:, k] = change / SLOPE_STEP
+            slopes[name][:, k] = change / steps[k]
     return slopes

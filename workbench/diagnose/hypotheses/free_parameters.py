@@ -178,6 +178,11 @@ def bounds_of(free: Sequence[FreeParameter]) -> tuple[Array, Array, Array]:
     )
 
 
+def inward(free: Sequence[FreeParameter], z: Array, steps: Array) -> Array:
+    """Steps of z for derivatives, turned round where they lead over an upper bound: beyond it no value changes."""
+    return np.where(z + steps > bounds_of(free)[1], -steps, steps)
+
+
 def logarithmic_of(free: Sequence[FreeParameter]) -> np.ndarray:
     """(len(z),) bool."""
     return np.array([parameter.logarithmic for parameter in free for _ in range(parameter.size)], dtype=bool)

@@ -19,6 +19,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     FreeParameter,
     Scalar,
     Setting,
+    inward,
     setting_of,
 )
 from workbench.effects import Effect, effects_for, find, idle_sensors, logged_input, parts, ranges_of, searchable
@@ -231,9 +232,9 @@ class Problem:
         self, free: Sequence[FreeParameter], z: Array, only: Iterable[int] | None = None, known: Array | None = None
     ) -> tuple[Array, Array]:
         """Residual (samples,), `known` where it is, and its Jacobian (samples, len(z), or those of `only`) by
-        differences."""
+        differences, at an upper bound inward."""
         which = list(range(len(z)) if only is None else only)
-        steps = np.concatenate([self._steps(parameter) for parameter in free])
+        steps = inward(free, z, np.concatenate([self._steps(parameter) for parameter in free]))
         moved = [setting_of(free, z + steps[k] * np.eye(len(z))[k]) for k in which]
         base, change = self.differences(setting_of(free, z), moved, known)
         return base, change.T / steps[which]

@@ -13,16 +13,19 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import chdtri, ndtri
 
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
+    MOST,
     Weighed,
     advantage,
+    inexact,
     is_lag,
     lag_explains,
     model_error_rms,
     only_mends,
+    own_energy,
     same_but_freer,
     smooths,
     weigh,
@@ -177,8 +180,9 @@ def unlisted(
     rivals, least = [w for w in weighed if w.rival], settings.calibration()["threshold"]
     if best is None or not rivals:
         return (rivals[0], rivals[0].evidence - least) if rivals else (None, 0.0)
-    off = [settings.LAW if len(w.names) >= len(best.names) else 0.0 for w in rivals]
-    better = [advantage(problem, near, w, best, law) for w, law in zip(rivals, off, strict=True)]
+    play = inexact(problem, near, best.fit, best.score)
+    law = max(settings.LAW**2 * own_energy(problem, best, best.names, len(near.z)), play)
+    better = [advantage(w, best, law if len(w.names) >= len(best.names) else play) for w in rivals]
     first = int(np.argmax(better))
     return rivals[first], best.evidence + better[first] - least
 
@@ -420,22 +424,25 @@ def _reasons(
 
 
 def _on_bound(problem: Problem, w: Weighed, base: int) -> bool:
-    """Whether an effect's value is at its upper bound, or at a lower one where the effect does not vanish and the data
-    would carry it further: let go, the others refitted, chi^2 falls by g C g, by more than the threshold, g its slope
-    there and C its variance. As narrow as the log can show, a true stretch is on its bound."""
+    """Whether a shape is at its upper bound, where one law turns into another; or an amount there, or a value at a
+    lower bound where the effect does not vanish, and the data would carry it further: let go, the others refitted,
+    chi^2 falls by g C g, by more than the threshold, g its slope there and C its variance. As narrow as the log can
+    show, a true stretch is on its bound, and the load behind a play may be nearly all that moves."""
     (lowest, highest, std), z = bounds_of(w.fit.free), w.fit.z
     rows = problem.errors.sized(w.score.sizes).whiten(np.column_stack([w.fit.jacobian, w.fit.residual]))
     slope, information = rows[:, :-1].T @ rows[:, -1] + z / std**2, rows[:, :-1].T @ rows[:, :-1] + np.diag(std**-2.0)
-    gain = np.maximum(slope, 0.0) ** 2 * np.diag(np.linalg.pinv(information, rcond=1e-12, hermitian=True))
-    further = (z <= lowest + 1e-9) & (z != 0.0) & (gain > settings.calibration()["threshold"])
-    return bool(np.any(((z >= highest - 1e-9) | further)[base:]))
+    gain = slope**2 * np.diag(np.linalg.pinv(information, rcond=1e-12, hermitian=True))
+    low, high = (z <= lowest + 1e-9) & (z != 0.0) & (slope > 0.0), z >= highest - 1e-9
+    shape = np.repeat([not one.amount for one in w.fit.free], [one.size for one in w.fit.free])
+    further = (low | (high & (slope < 0.0))) & (gain > settings.calibration()["threshold"])
+    return bool(np.any(((high & shape) | further)[base:]))
 
 
 def alternatives(judged: Judged, kind: str) -> tuple[Names, ...]:
     """Hypotheses that explain the gap about as well as the answer does, the best first: with another effect in place of
     one of its own, of another place or regime, and about its evidence or in name only; a freer law of the same, where
-    it explains more than its parameters cost, if not by the threshold. In place of a single one, also the simpler law
-    of its own place and regime where that leaves little more."""
+    it explains more than by chance (SIGNIFICANT each way), if not by what its parameters cost and the threshold. In
+    place of a single one, also the simpler law of its own place and regime where that leaves little more."""
     best = next((w for w in judged.weighed if w.names == judged.names), None)
     if judged.word != "named" or best is None:
         return ()
@@ -446,7 +453,9 @@ def alternatives(judged: Judged, kind: str) -> tuple[Names, ...]:
         (mine,), (other,) = set(best.names) - set(w.names), set(w.names) - set(best.names)
         freer, simpler = same_but_freer(other, mine, kind), same_but_freer(mine, other, kind)
         single = len(best.names) == 1
-        reach = settings.calibration()["threshold"] if freer else settings.DECISIVE
+        more = max(len(w.fit.z) - len(best.fit.z), 1)  # parameters, each of which costs as much
+        short = settings.calibration()["threshold"] + more * math.log(MOST) - float(chdtri(more, 2.0 * SIGNIFICANT))
+        reach = short if freer else settings.DECISIVE
         in_name_only = any({best.names, w.names} <= {*group} for group in judged.groups)
         as_good = in_name_only or (best.evidence - w.evidence < reach and (single or not simpler))
         little_more = single and simpler and w.evidence > (1.0 - settings.FORETOLD) * best.evidence
