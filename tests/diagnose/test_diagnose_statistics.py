@@ -35,6 +35,7 @@ from workbench.diagnose.hypotheses.search import Search
 from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
+from workbench.diagnose.verdict import unknown_cause
 from workbench.diagnose.verdict.answer import Left
 from workbench.diagnose.verdict.judge import takes_nothing
 from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of, tolerance_excess
@@ -374,6 +375,22 @@ def test_a_law_that_holds_on_other_runs_is_a_gap_of_a_hoist_below_its_model_erro
     free = list(base_parameters(problem.machine, problem.runs).values())
     near = fit_hypothesis(problem, (), free, np.zeros(len(free)), 60)
     assert (signs_of(problem, near, Left(0.0, 0.0, False))["left"] > 1.0) == told
+
+
+@pytest.mark.parametrize(("number", "likely", "more"), [("campaigns/25", 18.0, 48.0), ("axes/01", 9.0, 18.0)])
+def test_brief_events_have_to_be_likelier_where_all_that_is_left_counts(
+    shared_data: Path, number: str, likely: float, more: float, monkeypatch: pytest.MonkeyPatch
+):
+    """A large hoist that sets off with a full load had e^18, an unknown cause, at 0.83; true ones e^48 and more."""
+    campaign = read_campaign(shared_data / number)
+    problem = Problem(campaign.machine, campaign.runs)
+    free = list(base_parameters(problem.machine, problem.runs).values())
+    told = []
+    for gain in (likely, more):
+        monkeypatch.setattr(unknown_cause, "event_gain", lambda problem, fit, gain=gain: gain)
+        near = fit_hypothesis(problem, (), free, np.zeros(len(free)), 60)
+        told.append(signs_of(problem, near, Left(0.0, 0.0, False))["left"] > 1.0)
+    assert told == [False, True]
 
 
 def test_a_machine_whose_equation_leaves_a_fifth_of_its_input_is_none_without_a_gap(shared_data: Path):
