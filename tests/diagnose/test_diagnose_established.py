@@ -597,6 +597,23 @@ def test_a_brief_event_speaks_for_an_unknown_cause(
     assert (signs_of(problem, near, Left(0.0, 0.0, False))["left"] > 1.0) == told
 
 
+@pytest.mark.parametrize(
+    ("seed", "case", "names", "told"),
+    [((10117, 3), "unknown", ["event_encoder"], True), ((11023, 1), "none", [], False)],
+)
+def test_an_event_is_told_where_the_model_error_near_standstill_has_passed_for_it(
+    seed: tuple[int, int], case: str, names: list[str], told: bool, tmp_path: Path
+):
+    """A coupling slipped beside a reversal: the search took the model error near standstill for eight times as large,
+    beside which half of the residual's energy was none."""
+    make_campaign(tmp_path / "axis", seed, draw(seed, "axis_rates", case, names))
+    campaign = read_campaign(tmp_path / "axis")
+    problem = problem_of(campaign).with_model_error((1.0, 8.0))
+    free = list(base_parameters(campaign.machine, campaign.runs).values())
+    near = fit_hypothesis(problem, (), free, np.zeros(len(free)), 40, len(free))
+    assert (signs_of(problem, near, Left(0.0, 0.0, False))["left"] > 1.0) == told
+
+
 def test_friction_that_comes_and_goes_along_the_way_is_tried_at_its_period(tmp_path: Path):
     """It was tried at two periods, some tens of per cent off, and a drift was named in its place."""
     make_campaign(tmp_path / "axis", (10087, 5), draw((10087, 5), "axis_rates", "unknown", ["friction_wave"]))

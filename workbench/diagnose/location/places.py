@@ -106,7 +106,7 @@ class Weigher:
         factor = cho_factor(np.eye(len(pull)) + base.T @ base)
         z = cho_solve(factor, pull)
         log = -0.5 * (float(y @ y) - float(pull @ z)) - float(np.sum(np.log(np.diag(factor[0]))))
-        log -= 0.5 * errors.log_det() + 0.5 * (math.log(g) / SPREAD) ** 2
+        log -= 0.5 * (errors.log_det() + sum((math.log(size) / SPREAD) ** 2 for size in errors.sizes))
         return _Whitened(g, y, base, factor, z, log)
 
     def nothing(self) -> float:
@@ -271,14 +271,28 @@ def event_gain(problem: Problem, fit: Fitted) -> float:
     """What brief events, whose choice is paid for, add to the logarithm of the likelihood of a fit of base parameters,
     alone and beside the likeliest law of one place, the less: an axis' own ripple, or a sensor that wanders, is no
     event, nor is what a wrong law leaves, nor are as many as are tried, alone and beside it: waves have them anywhere.
+    By the model error near standstill, too, that stays beside them: for that a single one there has passed.
     """
     survey, gains, few = survey_of(problem, fit), list[float](), False
     port, law = max(evidence_of(Weigher(survey), Ports(survey).all()), key=lambda one: one[1].log)
     for base in (survey.base, np.hstack([survey.base, law.size * port.columns])):
-        pulses = pulses_of(beside := replace(survey, base=base), weigher := Weigher(beside))
-        gains.append(-math.inf if pulses is None else pulses.evidence.log - pulses.choices - weigher.nothing())
-        few |= pulses is not None and len(pulses.pulses) < MOST
+        tried = [_pulses_by(beside := replace(survey, base=base))]
+        weigher, pulses = tried[0]
+        if pulses is not None:
+            columns = _scaled(beside, at_rows(beside, _hats(beside, pulses.pulses)), 0.0)
+            (size, near), left = beside.errors.sizes, weigher.part(columns, pulses.evidence)[1]
+            if (stays := beside.errors.likeliest(left)[1][1]) < near:
+                tried.append(_pulses_by(replace(beside, errors=beside.errors.sized((size, stays)))))
+        found = [pulses for _, pulses in tried if pulses is not None]
+        most = max((pulses.evidence.log - pulses.choices for pulses in found), default=-math.inf)
+        gains.append(most - max(weigher.nothing() for weigher, _ in tried))
+        few |= any(len(pulses.pulses) < MOST for pulses in found)
     return min(gains) if few else -math.inf
+
+
+def _pulses_by(survey: Survey) -> tuple[Weigher, Pulses | None]:
+    weigher = Weigher(survey)
+    return weigher, pulses_of(survey, weigher)
 
 
 def robust_left(survey: Survey) -> Array:
