@@ -2,8 +2,8 @@
 
 Short campaigns of one listed cause are drawn. Where the diagnosis leaves the true cause and another one open and states
 that a run decides, with a probability from ASKED on, that run is simulated on the same true machine and the campaign is
-diagnosed with it, and again with the best plain run of the menu that takes no longer in its place. Settled: the true
-cause alone, nothing open.
+diagnosed with it, and again with the best plain run of the menu that takes no longer in its place, or the shortest one.
+Settled: the true cause alone, nothing open.
 
 Few campaigns ask a question. `--runs 1 --profiles slow middle --effects torque_offset carriage_mass_error
 payload_mass_error torque_scale gearbox_efficiency inertia_error friction_coulomb friction_load_dependent
@@ -102,7 +102,8 @@ def main() -> None:
             print(
                 f"{run}: {sum(end['settled'] for end in ends)} of {len(ends)} questions settled, "
                 f"{sum(end['right'] for end in ends)} named right; separation "
-                f"{np.median([end['separation'] for end in ends] or [np.nan]):.1f} at the median"
+                f"{np.median([end['separation'] for end in ends] or [np.nan]):.1f} at the median; "
+                f"{np.mean([end['lasts_s'] for end in ends] or [np.nan]):.0f} s on the mean"
             )
 
 
@@ -175,8 +176,11 @@ def _asked(folder: Path, kept: Kept, draws: int, order: Order) -> dict[str, Any]
     if more.decides < ASKED or more.plain is None or more.planned is None or true not in more.why:
         return row  # no run decides, or the true cause is not among those that are open
     plain = more.plain.motion | {"payload_kg": more.plain.payload_kg, "signals": more.signals}
-    for name, run, apart in (("designed", more.record, more.separation), ("plain", plain, more.menu)):
-        row[name] = _with(folder / name, order, content, run, folder / "before", true) | {"separation": apart}
+    plain_s, designed_s = more.plain.duration_s, more.planned.duration_s
+    both = (("designed", more.record, more.separation, designed_s), ("plain", plain, more.menu, plain_s))
+    for name, run, apart, lasts in both:
+        end = _with(folder / name, order, content, run, folder / "before", true)
+        row[name] = end | {"separation": apart, "lasts_s": lasts}
     return row
 
 

@@ -454,6 +454,11 @@ def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Probl
     assert alternatives(judged((viscous, offset), pair), "hoist") == ((mass, viscous),)
     assert alike(judged((viscous, offset), pair), "hoist") == (mass,)
     assert alike(judged((viscous, offset), pair, 10.0), "hoist") == ()  # it stretches the tolerances
+    # A run that tells this mass from an offset leaves open what is as good as the mass.
+    assert alternatives(judged((viscous, offset), pair), "hoist", ("heave", viscous)) == (
+        (viscous, offset),
+        (mass, viscous),
+    )
     single = {(offset,): 100.0, (mass,): 95.0, ("heave",): 80.0, (viscous, offset): 99.0}
     assert alike(judged((offset,), single), "hoist") == (mass,)
     # The simpler law of the same place and regime: alike where it leaves little more, as the only cause.

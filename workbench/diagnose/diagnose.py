@@ -458,6 +458,8 @@ def asked_next(search: SearchResult, judged: Judged) -> tuple[NextRun | None, tu
     problem, kind = search.problem, search.problem.active.kind
     as_good = alternatives(judged, kind)
     asked = open_hypotheses(judged, as_good)
+    if judged.word != "unknown":  # what would be open where one of these held
+        asked = list(dict.fromkeys([*asked, *(one for names in asked for one in alternatives(judged, kind, names))]))
     evidence = {(): settings.calibration()["threshold"]} | {w.names: w.evidence for w in judged.weighed}
     more = next_run(problem, search, asked, evidence)
     if judged.word == "unknown" and more is None:

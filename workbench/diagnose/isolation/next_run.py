@@ -23,6 +23,7 @@ from workbench.diagnose.hypotheses.signatures import Projection, columns_signed,
 from workbench.diagnose.isolation.lines import Line, OnMenu, ahead_of, least_of, on_campaign, on_menu, rough_of
 from workbench.diagnose.isolation.planned import Design, Planned, drawn, menu, planned_as, repeated, seen_in, varied
 from workbench.diagnose.readiness.checks import variety
+from workbench.diagnose.verdict.judge import reach
 from workbench.machines import kind_of
 
 CLOSER = 0.1  # of a tolerance: a value that was measured for the question
@@ -32,10 +33,11 @@ APART = NormalDist().inv_cdf(SURE) + math.sqrt(NormalDist().inv_cdf(SURE) ** 2 +
 TIMES = (2, 3, 4)  # a run of the menu over, in one run
 DRAWN, GENERATIONS = 20, 4  # motions that are simulated at once, and how often
 BETTER = 1.03  # than the best before, to be taken
+RARE = 0.01  # probability of a hypothesis that is counted as undecided
 DRAWS = 40  # machines of each hypothesis, for the chance
 STATED = 6  # times as many, for the one that is stated
 REFITS = 12  # at the most, each with what left its bounds held there, and what would go back released
-RIVALS = 3  # that the leading hypothesis is held against
+RIVALS = 5  # that the leading hypothesis is held against
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,9 @@ class NextRun:
 @dataclass(frozen=True)
 class Offer:
     """One entry of the menu: a run and what is logged beside the motors. separation: in standard deviations, beyond
-    what is ignored; whole: with that. shown: what it shows of each pair. lines: of each hypothesis on it. short: by how
-    much it falls short of deciding, to be compared. design: of a run that is none of the menu."""
+    what is ignored; whole: with that. shown: what it shows of each pair. lines: of each hypothesis on it. poor: whether
+    the runs do not vary all that tells causes apart with it either. short: by how much it falls short of deciding, to
+    be compared. design: of a run that is none of the menu."""
 
     planned: Planned
     signals: tuple[str, ...]
@@ -78,6 +81,7 @@ class Offer:
     whole: float
     shown: Sequence[Compared] = ()
     lines: Sequence[Line] = ()
+    poor: bool = False
     chance: float = 0.0
     short: float = 0.0
     design: Design | None = None
@@ -107,7 +111,8 @@ class Odds:
     evidence: as the verdict has it. lost: by how much it is less than the gain, for what the model may be off: a run
     adds to that as its samples do. paid: for parameters. inputs: samples of the campaign. curved, steep: of each fit a
     root of the second derivative of its objective over two, and the slope over two, tolerances among them. counts: how
-    many are open; a fit without an effect, which the others gain upon, is one of them or the last.
+    many are open; a fit without an effect, which the others gain upon, is one of them or the last. kind: of machine.
+    ignored: chi^2 of the campaign that no model is exact to. unnamed: whether no answer may name one, whichever it is.
     """
 
     fits: Sequence[Fitted]
@@ -118,6 +123,9 @@ class Odds:
     curved: Sequence[Array]
     steep: Sequence[Array]
     counts: int
+    kind: str
+    ignored: float = 0.0
+    unnamed: Sequence[bool] = (False,) * 9
 
     @classmethod
     def of(cls, search: SearchResult, fits: Sequence[Fitted], evidence: Mapping[Names, float]) -> Odds:
@@ -134,53 +142,64 @@ class Odds:
             curved.append(np.asarray(np.linalg.qr(np.vstack([white[:, :-1], np.diag(hold)]), mode="r")))
             steep.append(white[:, :-1].T @ white[:, -1] + hold**2 * fit.z)
         lost = np.maximum(gained - worth - paid, 0.0)
-        return cls(every, worth, lost, paid, problem.inputs, curved, steep, len(fits))
+        kind, ignored = problem.active.kind, least_of(problem) ** 2 * problem.share * problem.inputs
+        unnamed = [bool(search.rivals & {*one}) for one in names]
+        return cls(every, worth, lost, paid, problem.inputs, curved, steep, len(fits), kind, ignored, unnamed)
 
     def chance(
-        self, lines: Sequence[Line], open_still: float, times: int = 1, draws: int = DRAWS
+        self, lines: Sequence[Line], poor: bool = False, times: int = 1, draws: int = DRAWS
     ) -> tuple[float, float]:
-        """The probability that a run, driven so many times over, leaves the true hypothesis alone; and how far it
-        falls short of that, 0 to 1, where what lacks DECISIVE of evidence lacks all. lines: of each fit on the run.
-        open_still: the probability that a rival could predict what the true one does, as is asked of those with HALF of
-        its evidence."""
+        """The probability that a run, driven so many times over, leaves the true hypothesis alone, as the verdict has
+        it; and how far it falls short of that, 0 to 1, where what lacks DECISIVE of evidence lacks all. lines: of each
+        fit on the run. poor: whether the runs do not vary all that tells causes apart with it either: then a rival with
+        HALF of the evidence must not predict what the true one does, but for what is ignored."""
         sizes = [line.own.shape[1] for line in lines]
         widths = [len(fit.z) + size + 1 for fit, size in zip(self.fits, sizes, strict=True)]
         rows = np.asarray(np.linalg.qr(math.sqrt(times) * np.hstack([line.white for line in lines]), mode="r"))
         blocks = np.split(rows, np.cumsum(widths)[:-1], axis=1)
         more = times * np.count_nonzero(lines[0].channel == 0) / self.inputs * self.lost
+        ignored = self.ignored + times * lines[0].least ** 2 * lines[0].share * np.count_nonzero(lines[0].channel == 0)
         likely = np.exp(0.5 * (self.evidence[: self.counts] - np.max(self.evidence[: self.counts])))
         unlikely = 2.0 * math.log(1.0 / LIKELY - 1.0)
         alone = short = 0.0
         for true, weight in enumerate(likely / np.sum(likely)):
+            if weight < RARE:
+                short += weight
+                continue
             fit, curved, rng = self.fits[true], self.curved[true], np.random.default_rng(true)
             size = np.maximum(np.linalg.norm(curved, axis=0), 1e-12)
             low, high, _ = bounds_of(fit.free)
             spread = rng.normal(size=(draws, len(size))) @ np.linalg.pinv(curved / size, rcond=1e-9).T / size
             changed = (np.clip(fit.z + spread, low, high) - fit.z) @ blocks[true][:, : len(size)].T
             drawn = rng.normal(size=changed.shape) - changed - blocks[true][:, -1]
-            left = np.array([self._left(k, blocks[k], lines[k].own_hold, drawn) for k in range(len(self.fits))])
+            refitted = [self._left(k, blocks[k], lines[k].own_hold, drawn) for k in range(len(self.fits))]
+            left, held = (np.array(values) for values in zip(*refitted, strict=True))
             none = next(k for k, one in enumerate(self.fits) if not one.effects)
             gained = (self.evidence + self.paid - more)[:, None] + left[none] - left
             after = np.maximum(gained, 0.0) - self.paid[:, None]
             after[none] = self.evidence[none]
-            rivals = [
-                (after[k], len(self.fits[k].effects) == len(fit.effects)) for k in range(self.counts) if k != true
-            ]
-            lead = np.min(
-                [after[true] - one - (settings.DECISIVE if same else unlikely) for one, same in rivals], axis=0
-            )
-            still = open_still * np.any([same & (one > settings.HALF * after[true]) for one, same in rivals], axis=0)
-            alone += weight * np.mean((lead >= 0.0) * (1.0 - still))
-            near = np.clip(1.0 + lead / settings.DECISIVE, 0.0, 1.0)
-            short += weight * np.mean(1.0 - near * (1.0 - still))
+            lead = np.full(draws, math.inf)
+            for k, one in enumerate(self.fits):  # without an effect it is no gap, whether that was open or not
+                if k != true and not (self.unnamed[true] and self.unnamed[k]):
+                    as_good = reach(fit, one, fit.effects, one.effects, self.kind, after[true])
+                    as_likely = held[k] - held[true] < settings.NUISANCE**2
+                    least = np.maximum(np.where(as_likely, as_good, 0.0), unlikely)
+                    first = after[true] - after[k]
+                    lead = np.minimum(lead, first - least)
+                    if poor:
+                        rival = (as_good >= settings.DECISIVE) & (after[k] > settings.HALF * after[true])
+                        apart = first + self.paid[true] - self.paid[k] - ignored - APART**2
+                        lead = np.where(rival, np.minimum(lead, apart), lead)
+            alone += weight * np.mean(lead >= 0.0)
+            short += weight * np.mean(np.clip(-lead / settings.DECISIVE, 0.0, 1.0))
         return float(alone), float(short)
 
-    def _left(self, k: int, block: Array, own_hold: Array, drawn: Array) -> Array:
+    def _left(self, k: int, block: Array, own_hold: Array, drawn: Array) -> tuple[Array, Array]:
         """(draws,) by how much the objective of a hypothesis grows with drawn data, its values refitted in their
-        bounds."""
+        bounds; and what the tolerances hold of it then."""
         fit, values = self.fits[k], len(self.fits[k].z)
         free, endless = values + len(own_hold), np.full(len(own_hold), np.inf)
-        lowest, highest, _ = bounds_of(fit.free)
+        lowest, highest, std = bounds_of(fit.free)
         low, high = np.append(lowest - fit.z, -endless), np.append(highest - fit.z, endless)
         rows, wanted = block[:, :-1], -(drawn + block[:, -1])
         hold = np.zeros((len(self.curved[k]) + len(own_hold), free))
@@ -204,7 +223,8 @@ class Odds:
             if not len(turning):
                 break
         x = np.clip(x, low, high)
-        return np.asarray(np.sum(wanted**2, axis=1) - 2.0 * np.sum(x * pull, axis=1) + np.sum((x @ normal) * x, axis=1))
+        grown = np.sum(wanted**2, axis=1) - 2.0 * np.sum(x * pull, axis=1) + np.sum((x @ normal) * x, axis=1)
+        return grown, np.sum(((fit.z + x[:, :values] / size[:values]) / std) ** 2, axis=1)
 
 
 @dataclass(frozen=True)
@@ -213,7 +233,7 @@ class Question:
 
     known: what the campaign shows. odds: None where it favours the first one; asked is then whether a rival could
     predict what that one does. now: how far it sets them apart, in standard deviations, beyond what is ignored and
-    whole. poor: whether the runs do not vary all that tells causes apart.
+    whole.
     """
 
     problem: Problem
@@ -221,7 +241,6 @@ class Question:
     known: Sequence[Compared]
     odds: Odds | None
     now: tuple[float, float]
-    poor: bool
 
     @property
     def favoured(self) -> bool:
@@ -236,17 +255,24 @@ class Question:
         """One planned run. trial: the hypotheses on several."""
         lines = [of_run(run, signals) for of_run in trial]
         shown = compared(lines[: len(self.fits)], self.favoured)
-        return self.weighed(Offer(planned, signals, *_apart(self.problem, self.fits, self.known, shown), shown, lines))
+        apart = _apart(self.problem, self.fits, self.known, shown)
+        offer = self.weighed(Offer(planned, signals, *apart, shown, lines))
+        return self.weighed(replace(offer, poor=True)) if offer.chance >= SURE and self.poor_with(planned) else offer
+
+    def poor_with(self, planned: Planned) -> bool:
+        """Whether the runs with that one do not vary all that tells causes apart either."""
+        problem = self.problem
+        return bool(variety(Problem(problem.machine, [*problem.runs, planned.run], problem.band_hz).bench))
 
     def weighed(self, offer: Offer, times: int = 1, draws: int = DRAWS) -> Offer:
         """The offer with its chance to decide, as driven so many times over, each as good as the first."""
+        if self.odds is not None:
+            chance, short = self.odds.chance(offer.lines, offer.poor, times, draws)
+            return replace(offer, chance=chance, short=short)
         one = zip(self.now, (offer.separation, offer.whole), strict=True)
         apart, whole = (math.sqrt(a**2 + times * max(b**2 - a**2, 0.0)) for a, b in one)
-        open_still = NormalDist(apart**2, 2.0 * max(whole, 1e-9)).cdf(APART**2)
-        if self.odds is None:
-            return replace(offer, chance=1.0 - open_still, short=1.0 / max(apart, 1e-9))
-        chance, short = self.odds.chance(offer.lines, open_still if self.poor else 0.0, times, draws)
-        return replace(offer, chance=chance, short=short)
+        chance = NormalDist(apart**2, 2.0 * max(whole, 1e-9)).cdf(APART**2)
+        return replace(offer, chance=1.0 - chance, short=1.0 / max(apart, 1e-9))
 
 
 def next_run(
@@ -266,19 +292,18 @@ def next_run(
     """
     fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None]
     campaign, favoured = [on_campaign(problem, fit) for fit in fits], settled < math.inf
-    poor = bool(variety(problem.bench))
 
     def asked(*which: int) -> Question:
         kept = (0, *which)
         chosen, known = [fits[k] for k in kept], compared([campaign[k] for k in kept], favoured)
         odds = None if favoured else Odds.of(search, chosen, evidence or {})
-        return Question(problem, chosen, known, odds, _apart(problem, chosen, known), poor)
+        return Question(problem, chosen, known, odds, _apart(problem, chosen, known))
 
     near = [k for k in range(1, len(fits)) if asked(k).now[0] <= settled][:RIVALS]
-    planned = sorted(menu(problem), key=lambda one: one.duration_s) if near else []
+    planned = sorted(menu(problem), key=_effort) if near else []
     if not planned:
         return None
-    by_length = [list(alike) for _, alike in groupby(planned, key=lambda one: one.duration_s)]
+    by_length = [list(alike) for _, alike in groupby(planned, key=_effort)]
     logged = tuple(s for s in kind_of(problem.machine).to_log if any(s in run for run in problem.runs))
     trials: list[list[OnMenu]] = []  # of the runs of each length the hypotheses
     while True:
@@ -294,13 +319,13 @@ def next_run(
                     break
             plain = _stated(question, choose(offers))
             hopeful = question.weighed(plain, TIMES[-1]).chance >= settings.HALF
-            tried.append(_longer(question, _designed(question, plain)) if hopeful else (plain, plain))
+            tried.append(_longer(question, _designed(question, plain, offers)) if hopeful else (plain, plain))
             if tried[-1][0].chance >= SURE:
                 break
         best = choose([one for one, _ in tried])
         usual = next(plain for one, plain in tried if one is best)
         if best is usual and best.chance < SURE:
-            best, usual = _longer(question, _designed(question, usual))
+            best, usual = _longer(question, _designed(question, usual, ()))
         if best.separation > settled or not favoured:
             break
         if len(near) == 1:
@@ -327,30 +352,42 @@ def _ahead(problem: Problem, planned: Sequence[Planned], fits: Sequence[Fitted],
 def _stated(question: Question, offer: Offer) -> Offer:
     """An offer with the separation that each hypothesis gives with base signatures of its own."""
     own = _ahead(question.problem, [offer.planned], question.hypotheses, shared=False)
-    stated = question.weighed(question.offer(own, 0, offer.planned, offer.signals), draws=STATED * DRAWS)
-    return replace(stated, design=offer.design)
+    stated = question.offer(own, 0, offer.planned, offer.signals)
+    stated = replace(stated, design=offer.design, poor=question.poor_with(offer.planned))
+    return question.weighed(stated, draws=STATED * DRAWS)
 
 
-def _designed(question: Question, plain: Offer) -> tuple[Offer, Offer]:
-    """A motion no longer than the plain one that sets the hypotheses further apart, found by a seeded random search and
-    by varying the best, or the plain one where that finds none; and the plain one."""
+def _designed(question: Question, plain: Offer, others: Sequence[Offer]) -> tuple[Offer, Offer]:
+    """A motion no longer than the plain one that sets the hypotheses further apart, or where that decides a shorter one
+    that does so, too, found by a seeded random search and by varying the best, or the plain one where that finds none;
+    and the best plain one that takes no longer, of others: the shortest where all do."""
     problem, rng = question.problem, np.random.default_rng(0)
     seen, best = seen_in(problem), plain
+    seen = replace(seen, speed=max(seen.speed, plain.planned.limits.speed_m_s))
+
+    def better(offer: Offer, best: Offer) -> bool:
+        if best.chance < SURE:
+            return BETTER * offer.short < best.short
+        return offer.chance >= best.chance and BETTER * offer.planned.duration_s < best.planned.duration_s
+
     for _ in range(GENERATIONS):
         design, many = best.design, 4 * DRAWN
         fresh = drawn(problem, many, rng) if design is None else varied(problem, design, many, rng)
-        able = [(one, run) for one in fresh if (run := planned_as(problem, seen, one, plain.planned.duration_s))][
-            :DRAWN
-        ]
+        longest = (plain if best.chance < SURE else best).planned.duration_s
+        able = [(one, run) for one in fresh if (run := planned_as(problem, seen, one, longest))][:DRAWN]
         if not able:
             break
         trial = _ahead(problem, [run for _, run in able], question.hypotheses)
         for k, (one, run) in enumerate(able):
             offer = replace(question.offer(trial, k, run, plain.signals), design=one)
-            if BETTER * offer.short < best.short:
+            if better(offer, best):
                 best = offer
     own = plain if best is plain else _stated(question, best)
-    return min(plain, own, key=lambda one: (-one.chance, one.short)), plain
+    if own is plain or (own.chance < SURE and (plain.chance >= SURE or own.short > plain.short)):
+        return plain, plain
+    longest = max(own.planned.duration_s, min((o.planned.duration_s for o in others), default=0.0))
+    usual = [o for o in others if o.planned.duration_s <= longest]
+    return own, _stated(question, min(usual, key=lambda o: (-o.chance, o.short))) if usual else plain
 
 
 def _longer(question: Question, pair: tuple[Offer, Offer]) -> tuple[Offer, Offer]:
@@ -362,8 +399,8 @@ def _longer(question: Question, pair: tuple[Offer, Offer]) -> tuple[Offer, Offer
         if offer.design is None:
             run = repeated(problem, offer.planned, times)
         else:
-            design, longest = replace(offer.design, legs=offer.design.legs * times), times * plain.planned.duration_s
-            run = planned_as(problem, seen_in(problem), design, longest)
+            seen = replace(seen_in(problem), speed=offer.planned.limits.speed_m_s)
+            run = planned_as(problem, seen, replace(offer.design, legs=offer.design.legs * times), math.inf)
         return _stated(question, replace(offer, planned=run)) if run else offer
 
     for times in TIMES:
@@ -376,15 +413,18 @@ def _longer(question: Question, pair: tuple[Offer, Offer]) -> tuple[Offer, Offer
     return pair
 
 
+def _effort(planned: Planned) -> tuple[bool, float]:
+    """A run faster than any before is driven where no other one decides."""
+    return planned.faster, planned.duration_s
+
+
 def choose(offers: Sequence[Offer]) -> Offer:
-    """The cheapest offer that decides: fewest signals, then the shortest run; else the one that falls least short."""
-    enough = [offer for offer in offers if offer.chance >= SURE]
-    if enough:
-        return min(enough, key=lambda o: (len(o.signals), o.planned.duration_s, -o.separation))
+    """The cheapest offer that decides: fewest signals, then no faster than before, then the shortest run; else the one
+    that falls least short."""
+    if enough := [offer for offer in offers if offer.chance >= SURE]:
+        return min(enough, key=lambda o: (len(o.signals), *_effort(o.planned), -o.separation))
     least = min(offer.short for offer in offers)
-    return min(
-        (o for o in offers if 0.95 * o.short <= least), key=lambda o: (len(o.signals), o.planned.duration_s)
-    )  # fmt: skip
+    return min((o for o in offers if 0.95 * o.short <= least), key=lambda o: (len(o.signals), *_effort(o.planned)))
 
 
 def _choices(problem: Problem, logged: tuple[str, ...]) -> list[tuple[str, ...]]:

@@ -1,6 +1,7 @@
 """Runs that could be driven next: a menu of plain ones, and motions designed for the question at hand.
 
-Both stay within the places, speeds and accelerations that the logs show.
+Both stay within the places, speeds and accelerations that the logs show; where they show less than half of a
+machine's nominal speed, others go up to that.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.location.profiles import place
 from workbench.machines import kind_of
@@ -23,18 +25,19 @@ from workbench.simulate.lowpass import lowpass
 SLOW = 0.2  # of the fastest speed logged
 LONGEST_S = 25.0  # of one way, at the slow speed
 HOLD_PERIODS = 5.0  # of the band, a hold lasts
-LEAD_PERIODS = 3.0  # at rest before and after
+LEAD_PERIODS = 3.0  # at rest before and after, and at least wherever a run turns
+HOLDS = (0.0, 0.0, HOLD_PERIODS)  # between legs the same way
 SAMPLES = {"sensors": 10.0, "own": 30.0}  # a period, by `Kind.floor`: friction that turns over between two shows
 BETWEEN_S = 60.0  # from the campaign's last run to the next one
 MOST_PAYLOADS = 4
 MOST_LEGS = 6  # of a designed motion
 SHARES = (0.15, 0.3, 0.6, 1.0)  # of the fastest speed logged
-HOLDS = (0.0, 0.0, 5.0)  # periods of the band
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A planned run. words: its motion as text. steps, limits, start: as `plan_motion` took them."""
+    """A planned run. words: its motion as text. steps, limits, start: as `plan_motion` took them. faster: than any that
+    was logged."""
 
     run: Run
     payload_kg: float
@@ -42,6 +45,7 @@ class Planned:
     steps: tuple[Step, ...]
     limits: Limits
     start_position: float
+    faster: bool = False
 
     @property
     def duration_s(self) -> float:
@@ -56,12 +60,14 @@ class Planned:
 
 @dataclass(frozen=True)
 class Seen:
-    """The range of motion in the logs, in m and m/s (rad on a rotary axis)."""
+    """The range of motion in the logs, in m and m/s (rad on a rotary axis). nominal: speed that the machine is built
+    for, where that is stated."""
 
     low: float
     high: float
     speed: float
     acceleration: float
+    nominal: float = 0.0
 
 
 def menu(problem: Problem) -> list[Planned]:
@@ -72,7 +78,10 @@ def menu(problem: Problem) -> list[Planned]:
     unit = kind_of(problem.machine).moved.speed_unit
     runs = []
     for payload in _payloads(problem):
-        for word, speed in (("slow", SLOW * seen.speed), ("fast", seen.speed)):
+        speeds = {"slow": SLOW * seen.speed, "fast": seen.speed}
+        if seen.speed < settings.HALF * seen.nominal:
+            speeds["faster than any before"] = seen.nominal
+        for word, speed in speeds.items():
             for motion, steps in _motions(problem, seen, speed).items():
                 begin = seen.low + 0.02 * (seen.high - seen.low)
                 words = f"{word} ({speed:.2g} {unit}), both ways, {motion}"
@@ -83,7 +92,7 @@ def menu(problem: Problem) -> list[Planned]:
 def repeated(problem: Problem, planned: Planned, times: int) -> Planned:
     """A run of the menu several times over, in one run."""
     words = f"{planned.words}, {times} times"
-    steps = planned.steps * times
+    steps = ((*planned.steps, Step(dwell_s=HOLD_PERIODS / problem.band_hz)) * times)[:-1]
     return _planned(
         problem, seen_in(problem), planned.limits.speed_m_s, steps, planned.payload_kg, planned.start_position, words
     )
@@ -91,7 +100,8 @@ def repeated(problem: Problem, planned: Planned, times: int) -> Planned:
 
 @dataclass(frozen=True)
 class Design:
-    """A motion by its numbers: legs of (place, 0 to 1 of the range seen; share of the fastest speed; hold, s)."""
+    """A motion by its numbers: legs of (place, 0 to 1 of the range seen; share of the fastest speed; hold before it,
+    s)."""
 
     payload_kg: float
     start: float
@@ -122,12 +132,12 @@ def varied(problem: Problem, design: Design, many: int, rng: np.random.Generator
 
 
 def planned_as(problem: Problem, seen: Seen, design: Design, longest_s: float) -> Planned | None:
-    """The run of a design, None where it takes too long or a leg is too short for its speed.
+    """The run of a design up to the speed of `seen`, None where it takes too long or a leg is too short for its speed.
 
     Each leg is a jog at its own speed that comes to rest: up to speed, on at it, down again.
     """
     span, limits = seen.high - seen.low, _limits(problem, seen, seen.speed)
-    here, steps = seen.low + design.start * span, []
+    here, last, steps = seen.low + design.start * span, 0.0, list[Step]()
     begin, lasted = here, 2.0 * LEAD_PERIODS / problem.band_hz
     for place_, share, hold in design.legs:
         distance, speed = seen.low + place_ * span - here, share * seen.speed
@@ -135,12 +145,12 @@ def planned_as(problem: Problem, seen: Seen, design: Design, longest_s: float) -
         even = abs(distance) / speed - ramp
         if even <= 0.0:
             continue
-        steps += [Step(speed_m_s=math.copysign(round(speed, 6), distance), for_s=round(ramp + even, 3)),
+        turns = distance * (last or distance) < 0.0
+        pause, last = max(hold * bool(last), turns * LEAD_PERIODS / problem.band_hz), distance
+        rest = [Step(dwell_s=round(pause, 2))] if pause > 0.0 else []
+        steps += [*rest, Step(speed_m_s=math.copysign(round(speed, 6), distance), for_s=round(ramp + even, 3)),
                   Step(speed_m_s=0.0, for_s=round(1.05 * ramp + 0.01, 3))]  # fmt: skip
-        lasted += 2.05 * ramp + even
-        if hold > 0.0:
-            steps.append(Step(dwell_s=round(hold, 2)))
-            lasted += hold
+        lasted += 2.05 * ramp + even + pause
         here += distance
     if len(steps) < 2 or lasted > longest_s:
         return None
@@ -182,7 +192,8 @@ def seen_in(problem: Problem) -> Seen:
         max(float(np.max(np.abs(of_run[k]), initial=0.0)) for of_run in smooth) * lift for k in (0, 1)
     )
     low, high = min(float(np.min(x)) for x in places), max(float(np.max(x)) for x in places)
-    return Seen(low, high, speed, acceleration)
+    nominal = kind_of(problem.machine).nominal_speed
+    return Seen(low, high, speed, acceleration, 0.0 if nominal is None else nominal(problem.machine) * lift)
 
 
 def _payloads(problem: Problem) -> list[float]:
@@ -199,15 +210,13 @@ def _motions(problem: Problem, seen: Seen, speed: float) -> dict[str, list[Step]
     hold = Step(dwell_s=HOLD_PERIODS / problem.band_hz)
 
     def go(*quarters: float) -> list[Step]:
-        return [Step(by_m=quarter * way / 4.0) for quarter in quarters]
-
-    def with_holds(steps: Sequence[Step]) -> list[Step]:
-        return [part for step in steps for part in (step, hold)][:-1]
+        """At rest wherever it turns: where friction turns over without a rest, no law of it is exact."""
+        return [part for quarter in quarters for part in (Step(by_m=quarter * way / 4.0), hold)][:-1]
 
     return {
-        "without a stop on the way": with_holds(go(4, -4)),
+        "without a stop on the way": go(4, -4),
         "with reversals half way": go(2, -1, 1, 2, -2, 1, -1, -2),
-        "with holds on the way": with_holds(go(1, 1, 2, -1, -1, -2)),
+        "with holds on the way": go(1, 1, 2, -1, -1, -2),
     }
 
 
@@ -236,4 +245,4 @@ def _planned(
     if kind.dead_line is not None:
         signals[kind.dead_line.signal] = np.full(n, kind.dead_line.at_rest(machine, payload))
     run = Run(f"{payload:g} {words}", profile.time_s, signals, payload, begin, after)
-    return Planned(run, payload, words, tuple(steps), limits, begin)
+    return Planned(run, payload, words, tuple(steps), limits, begin, speed > 1.001 * seen.speed)

@@ -15,6 +15,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import chdtri, ndtri
 
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
     MOST,
@@ -438,30 +439,41 @@ def _on_bound(problem: Problem, w: Weighed, base: int) -> bool:
     return bool(np.any(((high & shape) | further)[base:]))
 
 
-def alternatives(judged: Judged, kind: str) -> tuple[Names, ...]:
-    """Hypotheses that explain the gap about as well as the answer does, the best first: with another effect in place of
-    one of its own, of another place or regime, and about its evidence or in name only; a freer law of the same, where
-    it explains more than by chance (SIGNIFICANT each way), if not by what its parameters cost and the threshold. In
-    place of a single one, also the simpler law of its own place and regime where that leaves little more."""
-    best = next((w for w in judged.weighed if w.names == judged.names), None)
-    if judged.word != "named" or best is None:
+def alternatives(judged: Judged, kind: str, answer: Names | None = None) -> tuple[Names, ...]:
+    """Hypotheses that explain the gap about as well as the answer does (`reach`) or differ from it in name only, the
+    best first, at base values about as likely. answer: one that was not given, None for the named one."""
+    names = answer or judged.names
+    best = next((w for w in judged.weighed if w.names == names), None)
+    if best is None or not (answer or judged.word == "named"):
         return ()
     others: list[Names] = []
     for w in judged.weighed:
-        if len(w.names) != len(best.names) or len(set(w.names) - set(best.names)) != 1 or w.evidence <= 0.0:
+        if w.names == names or w.evidence <= 0.0:
             continue
-        (mine,), (other,) = set(best.names) - set(w.names), set(w.names) - set(best.names)
-        freer, simpler = same_but_freer(other, mine, kind), same_but_freer(mine, other, kind)
-        single = len(best.names) == 1
-        more = max(len(w.fit.z) - len(best.fit.z), 1)  # parameters, each of which costs as much
-        short = settings.calibration()["threshold"] + more * math.log(MOST) - float(chdtri(more, 2.0 * SIGNIFICANT))
-        reach = short if freer else settings.DECISIVE
-        in_name_only = any({best.names, w.names} <= {*group} for group in judged.groups)
-        as_good = in_name_only or (best.evidence - w.evidence < reach and (single or not simpler))
-        little_more = single and simpler and w.evidence > (1.0 - settings.FORETOLD) * best.evidence
-        if w.fit.prior - best.fit.prior < settings.NUISANCE**2 and (as_good or little_more):
+        as_good = best.evidence - w.evidence < reach(best.fit, w.fit, names, w.names, kind, np.array(best.evidence))
+        in_name_only = any({names, w.names} <= {*group} for group in judged.groups)
+        if (as_good or in_name_only) and w.fit.prior - best.fit.prior < settings.NUISANCE**2:
             others.append(w.names)
     return tuple(others)
+
+
+def reach(mine: Fitted, its: Fitted, answer: Names, other: Names, kind: str, evidence: Array) -> Array:
+    """By how much less evidence than an answer another hypothesis is about as good, -inf where it never is: with an
+    effect of another place or regime instead of one of its own; with a freer law of the same, where that explains more
+    than by chance (SIGNIFICANT each way), if not by what its parameters cost and the threshold; instead of a single one
+    with the simpler law, also where that leaves little more. evidence: of the answer."""
+    own, instead = set(answer) - set(other), set(other) - set(answer)
+    never = np.full_like(evidence, -math.inf)
+    if len(own) != 1 or len(instead) != 1:
+        return never
+    (one,), (another,) = own, instead
+    if same_but_freer(another, one, kind):
+        more = max(len(its.z) - len(mine.z), 1)  # parameters, each of which costs as much
+        short = settings.calibration()["threshold"] + more * math.log(MOST) - float(chdtri(more, 2.0 * SIGNIFICANT))
+        return np.full_like(evidence, short)
+    if not same_but_freer(one, another, kind):
+        return np.full_like(evidence, settings.DECISIVE)
+    return np.maximum(settings.DECISIVE, settings.FORETOLD * evidence) if len(answer) == 1 else never
 
 
 def runners_up(judged: Judged, kind: str) -> tuple[Names, ...]:
