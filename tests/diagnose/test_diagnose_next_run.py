@@ -204,7 +204,7 @@ def test_a_run_faster_than_any_before_is_asked_for_where_no_other_one_decides():
 
 
 def test_the_dead_lines_tension_decides_between_an_offset_and_a_mass(heavier: SearchResult):
-    advice = next_run(heavier.problem, heavier, ["torque_offset", "carriage_mass_error"])
+    advice = next_run(heavier.problem, heavier, [("torque_offset",), ("carriage_mass_error",)])
     assert advice is not None
     assert advice.signals == ("tension_dead_line_n",)
     assert advice.now < 1.0 < 4.0 < advice.separation and advice.decides >= SURE
@@ -236,7 +236,7 @@ def test_the_tension_of_the_one_run_that_was_asked_for_decides(heavier: SearchRe
 
 
 def test_a_designed_motion_is_no_longer_than_the_plain_one_and_sets_more_apart(heavier: SearchResult):
-    advice = next_run(heavier.problem, heavier, ["torque_offset", "friction_viscous"])
+    advice = next_run(heavier.problem, heavier, [("torque_offset",), ("friction_viscous",)])
     assert advice is not None and advice.planned is not None
     seen, run = seen_in(heavier.problem), advice.planned.run
     assert advice.separation >= advice.menu
@@ -268,7 +268,7 @@ def test_rivals_share_base_signatures_in_the_choice_and_have_their_own_in_what_i
     shared = [on_menu(problem, once, fit, rough) for fit in fits]
     for run, signals in product(range(3), ((), ("tension_dead_line_n",))):
         assert apart(shared, run, signals) == pytest.approx(apart(each, run, signals), rel=0.05)
-    advice = next_run(problem, heavier, fits)
+    advice = next_run(problem, heavier, [fit.effects for fit in fits])
     assert advice is not None and advice.planned is not None
     assert advice.separation == pytest.approx(apart(own([advice.planned.run]), 0, advice.signals), rel=1e-9)
 
@@ -286,7 +286,7 @@ def odds(
     ]
     evidence = np.array([200.0 + lead, 200.0, 5.0])
     known = [np.array([[one]]) for one in (*curved, 1.0)]
-    return Odds(fits, evidence, np.zeros(3), np.zeros(3), ROWS, known, [np.zeros(1)] * 3, 2, "hoist")
+    return Odds(fits, evidence, np.zeros(3), np.zeros(3), ROWS, known, [np.zeros(1)] * 3, 2, "hoist", 0.0, [False] * 3)
 
 
 def of_run(slope: Sequence[float], level: Sequence[float]) -> list[Line]:
@@ -355,7 +355,7 @@ def test_values_refitted_to_a_run_stay_within_their_bounds_as_bounded_least_squa
     fit = replace(fitted(), free=free, z=np.zeros(many))
     curved, steep, block = rng.normal(size=(many, many)), rng.normal(size=many), rng.normal(size=(20, many + 1))
     none = np.zeros(1)
-    asked = Odds([fit], none, none, none, ROWS, [curved], [steep], 1, "hoist")
+    asked = Odds([fit], none, none, none, ROWS, [curved], [steep], 1, "hoist", 0.0, [False])
     drawn = 3.0 * rng.normal(size=(30, 20))
     low, high, _ = bounds_of(free)
     shifted = np.linalg.solve(curved.T, steep)  # |curved x + shifted|^2 has the slope `steep`
@@ -409,7 +409,7 @@ def test_a_run_that_is_said_to_decide_leaves_room_for_noise_in_what_is_ignored(h
 
 def test_the_files_of_the_next_run_are_a_study_and_a_motion_for_a_drive(heavier: SearchResult, tmp_path: Path):
     machine = heavier.problem.machine
-    advice = next_run(heavier.problem, heavier, ["torque_offset", "carriage_mass_error"])
+    advice = next_run(heavier.problem, heavier, [("torque_offset",), ("carriage_mass_error",)])
     assert advice is not None and advice.planned is not None
     save_machine(machine, tmp_path / "machine.yaml")
     diagnosis = SimpleNamespace(campaign=SimpleNamespace(machine=machine), corrected=machine)
@@ -512,7 +512,7 @@ def test_visible_amounts_are_in_the_first_parameters_unit_and_below_what_was_put
 
 def test_a_verdict_that_rests_on_less_than_a_model_error_says_so(heavier: SearchResult):
     """It is not claimed that the campaign leaves open what its likelihoods decide, nor that they need no check."""
-    rivals = ["torque_offset", "carriage_mass_error"]
+    rivals = [("torque_offset",), ("carriage_mass_error",)]
     opened, named = (next_run(heavier.problem, heavier, rivals, settled=limit) for limit in (math.inf, APART))
     assert opened is not None and named is not None
     assert opened.separation <= named.separation  # whichever is true, and the first one, which the runs favour

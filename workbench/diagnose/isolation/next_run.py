@@ -19,7 +19,6 @@ from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.hypotheses.signatures import Projection, columns_signed, linear_gain, start_of
 from workbench.diagnose.isolation.lines import Line, OnMenu, ahead_of, least_of, on_campaign, on_menu, rough_of
 from workbench.diagnose.isolation.planned import Design, Planned, drawn, menu, planned_as, repeated, seen_in, varied
 from workbench.diagnose.readiness.checks import variety
@@ -124,8 +123,8 @@ class Odds:
     steep: Sequence[Array]
     counts: int
     kind: str
-    ignored: float = 0.0
-    unnamed: Sequence[bool] = (False,) * 9
+    ignored: float
+    unnamed: Sequence[bool]
 
     @classmethod
     def of(cls, search: SearchResult, fits: Sequence[Fitted], evidence: Mapping[Names, float]) -> Odds:
@@ -278,7 +277,7 @@ class Question:
 def next_run(
     problem: Problem,
     search: SearchResult,
-    open_effects: Sequence[Fitted | str | Names],
+    open_effects: Sequence[Names],
     evidence: Mapping[Names, float] | None = None,
     settled: float = math.inf,
 ) -> NextRun | None:
@@ -290,7 +289,7 @@ def next_run(
     campaign sets so many standard deviations off it already are left out. None if no rival is left, or if no run would
     set those that are so far off.
     """
-    fits = [fit for hypothesis in open_effects if (fit := _fit_of(problem, search, hypothesis)) is not None]
+    fits = [search.fits[names] if names else search.base for names in open_effects]
     campaign, favoured = [on_campaign(problem, fit) for fit in fits], settled < math.inf
 
     def asked(*which: int) -> Question:
@@ -304,11 +303,13 @@ def next_run(
     if not planned:
         return None
     by_length = [list(alike) for _, alike in groupby(planned, key=_effort)]
-    logged = tuple(s for s in kind_of(problem.machine).to_log if any(s in run for run in problem.runs))
+    to_log = kind_of(problem.machine).to_log
+    logged = tuple(s for s in to_log if any(s in run for run in problem.runs))  # stays logged, and more costs more
+    choices = dict.fromkeys([logged, *(tuple(sorted({*logged, more})) for more in to_log)])
     trials: list[list[OnMenu]] = []  # of the runs of each length the hypotheses
     while True:
         question, tried = asked(*near), list[tuple[Offer, Offer]]()
-        for signals in _choices(problem, logged):
+        for signals in choices:
             offers = list[Offer]()
             for length, alike in enumerate(by_length):
                 if length == len(trials):
@@ -425,41 +426,6 @@ def choose(offers: Sequence[Offer]) -> Offer:
         return min(enough, key=lambda o: (len(o.signals), *_effort(o.planned), -o.separation))
     least = min(offer.short for offer in offers)
     return min((o for o in offers if 0.95 * o.short <= least), key=lambda o: (len(o.signals), *_effort(o.planned)))
-
-
-def _choices(problem: Problem, logged: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """The sets of signals to log beside the motors, cheapest first; signals that are logged already are kept."""
-    every = [logged, *(tuple(sorted({*logged, more})) for more in kind_of(problem.machine).to_log)]
-    return list(dict.fromkeys(every))
-
-
-def _fit_of(problem: Problem, search: SearchResult, hypothesis: Fitted | str | Names) -> Fitted | None:
-    """The fit of a hypothesis; if it was not refitted, its linear fit at the best shape."""
-    if isinstance(hypothesis, Fitted):
-        return hypothesis
-    names = (hypothesis,) if isinstance(hypothesis, str) else tuple(hypothesis)
-    if names in search.fits:
-        return search.fits[names]
-    if not names:
-        return search.base
-    if len(names) > 1:
-        return None
-    near = search.within_tolerances
-    projection = Projection.of(problem, near)
-    options = []
-    for signature in search.signatures:
-        if signature.effect.id == names[0]:
-            columns = projection.clean(signature.columns)
-            gain = linear_gain(columns, projection.residual, columns_signed(signature), projection.priors)
-            options.append((gain[0] + gain[1], signature, gain[2]))
-    if not options:
-        return None
-    _, signature, amounts = max(options, key=lambda q: q[0])
-    more, start = start_of(problem, signature, amounts)
-    free, z = (*near.free, *more), np.concatenate([near.z, start])
-    residual, jacobian = problem.evaluate(free, z)
-    chi2 = problem.share / problem.noise**2 * float(residual @ residual)
-    return Fitted(names, free, z, residual, jacobian, chi2, near.prior, 1, False)
 
 
 def compared(lines: Sequence[Line], favoured: bool = False) -> list[Compared]:
