@@ -44,7 +44,9 @@ from workbench.diagnose.isolation.next_run import (
     next_run,
 )
 from workbench.diagnose.isolation.planned import (
+    FASTER,
     LEAD_PERIODS,
+    Design,
     Planned,
     drawn,
     from_moves,
@@ -174,7 +176,8 @@ def test_every_planned_run_rests_where_it_turns(heavier: SearchResult):
     """Where friction turns over without a rest no law of it is exact: with such a run a gearbox' loss was unknown, and
     friction over load, at 15 times the noise at each reversal."""
     problem, rng = heavier.problem, np.random.default_rng(1)
-    designs = [planned_as(problem, seen_in(problem), one, 90.0) for one in drawn(problem, 30, rng)]
+    seen = seen_in(problem)
+    designs = [planned_as(problem, seen, one, 90.0, seen.speed) for one in drawn(problem, 30, rng)]
     often = [repeated(problem, one, 2) for one in menu(problem)[:3]]
     for planned in [*menu(problem), *often, *(one for one in designs if one is not None)]:
         t, speed = planned.run.time_s, planned.run["speed_motor_rad_s"]
@@ -194,6 +197,10 @@ def test_a_machine_of_which_the_logs_show_little_speed_may_be_driven_as_fast_as_
     speeds = [float(np.max(np.abs(one.run["speed_motor_rad_s"]))) for one in faster]
     assert faster and max(speeds) <= 1.001 * problem.machine.motor.nominal_speed_rad_s
     assert min(speeds) > 1.2 * 0.3 * problem.machine.motor.nominal_speed_rad_s
+    slow, quick = (Design(0.0, 0.05, ((0.95, share, 0.0),)) for share in (0.3, 0.6))
+    for design, is_faster in ((slow, False), (quick, True)):
+        planned = planned_as(problem, replace(seen, speed=0.3 * seen.nominal), design, 60.0, seen.nominal)
+        assert planned is not None and (FASTER in planned.words) is is_faster
 
 
 def test_a_run_faster_than_any_before_is_asked_for_where_no_other_one_decides():

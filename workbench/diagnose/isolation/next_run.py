@@ -364,7 +364,7 @@ def _designed(question: Question, plain: Offer, others: Sequence[Offer]) -> tupl
     and the best plain one that takes no longer, of others: the shortest where all do."""
     problem, rng = question.problem, np.random.default_rng(0)
     seen, best = seen_in(problem), plain
-    seen = replace(seen, speed=max(seen.speed, plain.planned.limits.speed_m_s))
+    top = max(seen.speed, plain.planned.limits.speed_m_s)
 
     def better(offer: Offer, best: Offer) -> bool:
         if best.chance < SURE:
@@ -375,7 +375,7 @@ def _designed(question: Question, plain: Offer, others: Sequence[Offer]) -> tupl
         design, many = best.design, 4 * DRAWN
         fresh = drawn(problem, many, rng) if design is None else varied(problem, design, many, rng)
         longest = (plain if best.chance < SURE else best).planned.duration_s
-        able = [(one, run) for one in fresh if (run := planned_as(problem, seen, one, longest))][:DRAWN]
+        able = [(one, run) for one in fresh if (run := planned_as(problem, seen, one, longest, top))][:DRAWN]
         if not able:
             break
         trial = _ahead(problem, [run for _, run in able], question.hypotheses)
@@ -400,8 +400,8 @@ def _longer(question: Question, pair: tuple[Offer, Offer]) -> tuple[Offer, Offer
         if offer.design is None:
             run = repeated(problem, offer.planned, times)
         else:
-            seen = replace(seen_in(problem), speed=offer.planned.limits.speed_m_s)
-            run = planned_as(problem, seen, replace(offer.design, legs=offer.design.legs * times), math.inf)
+            often, top = replace(offer.design, legs=offer.design.legs * times), offer.planned.limits.speed_m_s
+            run = planned_as(problem, seen_in(problem), often, math.inf, top)
         return _stated(question, replace(offer, planned=run)) if run else offer
 
     for times in TIMES:

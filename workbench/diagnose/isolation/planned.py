@@ -31,7 +31,8 @@ SAMPLES = {"sensors": 10.0, "own": 30.0}  # a period, by `Kind.floor`: friction 
 BETWEEN_S = 60.0  # from the campaign's last run to the next one
 MOST_PAYLOADS = 4
 MOST_LEGS = 6  # of a designed motion
-SHARES = (0.15, 0.3, 0.6, 1.0)  # of the fastest speed logged
+FASTER = "faster than any before"
+SHARES = (0.15, 0.3, 0.6, 1.0)  # of the top speed
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def menu(problem: Problem) -> list[Planned]:
     for payload in _payloads(problem):
         speeds = {"slow": SLOW * seen.speed, "fast": seen.speed}
         if seen.speed < settings.HALF * seen.nominal:
-            speeds["faster than any before"] = seen.nominal
+            speeds[FASTER] = seen.nominal
         for word, speed in speeds.items():
             for motion, steps in _motions(problem, seen, speed).items():
                 begin = seen.low + 0.02 * (seen.high - seen.low)
@@ -100,7 +101,7 @@ def repeated(problem: Problem, planned: Planned, times: int) -> Planned:
 
 @dataclass(frozen=True)
 class Design:
-    """A motion by its numbers: legs of (place, 0 to 1 of the range seen; share of the fastest speed; hold before it,
+    """A motion by its numbers: legs of (place, 0 to 1 of the range seen; share of the top speed; hold before it,
     s)."""
 
     payload_kg: float
@@ -131,16 +132,16 @@ def varied(problem: Problem, design: Design, many: int, rng: np.random.Generator
     return fresh
 
 
-def planned_as(problem: Problem, seen: Seen, design: Design, longest_s: float) -> Planned | None:
-    """The run of a design up to the speed of `seen`, None where it takes too long or a leg is too short for its speed.
+def planned_as(problem: Problem, seen: Seen, design: Design, longest_s: float, top: float) -> Planned | None:
+    """The run of a design up to a top speed, None where it takes too long or a leg is too short for its speed.
 
     Each leg is a jog at its own speed that comes to rest: up to speed, on at it, down again.
     """
-    span, limits = seen.high - seen.low, _limits(problem, seen, seen.speed)
+    span, limits = seen.high - seen.low, _limits(problem, seen, top)
     here, last, steps = seen.low + design.start * span, 0.0, list[Step]()
     begin, lasted = here, 2.0 * LEAD_PERIODS / problem.band_hz
     for place_, share, hold in design.legs:
-        distance, speed = seen.low + place_ * span - here, share * seen.speed
+        distance, speed = seen.low + place_ * span - here, share * top
         ramp = speed / limits.acceleration_m_s2 + limits.acceleration_m_s2 / limits.jerk_m_s3
         even = abs(distance) / speed - ramp
         if even <= 0.0:
@@ -157,9 +158,10 @@ def planned_as(problem: Problem, seen: Seen, design: Design, longest_s: float) -
     unit = kind_of(problem.machine).moved.speed_unit
     speeds = sorted({abs(s.speed_m_s) for s in steps if s.speed_m_s})
     count = sum(1 for s in steps if s.speed_m_s)
-    said = f"designed: {count} leg{'s' if count > 1 else ''} at {' and '.join(f'{v:.2g}' for v in speeds)} {unit}"
+    how = f"designed, {FASTER}" if max(speeds, default=0.0) > 1.001 * seen.speed else "designed"
+    said = f"{how}: {count} leg{'s' if count > 1 else ''} at {' and '.join(f'{v:.2g}' for v in speeds)} {unit}"
     try:
-        planned = _planned(problem, seen, seen.speed, steps, design.payload_kg, begin, said)
+        planned = _planned(problem, seen, top, steps, design.payload_kg, begin, said)
     except InputError:
         return None
     way = planned.start_position + np.cumsum(_speed_of(problem, planned.run)) * planned.run.sample_time_s
