@@ -17,7 +17,9 @@ from scipy.stats import multivariate_normal
 from benchmarks.many_causes import problem_of
 from benchmarks.validation.campaign import make_campaign
 from benchmarks.validation.content import draw
+from tests.support.effect_machines import rotary_axis
 from tests.support.emps_campaign import HELD, emps_in
+from tests.support.noisy_runs import axis_runs, with_effects
 from tests.support.searched_campaign import simulated_search
 from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.blind.measures import INSIDE_90
@@ -40,7 +42,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     bounds_of,
     logarithmic_of,
 )
-from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, play_estimated
+from workbench.diagnose.hypotheses.held_out import folds_by_motion, folds_by_run, held_out, play_estimated
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search, SearchResult, searched
 from workbench.diagnose.hypotheses.signatures import Projection, signatures_of
@@ -805,6 +807,47 @@ def test_a_quick_filter_of_a_real_axis_is_no_play(shared_data: Path, tmp_path: P
     found = diagnose(campaign, candidates=["torque_filter", "backlash"], quick=True)
     assert found.verdict.effects == ("torque_filter",)
     assert found.candidates[0].parameters["torque_filter"][0].value == pytest.approx(0.0092, rel=0.05)
+
+
+@pytest.mark.proof
+def test_base_values_that_only_one_way_of_weighing_bends_are_no_unknown_cause(shared_data: Path, tmp_path: Path):
+    """What EMPS leaves itself pulls mass, viscous friction and gain two and a half tolerances off beside half of its
+    friction, where its correlation is weighed; plain least squares put them back. The answer was unknown."""
+    emps_in(tmp_path, shared_data, HELD)
+    _bend(tmp_path, "coulomb", (11148, 4), tmp_path / "bent")
+    found = diagnose(read_campaign(tmp_path / "bent"), study=False)
+    assert found.verdict.effects == ("friction_coulomb",), found.verdict.sentence
+
+
+@pytest.mark.parametrize(("wanders", "word"), [(0.0, "named"), (0.05, "unknown")])
+def test_a_wave_that_comes_again_with_a_motion_only_is_no_ripple(wanders: float, word: str):
+    """Servo benches repeat one motion, and one run foretells of another what comes again in it, whatever it is: an
+    untouched one had a ripple at 0.99. A wave whose phase wanders on the way is none that parts of the motion show."""
+    machine, random = rotary_axis(), np.random.default_rng(3)
+    one = axis_runs(machine, noise=0.0)[0]
+    phase = wanders * np.cumsum(random.normal(size=len(one.time_s)))
+    torque = one["torque_nm"] + 0.25 * np.sin(4.0 * one["angle_rad"] + phase)
+    runs = [
+        replace(one, name=f"run_{k}", signals={**one.signals, "torque_nm": torque + noise}, start_time_s=30.0 * k)
+        for k, noise in enumerate(0.02 * random.normal(size=(3, len(torque))))
+    ]
+    search = searched(Problem(machine, runs), [find("torque_ripple", "axis-rotary")], 1)
+    assert judged_to_help(search).word == word
+    assert len(set(folds_by_motion(search.problem))) == 4
+    different = Problem(machine, axis_runs(machine))
+    assert np.array_equal(folds_by_motion(different), folds_by_run(different))
+
+
+@pytest.mark.parametrize(("worth", "named"), [(0.8, False), (8.0, True)])
+def test_a_ripple_that_a_free_law_is_about_as_good_as_is_not_named(
+    worth: float, named: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """An untouched pendulum had one at 0.96, that a law of its place did without but for 0.8; true ones have ten."""
+    ripple = {"torque_ripple": {"amplitude_nm": 0.3, "order_per_turn": 4.0, "phase_rad": 1.0}}
+    runs = axis_runs(with_effects(rotary_axis(), ripple))
+    search = searched(Problem(rotary_axis(), runs), [find("torque_ripple", "axis-rotary")], 1)
+    monkeypatch.setattr(judge, "worth", lambda *given: (worth, "position of the axis"))
+    assert (judged_to_help(search).names == ("torque_ripple",)) == named
 
 
 def test_friction_that_would_drive_the_machine_is_no_cause(shared_data: Path, tmp_path: Path):

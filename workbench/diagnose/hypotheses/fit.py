@@ -205,24 +205,28 @@ def uncorrelated(problem: Problem, fit: Fitted) -> ErrorModel:
     return replace(problem.errors, white=white, sizes=(0.0, 0.0))
 
 
+def unweighed(problem: Problem, fit: Fitted) -> Fitted:
+    """The same hypothesis where plain least squares put its values: one step from the fit, but for a play."""
+    if fit.other is not None:
+        return replace(fit, z=fit.other)
+    lowest, highest, std = bounds_of(fit.free)
+    rows = uncorrelated(problem, fit).whiten(np.column_stack([fit.jacobian, fit.residual]))
+    step = -_inverse(rows[:, :-1], std) @ (rows[:, :-1].T @ rows[:, -1] + fit.z / std**2)
+    return replace(fit, z=np.clip(fit.z + step, lowest, highest))
+
+
 def covariance(problem: Problem, fit: Fitted) -> Array:
     """The covariance of z, (m, m). It grows in proportion to a residual above the noise, and with how far plain least
     squares are off."""
-    lowest, highest, std = bounds_of(fit.free)
+    excess, off = max(1.0, fit.chi2 / max(problem.share * problem.samples, 1.0)), unweighed(problem, fit).z - fit.z
+    return _inverse(problem.errors.whiten(fit.jacobian), bounds_of(fit.free)[2]) * excess + np.outer(off, off)
 
-    def inverse(rows: Array) -> Array:
-        information = rows.T @ rows + np.diag(1.0 / std**2)
-        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        return np.asarray(np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale))
 
-    excess = max(1.0, fit.chi2 / max(problem.share * problem.samples, 1.0))
-    if fit.other is None:
-        rows = uncorrelated(problem, fit).whiten(np.column_stack([fit.jacobian, fit.residual]))
-        step = -inverse(rows[:, :-1]) @ (rows[:, :-1].T @ rows[:, -1] + fit.z / std**2)
-        off = np.clip(fit.z + step, lowest, highest) - fit.z
-    else:
-        off = fit.other - fit.z
-    return inverse(problem.errors.whiten(fit.jacobian)) * excess + np.outer(off, off)
+def _inverse(rows: Array, std: Array) -> Array:
+    """Of the information of whitened rows (n, m) and of priors (m,)."""
+    information = rows.T @ rows + np.diag(1.0 / std**2)
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return np.asarray(np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale))
 
 
 def estimates(problem: Problem, fit: Fitted, exact: bool = False) -> dict[str, tuple[Estimate, ...]]:

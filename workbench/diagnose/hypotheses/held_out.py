@@ -20,7 +20,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     logarithmic_of,
     setting_of,
 )
-from workbench.diagnose.hypotheses.problem import Problem, once
+from workbench.diagnose.hypotheses.problem import Problem, once, rms
 from workbench.diagnose.hypotheses.search import STUCK
 from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.hypotheses.signatures import stepped
@@ -30,6 +30,7 @@ from workbench.simulate.model_error import ErrorModel
 from workbench.simulate.motion import PLAY
 
 BLOCKS = 4  # of a run that no other can foretell
+SAME_WAY = 0.01  # of its way, rms: so near to another one at every time a run repeats it
 STRETCHES = 8  # of a run: so long a residual may hang together
 PARTS = (0.3, 0.1)  # of a step that does not serve
 MOST_STEPS = 20
@@ -63,6 +64,17 @@ def folds_by_run(problem: Problem) -> np.ndarray:
         mine = np.flatnonzero(folds == j)
         block = np.arange(len(mine)) * BLOCKS // len(mine)
         folds[mine] = np.where(block > 0, len(problem.runs) + k * (BLOCKS - 1) + block - 1, j)
+    return np.append(folds, folds[problem.pulled])
+
+
+def folds_by_motion(problem: Problem) -> np.ndarray:
+    """(samples,) As `folds_by_run`. But where all runs repeat one motion, whatever comes again in each of them one run
+    foretells of the others: there each of BLOCKS of its time is a fold, in all runs at once."""
+    ways = [motion.position - motion.position[0] for motion in problem.bench.motions]
+    again = all(len(way) == len(ways[0]) and rms(way - ways[0]) <= SAME_WAY * rms(way) for way in ways)
+    if not again:
+        return folds_by_run(problem)
+    folds = np.concatenate([np.arange(count) * BLOCKS // max(count, 1) for count in problem.run_lengths])
     return np.append(folds, folds[problem.pulled])
 
 

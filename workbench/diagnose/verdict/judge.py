@@ -31,9 +31,24 @@ from workbench.diagnose.hypotheses.evidence import (
     smooths,
     weigh,
 )
-from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, estimates, fit_hypothesis, is_timing, parameters_of
+from workbench.diagnose.hypotheses.fit import (
+    BREAKDOWNS,
+    Fitted,
+    estimates,
+    fit_hypothesis,
+    is_timing,
+    parameters_of,
+    unweighed,
+)
 from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, bounds_of, nuisance_std, within
-from workbench.diagnose.hypotheses.held_out import folds_by_run, foretold, held_out, significance, weighed_both_ways
+from workbench.diagnose.hypotheses.held_out import (
+    folds_by_motion,
+    folds_by_run,
+    foretold,
+    held_out,
+    significance,
+    weighed_both_ways,
+)
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import (
@@ -138,7 +153,10 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
             if best.score.sizes != problem.errors.sizes:
                 own = problem.with_model_error(best.score.sizes)
                 known.append((own, reweighed(own, best.fit, count)))
-            ways = [stretched(p, one) for p, fit in known for one in weighed_both_ways(p, fit, count)]
+            fits = [(p, one) for p, fit in known for one in weighed_both_ways(p, fit, count)]
+            if kind_of(problem.machine).floor == "own":  # what it leaves hangs together, and bends one of both
+                fits += [(p, unweighed(p, one)) for p, one in fits]
+            ways = [stretched(*one) for one in fits]
             signs |= min(ways, key=lambda sign: sign["prior"])
         rows = rank(counted, signs, numbers, groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
@@ -215,7 +233,8 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     and with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than
     with a free law of one variable in its place (`worth`); a play that impacts tell of is chosen from none. A delay
     beside others has to take something, too, of what the log's timing leaves (`takes_nothing`): a machine's own lags
-    may be some sampling steps; and what every machine has, MINOR of what the others leave on held-out runs."""
+    may be some sampling steps; and what every machine has, MINOR of what the others leave on held-out runs, and on
+    parts of a motion that all repeat."""
     problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
@@ -225,8 +244,10 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
         if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
             return False
     for name, rest in zip(w.names, less or [near], strict=True):  # so little of what every machine has is its own
-        if nuisance_std(problem.machine, problem.runs, name):
-            rms = [held_out(problem, fit, folds_by_run(problem)).rms(problem.inputs) for fit in (w.fit, rest)]
+        if not nuisance_std(problem.machine, problem.runs, name):
+            continue
+        for folds in (folds_by_run(problem), folds_by_motion(problem)):
+            rms = [held_out(problem, fit, folds).rms(problem.inputs) for fit in (w.fit, rest)]
             stays, gap = (max(left**2 - problem.noise**2, 0.0) for left in rms)
             if stays > (1.0 - settings.MINOR) * gap:
                 return False
@@ -298,7 +319,9 @@ def established(
             # Of several effects, a play that is not heard is asked of beside the others (`deserved`).
             asked = rebounds(problem, w.names) and (problem.struck or len(w.names) == 1)
             most = max(evidence, w.evidence) if problem.struck else evidence
-            if evidence > 0.0 and most > (settings.IMPACTS if asked else 0.0):
+            own = any(t.effect in w.names and not t.fitted for t in kind_of(problem.machine).nuisances)
+            least = settings.calibration()["threshold"] if own else 0.0  # every machine has laws of its own, too
+            if evidence > least and most > (settings.IMPACTS if asked else 0.0):
                 return w, mimics | no_laws
             why = Constancy(w.names[-1], variable, 0.0, free=True)
         imitated = True
