@@ -278,7 +278,7 @@ def test_a_freer_law_is_held_against_what_the_simpler_one_has_paid_itself(monkey
     monkeypatch.setattr(evidence_module, "own_energy", lambda *_: 4000.0)
     errors = SimpleNamespace(sized=lambda _: SimpleNamespace(whiten=lambda rows: 10.0 + rows))
     problem = SimpleNamespace(active=SimpleNamespace(kind=""), errors=errors)
-    together = {}
+    together: dict[tuple[str, ...], Weighed] = {}
     for names, value in evidence.items():
         fit = SimpleNamespace(z=np.zeros(sum(map(str.isupper, names))), prior=0.0, residual=np.zeros(1))
         score = SimpleNamespace(sizes=(1.0, 1.0))
