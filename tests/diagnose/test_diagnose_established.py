@@ -1178,7 +1178,8 @@ def test_what_every_machine_has_a_little_of_is_no_cause_where_most_of_the_gap_st
     """An untouched servo bench had a ripple of its own named, of 5.2 waves a turn in four of its runs and of 6.0 in
     others, that took 18 and 12 % of what it leaves on held-out runs."""
     monkeypatch.setattr(judge, "significance", lambda *fits, by_runs_alone=False: 9.0)
-    monkeypatch.setattr(judge, "folds_by_run", lambda _: None)
+    for folds in ("folds_by_run", "folds_by_motion"):
+        monkeypatch.setattr(judge, folds, lambda _: None)
     monkeypatch.setattr(judge, "held_out", lambda problem, fit, folds: fit)
 
     def named(name: str, left: float) -> bool:

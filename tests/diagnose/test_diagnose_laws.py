@@ -20,7 +20,7 @@ from workbench.core.errors import InputError
 from workbench.core.numbers import figures
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import Diagnosis, diagnose
-from workbench.diagnose.hypotheses import search, settings
+from workbench.diagnose.hypotheses import fits, search, settings
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import Estimate, FreeParameter
 from workbench.diagnose.hypotheses.problem import Problem
@@ -380,14 +380,14 @@ def test_a_users_effect_from_a_file_takes_part_and_one_that_breaks_down_is_a_row
 
 def test_candidates_that_raise_are_rows_and_not_the_end(monkeypatch: pytest.MonkeyPatch):
     runs = runs_of(with_effects(nominal("axis-linear"), {"inertia_error": LINEAR["inertia_error"]}))
-    errors = {"torque_scale": ZeroDivisionError("a shape of no width"), "torque_filter": ValueError("no such place")}
+    errors = {"torque_scale": ZeroDivisionError("a shape of no width"), "torque_offset": ValueError("no such place")}
 
     def start(problem: Problem, signature: Signature, amounts: Array) -> tuple[list[FreeParameter], list[float]]:
         if signature.effect.id in errors:
             raise errors[signature.effect.id]
         return start_of(problem, signature, amounts)
 
-    monkeypatch.setattr(search, "start_of", start)
+    monkeypatch.setattr(fits, "start_of", start)
     d = diagnosed("axis-linear", runs)
     assert d.verdict.effects == ("inertia_error",)
     rows = {row.effects: row for row in d.candidates}
@@ -406,7 +406,7 @@ def test_a_fit_without_derivatives_leads_to_no_further_effect(monkeypatch: pytes
         fit = fit_hypothesis(problem, effects, *rest)
         return replace(fit, jacobian=fit.jacobian * np.nan) if "inertia_error" in effects else fit
 
-    monkeypatch.setattr(search, "fit_hypothesis", broken)
+    monkeypatch.setattr(fits, "fit_hypothesis", broken)
     result = search.Search(Problem(nominal("axis-linear"), runs), wanted).causes(2, search.FEW, search.LARGE)
     assert ("inertia_error",) in result.failures
     assert set(result.fits) == {("friction_viscous",)}
