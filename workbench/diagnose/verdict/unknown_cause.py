@@ -41,10 +41,10 @@ def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
     if problem.struck:
         return {"left": settings.IMPACTS, "prior": 0.0}
     told = left_percent(problem, near, left) / own_percent(problem)
-    whole = left.percent_of_input / (100.0 * settings.MINOR)
+    of_input = left.percent_of_input / (100.0 * settings.MINOR)
     events = max(once(problem, (near, "events"), lambda: event_gain(problem, near)), 0.0)
-    brief = settings.DECISIVE / (1.0 if kind_of(problem.machine).floor == "own" else settings.HALF)
-    return {"left": max(told, whole, math.sqrt(events / brief)), **stretched(problem, near)}
+    event_limit = settings.DECISIVE / (1.0 if kind_of(problem.machine).floor == "own" else settings.HALF)
+    return {"left": max(told, of_input, math.sqrt(events / event_limit)), **stretched(problem, near)}
 
 
 def stretched(problem: Problem, fit: Fitted) -> dict[str, float]:
