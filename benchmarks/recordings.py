@@ -1,0 +1,160 @@
+"""`python -m benchmarks.recordings CLONES OUT`: public recordings of real machines, each as a campaign in OUT.
+
+CLONES holds clones of the repositories of `SOURCES`; what is missing there is left out, and said so. Torque is the
+logged current times the constants of the data sheets beside the logs. Each machine.yaml is a start: inertia, viscous
+friction, one Coulomb level for both directions and a constant, by least squares over all runs below `BAND_HZ`, samples
+below `SLOWEST` of the top speed left out; a sealed test of a recording identifies the machine on its runs anew.
+
+Workbooks ask for openpyxl, which the project does not install.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import yaml
+from scipy.io import loadmat
+from scipy.signal import butter, sosfiltfilt
+
+from workbench.core.run import Array
+
+SOURCES = {
+    "HSM150-data": "https://github.com/malik-robert/HSM150-data",
+    "Lorenz_Friction": "https://github.com/TeacherRock/Lorenz_Friction",
+    "camber-control": "https://github.com/nicolazande/camber-control",
+}
+SLOWEST = 0.05  # of the top speed
+BAND_HZ = 10.0
+INERTIA_KG_M2 = {"servo_bm": 1.5e-4, "servo_40": 1.5e-4}  # these hold their speed; the servo's other runs tell it
+MILLI, DEGREE = 1e-3, math.pi / 180.0
+# Nm of the motor a ampere, and N of the spindle a Nm: 50.95 and 327.6 turns a metre of the two linear actuators.
+SPINDLE_N_PER_MA = 0.0706 * 2.0 * math.pi * 50.95 / 48.0
+TOE_N_PER_A = 0.0461 * 1000.0 * 2.0 * math.pi * 327.6 / 42.0
+CRANK_NM_PER_A = -0.0481 * 2.0 * math.pi * 24.06 / 48.0 * 180.0 / math.pi
+Signals = dict[str, Array]
+
+
+def spin_ups(clones: Path) -> Iterator[tuple[str, Signals]]:
+    for name in ("pos_0.06_1", "pos_0.06_2", "pos_0.065_1", "pos_0.065_2", "neg_0.04_1", "neg_0.04_2", "neg_0.045_1"):
+        data = loadmat(clones / f"HSM150-data/Data/Identification/idf_{name}.mat")["data"]
+        yield name, {"time_s": data[:, 0], "angle_rad": data[:, 2], "speed_rad_s": data[:, 3],
+                     "torque_nm": 0.0459 * data[:, 6]}  # fmt: skip
+
+
+def servo(pattern: str) -> Callable[[Path], Iterator[tuple[str, Signals]]]:
+    """Five repeats of one motion at 1 kHz."""
+
+    def read(clones: Path) -> Iterator[tuple[str, Signals]]:
+        for n in range(1, 6):
+            data = np.loadtxt(clones / "Lorenz_Friction" / pattern.format(n))
+            yield f"repeat_{n}", {"time_s": MILLI * np.arange(len(data), dtype=float), "angle_rad": data[:, 0],
+                                  "speed_rad_s": data[:, 1], "angle_reference_rad": data[:, 2],
+                                  "torque_nm": data[:, 4]}  # fmt: skip
+
+    return read
+
+
+def spindle(clones: Path) -> Iterator[tuple[str, Signals]]:
+    root = clones / "camber-control/actuators/LinD/data"
+    for folder in ("", "30xcurrent-4-100-0.045", "hc-10-1-0.035", "hc-5-100-0.08", "lc-4-50-0.075"):
+        data = np.loadtxt(root / folder / "no-pp-square-wave-10mm-1Hz.txt")
+        yield folder or "plain", {"time_s": MILLI * data[:, 0], "position_m": MILLI * data[:, 3],
+                                  "velocity_m_s": MILLI * data[:, 4], "position_reference_m": MILLI * data[:, 1],
+                                  "force_n": SPINDLE_N_PER_MA * data[:, 5]}  # fmt: skip
+
+
+def _sheets(workbook: Path) -> Iterator[tuple[str, Array]]:
+    """Columns time ms, reference, position, speed, current of each sheet that has more than a few rows."""
+    from openpyxl import load_workbook  # type: ignore[import-untyped]
+
+    for sheet in load_workbook(workbook, read_only=True, data_only=True).worksheets:
+        rows = [[row[k] for k in (0, 3, 8, 13, 18)] for row in sheet.iter_rows(min_row=2, values_only=True) if row]
+        known = [row for row in rows if all(isinstance(value, (int, float)) for value in row)]
+        if len(known) > 100:
+            yield sheet.title.split()[0].strip("- ") or sheet.title, np.array(known, dtype=float)
+
+
+def toe(clones: Path) -> Iterator[tuple[str, Signals]]:
+    for name, data in _sheets(clones / "camber-control/actuators/LinE/data/20251107_992GT3_Toe_New_PID_Tests.xlsx"):
+        yield name, {"time_s": MILLI * data[:, 0], "position_m": MILLI * data[:, 2], "velocity_m_s": MILLI * data[:, 3],
+                     "position_reference_m": MILLI * data[:, 1], "force_n": TOE_N_PER_A * data[:, 4]}  # fmt: skip
+
+
+def crank(clones: Path) -> Iterator[tuple[str, Signals]]:
+    book = "20251107_992GT3_Camber_Final_PID_Acc_Decel.xlsx"
+    for name, data in _sheets(clones / "camber-control/actuators/EccB-180W/data" / book):
+        yield name, {"time_s": MILLI * data[:, 0], "angle_rad": DEGREE * data[:, 2], "speed_rad_s": DEGREE * data[:, 3],
+                     "angle_reference_rad": DEGREE * data[:, 1], "torque_nm": CRANK_NM_PER_A * data[:, 4]}  # fmt: skip
+
+
+FAMILIES: dict[str, Callable[[Path], Iterator[tuple[str, Signals]]]] = {
+    "spin_ups": spin_ups,
+    "servo": servo("data/Lorenz_Jm_{}.txt"),
+    "servo_bm": servo("data/Lorenz_Bm_{}.txt"),
+    "servo_s1": servo("Lorenz_id/Lorenz_id/data/data_S1_{}.txt"),
+    "servo_40": servo("Lorenz_id/Lorenz_id/data/data_{}.txt"),
+    "spindle": spindle,
+    "toe": toe,
+    "crank": crank,
+}
+
+
+def campaign(out: Path, runs: dict[str, Signals]) -> None:
+    (out / "runs").mkdir(parents=True)
+    listed, begin = [], 0.0
+    for name, signals in runs.items():
+        signals = signals | {"time_s": signals["time_s"] - signals["time_s"][0]}
+        np.savetxt(out / f"runs/{name}.csv", np.column_stack(list(signals.values())), fmt="%.9g", delimiter=",",
+                   header=",".join(signals), comments="")  # fmt: skip
+        listed.append({"name": name, "file": f"runs/{name}.csv", "start_time_s": begin})
+        begin += math.ceil(signals["time_s"][-1]) + 5.0
+    (out / "runs.yaml").write_text(yaml.safe_dump({"runs": listed}), encoding="utf-8")
+    (out / "machine.yaml").write_text(yaml.safe_dump(machine(out.name, list(runs.values()))), encoding="utf-8")
+
+
+def machine(name: str, runs: list[Signals]) -> dict[str, object]:
+    linear = "force_n" in runs[0]
+    speed_of, unit, input_of = ("velocity_m_s", "n", "force_n") if linear else ("speed_rad_s", "nm", "torque_nm")
+    top, rows, wanted = max(np.max(np.abs(run[speed_of])) for run in runs), [], []
+    for run in runs:
+        time = run["time_s"] + 1e-9 * np.arange(len(run["time_s"]))  # a log may note one instant twice
+        speed, moves = run[speed_of], np.abs(run[speed_of]) > SLOWEST * top
+        every = np.column_stack([np.gradient(speed, time), speed, np.sign(speed), np.ones(len(speed)), run[input_of]])
+        low = butter(2, 2.0 * BAND_HZ * float(np.median(np.diff(time))), output="sos")
+        passed = sosfiltfilt(low, every, axis=0)[moves]
+        rows.append(passed[:, :-1])
+        wanted.append(passed[:, -1])
+    inertia, viscous, coulomb, constant = map(float, np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted))[0])
+    inertia = INERTIA_KG_M2.get(name, inertia)
+    least = 1e-9 * abs(inertia)
+    slope = "viscous_n_s_per_m" if linear else "viscous_nm_s_per_rad"
+    return {
+        "name": name, "kind": "axis", "motion": "linear" if linear else "rotary",
+        "mass_kg" if linear else "inertia_kg_m2": max(inertia, least),
+        "gravity": {f"constant_{unit}": constant},
+        "friction": {f"coulomb_forward_{unit}": max(coulomb, least), f"coulomb_backward_{unit}": max(coulomb, least),
+                     slope: max(viscous, 0.0)},
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("clones", type=Path)
+    parser.add_argument("out", type=Path)
+    given = parser.parse_args()
+    for name, read in FAMILIES.items():
+        try:
+            runs = dict(read(given.clones))
+        except FileNotFoundError as missing:
+            print(f"{name}: left out, no {missing.filename}; clone {', '.join(SOURCES.values())} into {given.clones}")
+            continue
+        campaign(given.out / name, runs)
+        print(f"{name}: {len(runs)} runs, {sum(len(run['time_s']) for run in runs.values())} samples")
+
+
+if __name__ == "__main__":
+    main()
