@@ -154,8 +154,8 @@ def sentence_of(
         )
     same = judged.ranking[0].twins
     cause = f"comes from {either(judged.names, same)} ({chance(sure)})"
-    if gap is not None and shrink.after > STAYS * shrink.before and (stretch := stretch_of(gap)):
-        text = f"The gap {cause}: without it these runs put {stretch}; "
+    if gap is not None and shrink.after > STAYS * shrink.before:
+        text = f"The gap {cause}: without it these runs put {stretch_of(gap, always=True)}; "
         text += f"the residual on runs held out, {after} {unit}, stays"
     else:
         text = f"{'A small part of the' if leaves_most(rest) else 'The'} gap {cause}: on runs held out it shrinks from "

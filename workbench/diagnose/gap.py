@@ -235,17 +235,15 @@ def _sentences(gap: Gap, unit: str) -> list[str]:
     return sentences
 
 
-def stretch_of(gap: Gap) -> str:
-    """How far the refit moves a base parameter, and how seldom an honest value lies so far off; "" where that is not
-    improbable."""
-    if gap.by_chance >= UNLIKELY:
-        return ""
+def stretch_of(gap: Gap, always: bool = False) -> str:
+    """How far the refit moves a base parameter, and how seldom an honest value lies so far off; where that is not
+    improbable without that, or "" if not `always`."""
     key, count = gap.worst_tolerance
+    off = f"{key} {abs(count):.1f} tolerances {'above' if count > 0.0 else 'below'} its value"
+    if gap.by_chance >= UNLIKELY:
+        return off if always else ""
     seldom = f"in {float(f'{1.0 / gap.by_chance:.2g}'):,.0f}" if gap.by_chance > RARE else "in over a million"
-    return (
-        f"{key} {abs(count):.1f} tolerances {'above' if count > 0.0 else 'below'} its value, as one machine {seldom} "
-        "would by chance"
-    )
+    return f"{off}, as one machine {seldom} would by chance"
 
 
 DRAWS = 2000  # of the bootstrap
