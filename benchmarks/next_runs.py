@@ -36,6 +36,7 @@ from benchmarks.validation.next_run import extended
 from workbench.blind.make import mapped
 from workbench.blind.run import save
 from workbench.blind.seal import Order
+from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import Diagnosis, diagnose, open_hypotheses
 from workbench.diagnose.hypotheses import settings
@@ -158,7 +159,10 @@ def asked(folder: Path, kept: Kept, draws: int, order: Order) -> str:
 
 def _asked(folder: Path, kept: Kept, draws: int, order: Order) -> dict[str, Any]:
     content, (true,) = kept(np.random.default_rng([*order.seed, 9]), content_of(order)), order.names
-    first = _diagnosed(folder / "before", order, content)
+    try:
+        first = _diagnosed(folder / "before", order, content)
+    except InputError as refused:  # as a run that stands still
+        return {"family": order.family, "true": true, "said": str(refused)}
     more, said = first.next_run, first.verdict.sentence
     row: dict[str, Any] = {"family": order.family, "true": true, "said": said}
     if more is None:
@@ -173,7 +177,8 @@ def _asked(folder: Path, kept: Kept, draws: int, order: Order) -> dict[str, Any]
                    for end in [simulated(first.search, asks, k, run, more.signals, (*order.seed, k, n))]]
             for name, run in (("designed", more.planned), ("plain", more.plain)) if run is not None
         }}  # fmt: skip
-    if more.decides < ASKED or more.plain is None or more.planned is None or true not in more.why:
+    known = (true,) in (first.verdict.effects, *more.rivals)
+    if more.decides < ASKED or more.plain is None or more.planned is None or not known:
         return row  # no run decides, or the true cause is not among those that are open
     plain = more.plain.motion | {"payload_kg": more.plain.payload_kg, "signals": more.signals}
     plain_s, designed_s = more.plain.duration_s, more.planned.duration_s

@@ -18,6 +18,7 @@ from tests.support.searched_campaign import simulated_search
 from workbench.core.numbers import figures
 from workbench.core.run import Run
 from workbench.diagnose.hypotheses import settings
+from workbench.diagnose.hypotheses.evidence import weigh
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import TENSION_GAIN, Scalar, base_parameters, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
@@ -280,6 +281,26 @@ def test_rivals_share_base_signatures_in_the_choice_and_have_their_own_in_what_i
     assert advice.separation == pytest.approx(apart(own([advice.planned.run]), 0, advice.signals), rel=1e-9)
 
 
+@pytest.mark.parametrize("base", [True, False])
+def test_a_value_at_its_upper_bound_bends_a_planned_run_as_one_beside_it_does(heavier: SearchResult, base: bool):
+    """Differenced over the bound it changed nothing, and what it foretells was a rival's to hold against it."""
+    problem, fit = heavier.problem, heavier.fits["torque_offset",]
+    rough, runs = rough_of(problem, fit), [menu(heavier.problem)[0].run]
+    scalars = [one for one in fit.free if isinstance(one, Scalar) and math.isfinite(one.std) == base]
+    there = next(one for one in scalars if one.symbol not in rough and not one.logarithmic)
+    k = next(n for n, one in enumerate(fit.free) if one is there)
+    column = sum(one.size for one in fit.free[:k])
+    bounded = (*fit.free[:k], replace(there, most=float(np.mean(fit.setting[there.symbol]))), *fit.free[k + 1 :])
+    shared, own = (ahead_of(problem, runs, fit) for _ in range(2))
+    held, kept, free = (
+        on_menu(problem, ahead, one, rough)(0, ()).jacobian[:, column]
+        for ahead, one in ((shared, replace(fit, free=bounded)), (shared, fit), (own, fit))
+    )
+    assert np.linalg.norm(free) > 0.0
+    assert held == pytest.approx(free, abs=0.02 * np.max(np.abs(free)))
+    assert kept == pytest.approx(free, abs=0.02 * np.max(np.abs(free)))
+
+
 def odds(
     z: Sequence[float], curved: Sequence[float], lead: float = 0.0, least: float = -math.inf,
     names: Sequence[str] = ("torque_offset", "carriage_mass_error"), std: float = math.inf,
@@ -351,6 +372,31 @@ def test_a_run_decides_where_the_verdict_would_take_no_rival_for_about_as_good(
     asked = odds((0.0, z), (1e6, 1e6), lead, names=names, std=1.0)
     chance, _ = asked.chance(of_run((0.0, 0.0), (0.0, 0.0)))
     assert chance > 0.95 if decides else chance < 0.05
+
+
+def test_a_freer_law_pays_for_its_freedom_once_however_long_a_run_is(tmp_path: Path):
+    """What it had paid grew with the samples of a run: stated were leads of 15 to 28 where the verdict's came to 8 to
+    11, and the freer law was open after one of two such runs that were to decide with 0.9."""
+    names = ("friction_viscous", "friction_viscous_asymmetric")
+    truth = {"friction_viscous": {"viscous_n_s_per_m": 1500.0}}
+    search = simulated_search(tmp_path / "viscous", truth, names)[1]
+    weighed = {w.names: w.evidence for w in weigh(search.problem, search.base, search.within_tolerances, search.fits)}
+    fits = [search.fits[name,] for name in names]
+    asked = Odds.of(search, fits, {(): settings.calibration()["threshold"]} | weighed)
+    simple, freer, _ = asked.lost
+    assert freer - simple < 0.5 * settings.calibration()["threshold"]  # of a law's model error, and of nothing else
+    as_judged = [weighed[name,] for name in names]
+    assert asked._freely(asked.evidence)[:2] == pytest.approx(as_judged, abs=1e-6)
+    assert as_judged[0] - as_judged[1] > settings.calibration()["threshold"]
+
+
+def test_a_run_decides_where_nothing_but_what_a_freer_law_explains_by_chance_is_left_open():
+    """The verdict leaves a freer law open where it explains more than one of ten does by chance: no run, however long,
+    leaves the simpler one alone more often."""
+    known = [odds((0.0, 0.0), (1.0, 1.0), lead, names=LEVELS) for lead in (40.0, -40.0)]
+    assert known[0].most == pytest.approx(0.9, abs=1e-6) and known[1].most == pytest.approx(1.0, abs=1e-6)
+    near = replace(offer(5.0, 9.0), chance=0.85)
+    assert replace(near, most=known[0].most).decides and not near.decides
 
 
 def test_values_refitted_to_a_run_stay_within_their_bounds_as_bounded_least_squares_has_it():

@@ -19,6 +19,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     PhaseOfEachRun,
     Scalar,
     Setting,
+    inward,
     setting_of,
 )
 from workbench.diagnose.hypotheses.problem import STEP, TENSION, Problem
@@ -81,16 +82,18 @@ def ahead_of(problem: Problem, runs: Sequence[Run], fit: Fitted) -> Problem:
 def on_menu(problem: Problem, ahead: Problem, fit: Fitted, rough: Mapping[str, tuple[float, float]]) -> OnMenu:
     """A hypothesis on the planned runs, by the number of the run and its logged signals. What base parameters change,
     which is much the same in every fit, is kept with `ahead`, by their symbol. rough: of `rough_of`, each run's own."""
-    steps, anyway = [fit.z, *(fit.z + STEP * row for row in np.eye(len(fit.z)))], {s: v for s, (v, _) in rough.items()}
-    settings: list[Setting] = [{**_of_one_run(setting_of(fit.free, z)), **anyway} for z in steps]
+    anyway, steps = {s: v for s, (v, _) in rough.items()}, inward(fit.free, fit.z, np.full(len(fit.z), STEP))
+    moved = [fit.z, *(fit.z + np.diag(steps))]
+    settings: list[Setting] = [{**_of_one_run(setting_of(fit.free, z)), **anyway} for z in moved]
     own = {symbol: value + STEP * std for symbol, (value, std) in rough.items()}
     if TENSION_GAIN not in settings[0]:  # a load cell that the campaign did not have: its gain is not known
         own[TENSION_GAIN] = 1.0 + STEP * LOAD_CELL_STD
     settings += [{**settings[0], symbol: value} for symbol, value in own.items()]
     lasting = [_lasting(parameter) for parameter in fit.free for _ in range(parameter.size)] + [""] * len(own)
-    anew = [k for k, moved in enumerate(settings[1:]) if lasting[k] not in ahead.kept and moved != settings[0]]
+    anew = [k for k, one in enumerate(settings[1:]) if lasting[k] not in ahead.kept and one != settings[0]]
     change = np.zeros((len(settings) - 1, ahead.samples))
     base, change[anew] = ahead.differences(settings[0], [settings[1 + k] for k in anew])
+    change[: len(steps)] *= np.sign(steps)[:, None]
     for k, symbol in enumerate(lasting):
         if symbol:
             change[k] = ahead.kept.setdefault(symbol, change[k])

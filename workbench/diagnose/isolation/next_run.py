@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby
+from functools import cached_property
+from itertools import groupby, permutations
 from statistics import NormalDist
 from typing import Any
 
@@ -22,7 +23,7 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.lines import Line, OnMenu, ahead_of, least_of, on_campaign, on_menu, rough_of
 from workbench.diagnose.isolation.planned import Design, Planned, drawn, menu, planned_as, repeated, seen_in, varied
 from workbench.diagnose.readiness.checks import variety
-from workbench.diagnose.verdict.judge import reach
+from workbench.diagnose.verdict.judge import SIGNIFICANT, reach
 from workbench.machines import kind_of
 
 CLOSER = 0.1  # of a tolerance: a value that was measured for the question
@@ -72,7 +73,7 @@ class Offer:
     """One entry of the menu: a run and what is logged beside the motors. separation: in standard deviations, beyond
     what is ignored; whole: with that. shown: what it shows of each pair. lines: of each hypothesis on it. poor: whether
     the runs do not vary all that tells causes apart with it either. short: by how much it falls short of deciding, to
-    be compared. design: of a run that is none of the menu."""
+    be compared. design: of a run that is none of the menu. most: the chance of a run that shows whatever differs."""
 
     planned: Planned
     signals: tuple[str, ...]
@@ -84,6 +85,11 @@ class Offer:
     chance: float = 0.0
     short: float = 0.0
     design: Design | None = None
+    most: float = 1.0
+
+    @property
+    def decides(self) -> bool:
+        return self.chance >= SURE * self.most
 
 
 @dataclass(frozen=True)
@@ -107,11 +113,12 @@ class Odds:
     """What the campaign says of some hypotheses, and what a run would add: by machines drawn from what each one leaves
     open, on each of which all are refitted, to second order.
 
-    evidence: as the verdict has it. lost: by how much it is less than the gain, for what the model may be off: a run
-    adds to that as its samples do. paid: for parameters. inputs: samples of the campaign. curved, steep: of each fit a
-    root of the second derivative of its objective over two, and the slope over two, tolerances among them. counts: how
-    many are open; a fit without an effect, which the others gain upon, is one of them or the last. kind: of machine.
-    ignored: chi^2 of the campaign that no model is exact to. unnamed: whether no answer may name one, whichever it is.
+    evidence: as the verdict has it, before freer laws pay for their freedom. lost: by how much it is less than the
+    gain, for what the model may be off: a run adds to that as its samples do. paid: for parameters. inputs: samples of
+    the campaign. curved, steep: of each fit a root of the second derivative of its objective over two, and the slope
+    over two, tolerances among them. counts: how many are open; a fit without an effect, which the others gain upon, is
+    one of them or the last. kind: of machine. ignored: chi^2 of the campaign that no model is exact to. unnamed:
+    whether no answer may name one, whichever it is.
     """
 
     fits: Sequence[Fitted]
@@ -140,10 +147,35 @@ class Odds:
             white = problem.errors.whiten(np.column_stack([fit.jacobian, fit.residual]))
             curved.append(np.asarray(np.linalg.qr(np.vstack([white[:, :-1], np.diag(hold)]), mode="r")))
             steep.append(white[:, :-1].T @ white[:, -1] + hold**2 * fit.z)
-        lost = np.maximum(gained - worth - paid, 0.0)
         kind, ignored = problem.active.kind, least_of(problem) ** 2 * problem.share * problem.inputs
+        known, least = worth.copy(), settings.calibration()["threshold"]
+        for k, j in freer_of(every, kind):  # as `_freely` takes it off
+            worth[k] = max(worth[k], known[k] + min(max(0.5 * (least - known[k] + known[j]), 0.0), least))
+        lost = np.maximum(gained - worth - paid, 0.0)
         unnamed = [bool(search.rivals & {*one}) for one in names]
         return cls(every, worth, lost, paid, problem.inputs, curved, steep, len(fits), kind, ignored, unnamed)
+
+    @cached_property
+    def likely(self) -> Array:
+        """Of each open hypothesis, the probability that the campaign leaves it among these."""
+        evidence = self._freely(self.evidence)[: self.counts]
+        likely = np.exp(0.5 * (evidence - np.max(evidence)))
+        return np.asarray(likely / np.sum(likely))
+
+    @property
+    def most(self) -> float:
+        """The chance of a run that shows whatever differs: a freer law explains more by chance."""
+        simpler = [j for _, j in freer_of(self.fits, self.kind)]
+        by_chance = [(1.0 - 2.0 * SIGNIFICANT) ** simpler.count(j) for j in range(self.counts)]
+        return float(self.likely @ by_chance)
+
+    def _freely(self, evidence: Array) -> Array:
+        """(hypotheses, …) the evidence after freer laws have paid for their freedom, as the verdict has it."""
+        paid, least = evidence.copy(), settings.calibration()["threshold"]
+        for k, j in freer_of(self.fits, self.kind):
+            real = evidence[k] - evidence[j]
+            paid[k] = np.minimum(paid[k], paid[j] + real - np.clip(least - real, 0.0, least))
+        return paid
 
     def chance(
         self, lines: Sequence[Line], poor: bool = False, times: int = 1, draws: int = DRAWS
@@ -158,10 +190,9 @@ class Odds:
         blocks = np.split(rows, np.cumsum(widths)[:-1], axis=1)
         more = times * np.count_nonzero(lines[0].channel == 0) / self.inputs * self.lost
         ignored = self.ignored + times * lines[0].least ** 2 * lines[0].share * np.count_nonzero(lines[0].channel == 0)
-        likely = np.exp(0.5 * (self.evidence[: self.counts] - np.max(self.evidence[: self.counts])))
         unlikely = 2.0 * math.log(1.0 / LIKELY - 1.0)
         alone = short = 0.0
-        for true, weight in enumerate(likely / np.sum(likely)):
+        for true, weight in enumerate(self.likely):
             if weight < RARE:
                 short += weight
                 continue
@@ -175,7 +206,7 @@ class Odds:
             left, held = (np.array(values) for values in zip(*refitted, strict=True))
             none = next(k for k, one in enumerate(self.fits) if not one.effects)
             gained = (self.evidence + self.paid - more)[:, None] + left[none] - left
-            after = np.maximum(gained, 0.0) - self.paid[:, None]
+            after = self._freely(np.maximum(gained, 0.0) - self.paid[:, None])
             after[none] = self.evidence[none]
             lead = np.full(draws, math.inf)
             for k, one in enumerate(self.fits):  # without an effect it is no gap, whether that was open or not
@@ -256,7 +287,7 @@ class Question:
         shown = compared(lines[: len(self.fits)], self.favoured)
         apart = _apart(self.problem, self.fits, self.known, shown)
         offer = self.weighed(Offer(planned, signals, *apart, shown, lines))
-        return self.weighed(replace(offer, poor=True)) if offer.chance >= SURE and self.poor_with(planned) else offer
+        return self.weighed(replace(offer, poor=True)) if offer.decides and self.poor_with(planned) else offer
 
     def poor_with(self, planned: Planned) -> bool:
         """Whether the runs with that one do not vary all that tells causes apart either."""
@@ -267,7 +298,7 @@ class Question:
         """The offer with its chance to decide, as driven so many times over, each as good as the first."""
         if self.odds is not None:
             chance, short = self.odds.chance(offer.lines, offer.poor, times, draws)
-            return replace(offer, chance=chance, short=short)
+            return replace(offer, chance=chance, short=short, most=self.odds.most)
         one = zip(self.now, (offer.separation, offer.whole), strict=True)
         apart, whole = (math.sqrt(a**2 + times * max(b**2 - a**2, 0.0)) for a, b in one)
         chance = NormalDist(apart**2, 2.0 * max(whole, 1e-9)).cdf(APART**2)
@@ -316,16 +347,16 @@ def next_run(
                     trials.append(_ahead(problem, alike, question.hypotheses))
                 trial = trials[length][: len(question.hypotheses)]
                 offers += [question.offer(trial, k, one, signals) for k, one in enumerate(alike)]
-                if any(offer.chance >= SURE for offer in offers):
+                if any(offer.decides for offer in offers):
                     break
             plain = _stated(question, choose(offers))
             hopeful = question.weighed(plain, TIMES[-1]).chance >= settings.HALF
             tried.append(_longer(question, _designed(question, plain, offers)) if hopeful else (plain, plain))
-            if tried[-1][0].chance >= SURE:
+            if tried[-1][0].decides:
                 break
         best = choose([one for one, _ in tried])
         usual = next(plain for one, plain in tried if one is best)
-        if best is usual and best.chance < SURE:
+        if best is usual and not best.decides:
             best, usual = _longer(question, _designed(question, usual, ()))
         if best.separation > settled or not favoured:
             break
@@ -367,14 +398,14 @@ def _designed(question: Question, plain: Offer, others: Sequence[Offer]) -> tupl
     top = max(seen.speed, plain.planned.limits.speed_m_s)
 
     def better(offer: Offer, best: Offer) -> bool:
-        if best.chance < SURE:
+        if not best.decides:
             return BETTER * offer.short < best.short
         return offer.chance >= best.chance and BETTER * offer.planned.duration_s < best.planned.duration_s
 
     for _ in range(GENERATIONS):
         design, many = best.design, 4 * DRAWN
         fresh = drawn(problem, many, rng) if design is None else varied(problem, design, many, rng)
-        longest = (plain if best.chance < SURE else best).planned.duration_s
+        longest = (best if best.decides else plain).planned.duration_s
         able = [(one, run) for one in fresh if (run := planned_as(problem, seen, one, longest, top))][:DRAWN]
         if not able:
             break
@@ -384,7 +415,7 @@ def _designed(question: Question, plain: Offer, others: Sequence[Offer]) -> tupl
             if better(offer, best):
                 best = offer
     own = plain if best is plain else _stated(question, best)
-    if own is plain or (own.chance < SURE and (plain.chance >= SURE or own.short > plain.short)):
+    if own is plain or (not own.decides and (plain.decides or own.short > plain.short)):
         return plain, plain
     longest = max(own.planned.duration_s, min((o.planned.duration_s for o in others), default=0.0))
     usual = [o for o in others if o.planned.duration_s <= longest]
@@ -405,11 +436,11 @@ def _longer(question: Question, pair: tuple[Offer, Offer]) -> tuple[Offer, Offer
         return _stated(question, replace(offer, planned=run)) if run else offer
 
     for times in TIMES:
-        if once.chance >= SURE:
+        if once.decides:
             break
-        if question.weighed(once, times).chance >= SURE:
+        if question.weighed(once, times).decides:
             longer = again(once, times)
-            if longer.chance >= SURE:
+            if longer.decides:
                 return longer, longer if once is plain else again(plain, times)
     return pair
 
@@ -422,10 +453,20 @@ def _effort(planned: Planned) -> tuple[bool, float]:
 def choose(offers: Sequence[Offer]) -> Offer:
     """The cheapest offer that decides: fewest signals, then no faster than before, then the shortest run; else the one
     that falls least short."""
-    if enough := [offer for offer in offers if offer.chance >= SURE]:
+    if enough := [offer for offer in offers if offer.decides]:
         return min(enough, key=lambda o: (len(o.signals), *_effort(o.planned), -o.separation))
     least = min(offer.short for offer in offers)
     return min((o for o in offers if 0.95 * o.short <= least), key=lambda o: (len(o.signals), *_effort(o.planned)))
+
+
+def freer_of(fits: Sequence[Fitted], kind: str) -> list[tuple[int, int]]:
+    """Pairs of a hypothesis and another one with a simpler law in place of one of its own; the simpler ones first."""
+    pairs = []
+    for (k, one), (j, other) in permutations(enumerate(fits), 2):
+        own, its = {*one.effects} - {*other.effects}, {*other.effects} - {*one.effects}
+        if len(own) == len(its) == 1 and same_but_freer(own.pop(), its.pop(), kind):
+            pairs.append((k, j))
+    return sorted(pairs, key=lambda pair: len(fits[pair[0]].z))
 
 
 def compared(lines: Sequence[Line], favoured: bool = False) -> list[Compared]:
@@ -537,7 +578,7 @@ def _why(question: Question, best: Offer) -> str:
     run, nothing = f"{load}, {best.planned.words}{signals},", best.separation < 0.05
     by, chance = f"{best.separation:.1f} standard deviations", best.chance
     decides = f"decide with a probability of {100.0 * chance:.0f} %"
-    if chance >= SURE:
+    if best.decides:
         return f"{begin}; {run} would do so by {by}, and {decides}."
     if now >= APART:
         return (
