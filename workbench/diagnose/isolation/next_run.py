@@ -34,7 +34,7 @@ TIMES = (2, 3, 4)  # a run of the menu over, in one run
 DRAWN, GENERATIONS = 20, 4  # motions that are simulated at once, and how often
 BETTER = 1.03  # than the best before, to be taken
 RARE = 0.01  # probability of a hypothesis that is counted as undecided
-DRAWS = 40  # machines of each hypothesis, for the chance
+DRAWS = 40  # machines of the likeliest hypothesis, and of another one as it is likely, for the chance
 STATED = 6  # times as many, for the one that is stated
 REFITS = 12  # at the most, each with what left its bounds held there, and what would go back released
 RIVALS = 5  # that the leading hypothesis is held against
@@ -191,15 +191,15 @@ class Odds:
         more = times * np.count_nonzero(lines[0].channel == 0) / self.inputs * self.lost
         ignored = self.ignored + times * lines[0].least ** 2 * lines[0].share * np.count_nonzero(lines[0].channel == 0)
         unlikely = 2.0 * math.log(1.0 / LIKELY - 1.0)
-        alone = short = 0.0
+        alone, short, likeliest = 0.0, 0.0, float(np.max(self.likely))
         for true, weight in enumerate(self.likely):
             if weight < RARE:
                 short += weight
                 continue
             fit, curved, rng = self.fits[true], self.curved[true], np.random.default_rng(true)
-            size = np.maximum(np.linalg.norm(curved, axis=0), 1e-12)
+            size, many = np.maximum(np.linalg.norm(curved, axis=0), 1e-12), math.ceil(draws * weight / likeliest)
             low, high, _ = bounds_of(fit.free)
-            spread = rng.normal(size=(draws, len(size))) @ np.linalg.pinv(curved / size, rcond=1e-9).T / size
+            spread = rng.normal(size=(many, len(size))) @ np.linalg.pinv(curved / size, rcond=1e-9).T / size
             changed = (np.clip(fit.z + spread, low, high) - fit.z) @ blocks[true][:, : len(size)].T
             drawn = rng.normal(size=changed.shape) - changed - blocks[true][:, -1]
             refitted = [self._left(k, blocks[k], lines[k].own_hold, drawn) for k in range(len(self.fits))]
@@ -208,7 +208,7 @@ class Odds:
             gained = (self.evidence + self.paid - more)[:, None] + left[none] - left
             after = self._freely(np.maximum(gained, 0.0) - self.paid[:, None])
             after[none] = self.evidence[none]
-            lead = np.full(draws, math.inf)
+            lead = np.full(many, math.inf)
             for k, one in enumerate(self.fits):  # without an effect it is no gap, whether that was open or not
                 if k != true and not (self.unnamed[true] and self.unnamed[k]):
                     as_good = reach(fit, one, fit.effects, one.effects, self.kind, after[true])
