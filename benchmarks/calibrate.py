@@ -3,7 +3,7 @@
 Fitted on campaigns of the simulators of a seed that is kept for it (SEED), and on blind tests that are open, so of no
 further use as such (`--with TEST...`); nothing recorded takes part. With `--make N` the campaigns are made and
 diagnosed first, in FOLDER, as `workbench blind` does it; what is there stays, and everything else needs no more than
-the kept answers. What is stated of an answer (`surer`, `missed_*`, see `verdict/answer.py`) is fitted by the
+the kept answers. What is stated of an answer (`missed_*`, see `verdict/answer.py`) is fitted by the
 likelihood of the answers being right or wrong; it changes no answer. What decides is set by hand;
 `benchmarks.sensitivity` says what an error in each number would change.
 """
@@ -40,8 +40,7 @@ from workbench.diagnose.hypotheses.settings import CALIBRATION, calibration
 from workbench.diagnose.verdict.answer import Hypothesis, logistic_argument, none_missed, rank
 
 Row = Mapping[str, Any]
-STATED = ("surer", "missed_no_gap", "missed_unknown")
-FACTOR = 3.0  # by which `surer` may be off 1
+STATED = ("missed_no_gap", "missed_unknown")
 ONE = 1.0  # campaign more that was missed, and one that was not: shares of few campaigns are neither 0 nor 1
 SEED = 7001  # of the campaigns that calibrate; what is scored has another one
 SEALED, ANSWERED_WITH = "sealed", "calibration.json"
@@ -180,17 +179,14 @@ def _stated(rows: Sequence[Row], numbers: Mapping[str, float]) -> dict[str, floa
     corners = _corners(rows, numbers)
 
     def numbers_of(values: Sequence[float]) -> dict[str, float]:
-        return {"surer": math.exp(values[0])} | dict(zip(STATED[1:], map(_share, values[1:]), strict=True))
+        return dict(zip(STATED, map(_share, values), strict=True))
 
     def loss(values: Sequence[float]) -> float:
         p = np.clip(corners.stated(numbers_of(values)), 1e-4, 1.0 - 1e-4)
-        unlikely = (values[0] / math.log(FACTOR)) ** 2
-        unlikely -= ONE * sum(math.log(_share(v)) + math.log(1.0 - _share(v)) for v in values[1:])
+        unlikely = -ONE * sum(math.log(_share(v)) + math.log(1.0 - _share(v)) for v in values)
         return float(unlikely - np.sum(np.log(np.where(outcome, p, 1.0 - p))))
 
-    bounds = [(-math.log(FACTOR), math.log(FACTOR)), *[(-6.0, 6.0)] * (len(STATED) - 1)]
-    begin = [0.0, *[-2.0] * (len(STATED) - 1)]
-    best = minimize(loss, begin, method="L-BFGS-B", bounds=bounds)
+    best = minimize(loss, [-2.0] * len(STATED), method="L-BFGS-B", bounds=[(-6.0, 6.0)] * len(STATED))
     return numbers_of(best.x)
 
 
@@ -207,10 +203,9 @@ class Corners:
     at: Array
 
     def stated(self, numbers: Mapping[str, float]) -> Array:
-        """(n,) of the answers, by `surer` and `missed_*`."""
-        x = np.where(self.x < 0.0, numbers["surer"] * self.x, self.x)
-        unknown = 1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0)))
-        missed = (np.full(len(x), numbers[name]) for name in STATED[1:])
+        """(n,) of the answers, by `missed_*`."""
+        unknown = 1.0 / (1.0 + np.exp(-np.clip(self.x, -50.0, 50.0)))
+        missed = (np.full(len(unknown), numbers[name]) for name in STATED)
         weights = (np.stack([1.0 - p, p]) for p in (unknown, *missed))
         return np.asarray(np.einsum("in,jn,kn,ijkn->n", *weights, self.at))
 
@@ -222,7 +217,7 @@ def _corners(rows: Sequence[Row], numbers: Mapping[str, float]) -> Corners:
         plain = {**row, "evidence": dict.fromkeys(row["evidence"], 0.0)}
         for i, j, k in itertools.product((0, 1), repeat=3):
             corner = {"unknown_bias": SURE[i], "missed_no_gap": j, "missed_unknown": k}
-            at[i, j, k, n] = _of(answer, _ranked(plain, {**numbers, "surer": 1.0, **corner}))
+            at[i, j, k, n] = _of(answer, _ranked(plain, {**numbers, **corner}))
     x = [logistic_argument(row["evidence"], numbers) for row in rows]
     return Corners(np.array(x), at)
 

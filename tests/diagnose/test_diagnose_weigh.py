@@ -54,7 +54,7 @@ from workbench.machines import default_hoist, get_value, with_values
 from workbench.references import Limits, Step, plan_motion
 
 TORQUE = "torque_motor_nm"
-AS_DECIDED = {"surer": 1.0, "missed_no_gap": 0.0, "missed_unknown": 0.0}  # and so stated
+AS_DECIDED = {"missed_no_gap": 0.0, "missed_unknown": 0.0}  # and so stated
 NUMBERS = {
     **calibration(), "threshold": 6.0, "unknown_bias": -6.0, **AS_DECIDED
 }  # fmt: skip

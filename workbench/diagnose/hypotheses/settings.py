@@ -23,9 +23,8 @@ NUISANCE = 3.0  # standard deviations of a tolerance or an effect's nuisance amo
 IMPACTS = 150.0  # evidence of a play where impacts come again: no other effect has them, and no fit looks at them
 
 # A law that holds
-RESTS = 0.25  # rest, and of a hoist's cause what stays over what it takes: 0.2 at most, and 0.4 and more
 FORETOLD = 0.1  # of an energy: so much a curve, a change of amount, another lag or the base parameters take by chance
-HALF = 0.5  # of the best one's evidence: what a part of it needs; of several shares' energy: their sum
+HALF = 0.5  # of the best one's evidence; of several shares' energy: their sum; of a cause, rms, what stays beside it
 MINOR = 0.2  # of the gap, of the input, of a filter's lag: of five surer causes that explained less two were none
 
 # An unknown cause
@@ -37,7 +36,7 @@ OWN_PERCENT = 1.5  # of the input's rms: what an axis may leave of a law of one 
 def calibration() -> Mapping[str, float]:
     """What decides: threshold: evidence that no gap has; unknown_bias: log odds of an unknown cause.
 
-    What is stated of the decision (`answer._stated`): surer, and misses: of no gap, and of an unknown cause.
+    What is stated of the decision (`answer._with_misses`): misses of no gap, and of an unknown cause.
     """
     numbers: Mapping[str, float] = json.loads(CALIBRATION.read_text(encoding="utf-8"))["numbers"]
     return numbers

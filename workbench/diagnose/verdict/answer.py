@@ -155,11 +155,9 @@ def rank(
     the three words. groups: of hypotheses that differ in name only, the first one's name leading; each is one row,
     with one probability.
     """
-    x = logistic_argument(signs, numbers)
-    answer = _rows(evidence, _shares(evidence, x, numbers), groups)[0]
-    if x < 0.0 and answer.verdict != "unknown":
-        x *= numbers["surer"]
-    rows = _rows(evidence, _with_misses(_shares(evidence, x, numbers), numbers, answer.verdict), groups)
+    shares = _shares(evidence, logistic_argument(signs, numbers), numbers)
+    answer = _rows(evidence, shares, groups)[0]
+    rows = _rows(evidence, _with_misses(shares, numbers, answer.verdict), groups)
     first = next(row for row in rows if (row.verdict, row.effects) == (answer.verdict, answer.effects))
     return (first, *sorted((row for row in rows if row is not first), key=lambda row: -row.probability))
 
@@ -220,8 +218,6 @@ def _shares(evidence: Sequence[tuple[Names, float]], x: float, numbers: Mapping[
     """x: the logistic's argument, of an unknown cause."""
     unknown = 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0)))
     exponents = np.array([numbers["threshold"], *(one for _, one in evidence)]) / 2.0
-    # Of many causes weighed one looks good by chance.
-    exponents[1:] -= numbers["elsewhere"] * math.log(max(len(evidence), 1))
     shares = np.exp(exponents - np.max(exponents))
     shares *= (1.0 - unknown) / np.sum(shares)
     listed = np.array([bool(names) for names, _ in evidence], dtype=bool)

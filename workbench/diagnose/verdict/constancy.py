@@ -54,7 +54,7 @@ class Constancy:
 
     @property
     def broken(self) -> bool:
-        return self.share > settings.FORETOLD or self.rest > settings.RESTS
+        return self.share > settings.FORETOLD or self.rest > settings.HALF**2
 
 
 def constancies(problem: Problem, base: Fitted, near: Fitted, fit: Fitted) -> tuple[Constancy, ...]:
@@ -102,7 +102,7 @@ def constancies(problem: Problem, base: Fitted, near: Fitted, fit: Fitted) -> tu
             changing = by_halves(problem, rows, left) - chance
             tested.append(Constancy(name, "halves_of_each_run", changing / own))
         if tested:
-            found.append(max(tested, key=lambda one: max(one.share / settings.FORETOLD, one.rest / settings.RESTS)))
+            found.append(max(tested, key=lambda one: max(one.share / settings.FORETOLD, one.rest / settings.HALF**2)))
     return tuple(found)
 
 

@@ -55,7 +55,7 @@ def stretched(problem: Problem, fit: Fitted) -> dict[str, float]:
 
 def stays_beside(problem: Problem, base: Fitted, fit: Fitted, left: Left) -> dict[str, float]:
     """What speaks for an unknown cause beside an established one: `left`, the lesser of what stays over its limit and
-    of its share of what the cause takes over RESTS, both rms. Of a machine that leaves itself nothing a true cause
+    of its share of what the cause takes over HALF, both rms. Of a machine that leaves itself nothing a true cause
     takes nearly all, and a part of another one does not. Any other may leave anything: that is a remainder.
 
     base: the fit without effects as far as it goes: what base parameters can take is no cause's. left: what stays.
@@ -63,7 +63,7 @@ def stays_beside(problem: Problem, base: Fitted, fit: Fitted, left: Left) -> dic
     if kind_of(problem.machine).floor == "own":
         return {}
     taken = base.rms(problem.inputs) ** 2 - fit.rms(problem.inputs) ** 2
-    share = left.rms / math.sqrt(max(settings.RESTS * taken, 1e-300))
+    share = left.rms / (settings.HALF * math.sqrt(max(taken, 1e-300)))
     return {"left": min(left.percent_of_input / own_percent(problem), share)}
 
 
