@@ -301,6 +301,21 @@ def test_a_value_at_its_upper_bound_bends_a_planned_run_as_one_beside_it_does(he
     assert kept == pytest.approx(free, abs=0.02 * np.max(np.abs(free)))
 
 
+def test_what_differs_near_standstill_alone_is_promised_with_the_largest_model_error_there(heavier: SearchResult):
+    """An offset and unequal friction levels of an axis are one at speed: eighteen slow legs were to set them apart by
+    229 of chi^2 with a probability of 0.98, and on the true machine, of another law of friction, did by 0.5."""
+    problem, fit = heavier.problem, heavier.fits["torque_offset",]
+    ahead = ahead_of(problem, [menu(problem)[0].run], fit)
+    usual = ahead.errors.sized(problem.errors.sizes)
+    slow = usual.sized((1.0, 1.0)).at_speed < settings.HALF
+    shown = [
+        [float(np.sum(errors.whiten(rows * problem.noise) ** 2)) for errors in (usual, ahead.errors)]
+        for rows in (1.0 * slow, 1.0 * ~slow)
+    ]
+    (there, left), (at_speed, stays) = shown
+    assert left < settings.HALF * there and stays > settings.HALF * at_speed
+
+
 def odds(
     z: Sequence[float], curved: Sequence[float], lead: float = 0.0, least: float = -math.inf,
     names: Sequence[str] = ("torque_offset", "carriage_mass_error"), std: float = math.inf,

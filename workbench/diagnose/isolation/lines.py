@@ -24,6 +24,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.problem import STEP, TENSION, Problem
 from workbench.machines import kind_of
+from workbench.simulate.model_error import BOUNDS
 
 LEAST = 0.35  # of the noise, rms: no model is more exact than that
 
@@ -68,14 +69,15 @@ def on_campaign(problem: Problem, fit: Fitted) -> Line:
 
 
 def ahead_of(problem: Problem, runs: Sequence[Run], fit: Fitted) -> Problem:
-    """Planned runs as the campaign is weighed: with its noise and model error, at the input that a fit foretells."""
+    """Planned runs as the campaign is weighed: with its noise and model error, at the input that a fit foretells. Near
+    standstill, where a machine's own friction is by no law's word, with as much of it as a campaign may have."""
     ahead = Problem(problem.machine, runs, problem.band_hz)
     ahead.noise, ahead.row_noise = problem.noise, np.full(ahead.inputs, problem.noise)
     if problem.has_tension:
         ahead.tension_noise = problem.tension_noise
     required = ahead.bench.required(ahead.tables([_of_one_run(fit.setting)]))
     ahead.bench.measured = [every[:, 0, 0] for every in required]
-    ahead.errors = ahead.errors_of_rows().sized(problem.errors.sizes)
+    ahead.errors = ahead.errors_of_rows().sized((problem.errors.sizes[0], BOUNDS[1][1]))
     return ahead
 
 
