@@ -309,8 +309,8 @@ def test_what_differs_near_standstill_alone_is_promised_with_the_largest_model_e
     usual = ahead.errors.sized(problem.errors.sizes)
     slow = usual.sized((1.0, 1.0)).at_speed < settings.HALF
     shown = [
-        [float(np.sum(errors.whiten(rows * problem.noise) ** 2)) for errors in (usual, ahead.errors)]
-        for rows in (1.0 * slow, 1.0 * ~slow)
+        [float(np.sum(errors.whiten(problem.noise * rows.astype(float)) ** 2)) for errors in (usual, ahead.errors)]
+        for rows in (slow, ~slow)
     ]
     (there, left), (at_speed, stays) = shown
     assert left < settings.HALF * there and stays > settings.HALF * at_speed
