@@ -26,19 +26,9 @@ from workbench.identify.identify import identify as fit_machine
 from workbench.logs import Campaign
 from workbench.logs import read_campaign as read
 from workbench.logs.doubts import doubts_of
-from workbench.machines import (
-    NO_EFFECTS,
-    STUDIED,
-    Axis,
-    Hoist,
-    LinearAxis,
-    RotaryAxis,
-    default_hoist,
-    load_of,
-    of_kind,
-    studied,
-)
+from workbench.machines import STUDIED, Axis, Hoist, LinearAxis, RotaryAxis, default_hoist, load_of, of_kind, studied
 from workbench.machines import load_machine as load
+from workbench.machines.plant import NO_EFFECTS
 from workbench.references import LimitPair, Limits, Step, allowed_carriage_speed_m_s, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import NO_EVENTS, LoopCase, LoopResult, simulate_loop
 from workbench.simulate.lowpass import check_band

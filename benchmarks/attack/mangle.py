@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.attack import watch_states
-from workbench.machines import default_hoist
-from workbench.machines.files import machine_text
+from workbench.machines import default_hoist, machine_text
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES, STEP_S = 300, 0.01

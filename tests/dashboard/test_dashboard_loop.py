@@ -20,8 +20,7 @@ from workbench.dashboard.desk import Desk, shipped_desk, usual_desk
 from workbench.dashboard.pages import sizing, validate
 from workbench.dashboard.pages.loop import gain_steps, rule_settings
 from workbench.logs import read_campaign
-from workbench.machines import Hoist, default_hoist, kind_of, shipped, with_values
-from workbench.machines.files import machine_text
+from workbench.machines import Hoist, default_hoist, kind_of, machine_text, shipped, with_values
 from workbench.machines.kinds.axis import LinearAxis, RotaryAxis
 from workbench.simulate.models import compare_models
 from workbench.study.load import plan_study

@@ -40,13 +40,12 @@ from workbench.machines import (
     kind_of,
     load_machine,
     machine_from,
+    machine_text,
     plant_of,
     save_machine,
     with_correction,
 )
-from workbench.machines.files import machine_text
-from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
-from workbench.simulate.plant_model import plant_model
+from workbench.simulate.loop import LoopCase, LoopResult, plant_model, simulate_loop
 
 # The names that others rely on; see docs/formats.md.
 NAMES = [

@@ -18,8 +18,7 @@ from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.machines import HOIST, PLANTS, Axis, Hoist, default_hoist, kind_of, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.driven import InverseSimulation, pooled_rms
-from workbench.simulate.loop import LoopCase, simulate_loop
-from workbench.simulate.plant_model import PlantModel
+from workbench.simulate.loop import LoopCase, PlantModel, simulate_loop
 from workbench.symbolic.emit import evaluate
 from workbench.symbolic.expr import symbol
 

@@ -17,8 +17,7 @@ from workbench.engine import kernels
 from workbench.engine.native import load_functions
 from workbench.engine.preamble import PREAMBLE
 from workbench.machines import HOIST, PLANTS, with_values
-from workbench.simulate.loop import LoopCase, LoopResult, simulate_loop
-from workbench.simulate.plant_model import PlantModel
+from workbench.simulate.loop import LoopCase, LoopResult, PlantModel, simulate_loop
 
 HEIGHT = {"hoist": 9.0, "axis-linear": 0.1, "axis-rotary": 0.4, "two_inertia": 0.4, "slew_boom": 0.4}
 SPEED = {"hoist": 60.0, "axis-linear": 0.2, "axis-rotary": 2.0, "two_inertia": 2.0, "slew_boom": 0.05}

@@ -17,8 +17,7 @@ from tests.support.commands import Commands
 from tests.support.structured_text import Block
 from workbench.control import FeedForward, Notch, PiSettings
 from workbench.core.errors import InputError
-from workbench.export.controller_program import checked, program_of, record_of
-from workbench.export.controller_text import controller_files
+from workbench.export.controller_program import checked, controller_files, program_of, record_of
 from workbench.export.fmu import host_compiler
 from workbench.export.model import model_of
 from workbench.machines import default_hoist

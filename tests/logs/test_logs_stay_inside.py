@@ -28,8 +28,7 @@ from workbench.core.input_file import MOST_BYTES, open_input, readable_file
 from workbench.core.whole_folder import whole_folder
 from workbench.logs import read_campaign
 from workbench.logs.formats.opening import open_log
-from workbench.machines import default_hoist
-from workbench.machines.files import machine_text
+from workbench.machines import default_hoist, machine_text
 from workbench.study.rows import read_table
 
 SECRET = "root:x:0:0:the whole of a file of the server" * 20

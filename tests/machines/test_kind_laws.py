@@ -23,8 +23,18 @@ from workbench.core.yaml_strict import dumps
 from workbench.diagnose.readiness.checks import check_runs
 from workbench.identify.identify import identify
 from workbench.logs import read_campaign
-from workbench.machines import KINDS, NO_EFFECTS, PLANTS, Effects, Kind, get_value, kind_of, save_machine, with_values
-from workbench.machines.files import RECORDS
+from workbench.machines import (
+    KINDS,
+    NO_EFFECTS,
+    PLANTS,
+    RECORDS,
+    Effects,
+    Kind,
+    get_value,
+    kind_of,
+    save_machine,
+    with_values,
+)
 from workbench.symbolic.derive import jacobian
 from workbench.symbolic.expr import Scalar, symbol
 

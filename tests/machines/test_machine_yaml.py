@@ -16,6 +16,7 @@ from workbench.core.errors import InputError
 from workbench.core.yaml_strict import dumps, load, loads
 from workbench.effects import of
 from workbench.machines import (
+    RECORDS,
     Hoist,
     LinearAxis,
     RotaryAxis,
@@ -23,11 +24,11 @@ from workbench.machines import (
     get_value,
     load_machine,
     machine_from,
+    machine_text,
     save_machine,
     value_names,
     with_values,
 )
-from workbench.machines.files import RECORDS, machine_text
 from workbench.study.scenario import Scenario
 
 

@@ -147,7 +147,7 @@ def test_the_command_prints_stores_and_reports_an_axis(tmp_path: Path, capsys: p
 
 
 def machine_text() -> str:
-    from workbench.machines.files import machine_text as text_of
+    from workbench.machines import machine_text as text_of
 
     return text_of(result().study.machine)
 

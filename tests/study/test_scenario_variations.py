@@ -18,8 +18,7 @@ from tests.support.scenario_text import GOOD, write
 from workbench.core.errors import InputError
 from workbench.core.yaml_strict import load, loads
 from workbench.logs import read_campaign
-from workbench.machines import default_hoist
-from workbench.machines.files import machine_text
+from workbench.machines import default_hoist, machine_text
 from workbench.references import Step, motor_speed_rad_s, plan_motion
 from workbench.references.shape import Limits
 from workbench.study.front import fronts

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from workbench.machines import default_hoist
-from workbench.machines.files import machine_text
+from workbench.machines import default_hoist, machine_text
 
 Array = npt.NDArray[np.float64]
 AXIS = """\

@@ -13,7 +13,7 @@ from workbench.control.settings import read_controller
 from workbench.core.errors import InputError
 from workbench.core.whole_folder import check_free, whole_folder
 from workbench.effects import check
-from workbench.export.controller_text import controller_files, ramp_of
+from workbench.export.controller_program import controller_files, ramp_of
 from workbench.export.fmu import write_fmu
 from workbench.export.model import Start, model_of
 from workbench.machines import STUDIED, default_hoist, load_machine, of_kind, studied

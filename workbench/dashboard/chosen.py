@@ -25,6 +25,7 @@ from pathlib import Path
 import streamlit as st
 from streamlit.runtime.scriptrunner import get_script_run_ctx
 
+from workbench import machines
 from workbench.core.errors import InputError
 from workbench.dashboard import session, uploads
 from workbench.dashboard.jobs import INPUTS
@@ -33,20 +34,6 @@ from workbench.dashboard.widgets import fold, guarded, held, plain
 from workbench.effects import check
 from workbench.logs import Campaign, read_campaign
 from workbench.logs.formats.opening import suffixes
-from workbench.machines import (
-    LOOPED,
-    STUDIED,
-    Hoist,
-    Machine,
-    default_hoist,
-    load_machine,
-    looped,
-    of_kind,
-    shipped,
-    shipped_hoist,
-    studied,
-    with_values,
-)
 
 DEFAULT, RINGING, AXIS = "default hoist", "lightly damped hoist", "ball-screw axis"
 UPLOADED = "upload a machine.yaml"
@@ -62,7 +49,7 @@ UPLOAD = "upload a campaign"
 TYPES = ["zip", "yaml", *(suffix.removeprefix(".") for suffix in suffixes())]
 _KEPT, _CHOSEN = "machines kept", "machine chosen"
 _LAST, _READ, _SENT = "campaign chosen", "campaigns read", "campaigns sent"
-Takes = Callable[[Machine], Machine | None]
+Takes = Callable[[machines.Machine], machines.Machine | None]
 
 
 def free_name(name: str, taken: Collection[str]) -> str:
@@ -76,11 +63,11 @@ def free_name(name: str, taken: Collection[str]) -> str:
 # ---- machines -----------------------------------------------------------------------------------------------------
 
 
-def kept_machines() -> dict[str, Machine]:
+def kept_machines() -> dict[str, machines.Machine]:
     return session.get(_KEPT, dict, {})
 
 
-def keep_machine(name: str, machine: Machine) -> str:
+def keep_machine(name: str, machine: machines.Machine) -> str:
     """Keeps a machine for this session; returns the name it is listed under (a taken one is numbered)."""
     kept = kept_machines()
     others = (known for known, other in kept.items() if other != machine)
@@ -89,7 +76,7 @@ def keep_machine(name: str, machine: Machine) -> str:
     return free
 
 
-def keep_button(key: str, name: str, machine: Callable[[], Machine]) -> None:
+def keep_button(key: str, name: str, machine: Callable[[], machines.Machine]) -> None:
     def keep() -> None:  # runs before the page, whose lists of machines then hold it
         st.toast(f"Kept as {plain(keep_machine(name, machine()))}", icon=":material/check:")
 
@@ -101,9 +88,13 @@ def choose_machine(name: str) -> None:
     session.put(_CHOSEN, name)
 
 
-def session_machine(key: str, takes: Takes = looped, expected: str = LOOPED) -> Machine:
+def session_machine(key: str, takes: Takes = machines.looped, expected: str = machines.LOOPED) -> machines.Machine:
     """The machine that this session works on, with the drive's times that it has set."""
-    ships = {DEFAULT: default_hoist(), RINGING: shipped_hoist("lightly_damped"), AXIS: shipped("emps_axis")}
+    ships = {
+        DEFAULT: machines.default_hoist(),
+        RINGING: machines.shipped_hoist("lightly_damped"),
+        AXIS: machines.shipped("emps_axis"),
+    }
     known, last = ships | kept_machines(), session.get(_CHOSEN, str, DEFAULT)
     offered = {name: machine for name, machine in known.items() if takes(machine) is not None}
     here = last if last in offered else DEFAULT
@@ -115,13 +106,15 @@ def session_machine(key: str, takes: Takes = looped, expected: str = LOOPED) -> 
             st.info("Choose a machine.yaml.", icon=":material/upload:")
         with guarded(stop=False):  # a bad file changes nothing
             if upload is not None:
-                read = load_machine(session.stored(upload, "machine.yaml"), check_effects=check)
+                read = machines.load_machine(session.stored(upload, "machine.yaml"), check_effects=check)
                 if (machine := takes(read)) is None:
-                    raise InputError(f"is {of_kind(read)}; expected {expected}", file="machine.yaml", place="kind")
+                    raise InputError(
+                        f"is {machines.of_kind(read)}; expected {expected}", file="machine.yaml", place="kind"
+                    )
                 choose_machine(keep_machine(machine.name, machine))
                 st.rerun()
         choice = here
-    if last != here and last in known and looped(known[last]) is not None and choice == DEFAULT:
+    if last != here and last in known and machines.looped(known[last]) is not None and choice == DEFAULT:
         st.info(f"This page is for hoists only; {plain(last)} stays chosen on Study and Loop.")
     else:
         choose_machine(choice)
@@ -134,11 +127,11 @@ def session_machine(key: str, takes: Takes = looped, expected: str = LOOPED) -> 
             values[field] = part.number_input(label, 0.0, 200.0, step=0.5, key=widget, format="%g")
     session.put(f"drive of {choice}", values)
     changed = {f"drive.{field}": 1e-3 * value for field, value in values.items() if value != own[field]}
-    return with_values(machine, changed) if changed else machine
+    return machines.with_values(machine, changed) if changed else machine
 
 
-def hoist_of_session(key: str) -> Hoist:
-    machine = studied(session_machine(key, studied, STUDIED))
+def hoist_of_session(key: str) -> machines.Hoist:
+    machine = machines.studied(session_machine(key, machines.studied, machines.STUDIED))
     assert machine is not None
     return machine
 

@@ -20,6 +20,7 @@ from typing import Any, cast
 
 import streamlit as st
 
+from workbench import machines
 from workbench.analysis.usual import bandwidth_and_damping, rigid_gains, shaft_inertia_kg_m2, usual_cascade
 from workbench.control import Cascade, PiSettings, Settings
 from workbench.core.errors import InputError
@@ -28,21 +29,7 @@ from workbench.dashboard import session
 from workbench.dashboard.chosen import AXIS, DEFAULT, choose_machine, keep_machine
 from workbench.dashboard.widgets import Field, fold, form, held, number, problem, text
 from workbench.effects import check
-from workbench.machines import (
-    LOOPED,
-    SHIPPED,
-    Axis,
-    Hoist,
-    Machine,
-    default_hoist,
-    kind_of,
-    looped,
-    machine_from,
-    of_kind,
-    shipped,
-    studied,
-)
-from workbench.machines.files import machine_text
+from workbench.machines import Machine, default_hoist, kind_of, studied
 from workbench.metrics import set_of
 from workbench.references import BASELINE, Step, allowed_carriage_speed_m_s, planned_kinds
 from workbench.study.decide import RESERVE, criteria_for
@@ -107,7 +94,7 @@ def usual_desk(machine: Machine) -> Desk:
     kind = kind_of(machine)
     if kind.payload:
         loop = (2.5, 1.0)
-        kp, ki = rigid_gains(shaft_inertia_kg_m2(cast(Hoist, machine)), *loop)
+        kp, ki = rigid_gains(shaft_inertia_kg_m2(cast(machines.Hoist, machine)), *loop)
         return desk_of(edited(START, machine, {"kp": kp, "ki": ki}), machine, loop)
 
     def short(value: float) -> float:
@@ -122,7 +109,7 @@ def usual_desk(machine: Machine) -> Desk:
         "moves": _there_and_back(unit, short(3.0 * speed * ramp), 0.5),
         "limits": {key_in(unit, key): short(value) for key, value in zip(LIMITS.values(), limits, strict=True)},
         "references": (BASELINE, "ruckig", "ruckig_equal_time"),
-        "controller": usual_cascade(cast(Axis, machine)).model_dump(),
+        "controller": usual_cascade(cast(machines.Axis, machine)).model_dump(),
         "lead_s": 0.2, "settle_s": 0.8, "outputs": THINNED,
     })  # fmt: skip
     return desk_of(usual, machine)
@@ -179,7 +166,7 @@ def opened(scenario: Scenario, machine: Machine) -> Scenario:
             raise InputError("is a batch of runs; run it on the page Batches, or take it out", place=key)
     kind, unit = kind_of(machine), kind_of(machine).moved.unit
     if not kind.payload and not isinstance(scenario.controller, Cascade):
-        raise InputError(f"is a hoist's; {of_kind(machine)} takes kind: cascade", place="controller")
+        raise InputError(f"is a hoist's; {machines.of_kind(machine)} takes kind: cascade", place="controller")
     if scenario.start is None or not scenario.moves or (kind.payload and scenario.payloads_kg is None):
         raise InputError(f"expected {'payloads_kg, ' * bool(kind.payload)}{key_in(unit, 'start_position_m')} and moves")
 
@@ -370,7 +357,7 @@ def _controller(desk: Desk, machine: Machine) -> tuple[dict[str, float], tuple[f
     scenario = desk.scenario
     if not kind_of(machine).payload:
         return _draw(scenario, machine, ["kv", "kp", "ki"]), None
-    settings, inertia = scenario.controller, shaft_inertia_kg_m2(cast(Hoist, machine))
+    settings, inertia = scenario.controller, shaft_inertia_kg_m2(cast(machines.Hoist, machine))
     by = st.segmented_control(
         "Set by", (BANDWIDTH, GAINS), key=held("study.by", BANDWIDTH if desk.loop else GAINS),
         label_visibility="collapsed", required=True, width="stretch",
@@ -470,7 +457,7 @@ def _file(name: str, machine: Machine) -> str:
 
 def set_desk(desk: Desk, machine: Machine) -> None:
     """The controls stand so from the next run of the page on, on this machine."""
-    if machine in (default_hoist(), shipped("emps_axis")):
+    if machine in (default_hoist(), machines.shipped("emps_axis")):
         choose_machine(DEFAULT if machine == default_hoist() else AXIS)
     elif not kind_of(machine).payload:
         choose_machine(keep_machine(machine.name, machine))
@@ -481,7 +468,9 @@ def machine_form(machine: Machine, key: str) -> Machine:
     """The machine with the values that are set in fields, which follow from its record. InputError for what cannot
     be."""
     data = form(type(machine), machine.model_dump(mode="json"), key)
-    return machine_from(loads(dumps({k: v for k, v in data.items() if v is not None}), FILE), check_effects=check)
+    return machines.machine_from(
+        loads(dumps({k: v for k, v in data.items() if v is not None}), FILE), check_effects=check
+    )
 
 
 # ---- files and the address ----------------------------------------------------------------------------------------
@@ -497,7 +486,7 @@ def shipped_scenarios() -> dict[str, Path]:
 
 def shipped_as(machine: Machine) -> str | None:
     """What a scenario calls the machine; None for one that does not ship."""
-    return next((name for name in SHIPPED if shipped(name) == machine), None)
+    return next((name for name in machines.SHIPPED if machines.shipped(name) == machine), None)
 
 
 def scenario_file(scenario: Scenario, machine: Machine, file: str = "") -> str:
@@ -511,7 +500,7 @@ def files_of(scenario: Scenario, machine: Machine) -> list[tuple[str, str, str]]
     """Button, file name, text: the scenario, and the axis that it names where that does not ship."""
     files = [("Save scenario", f"{scenario.name}.yaml", scenario_file(scenario, machine))]
     if not kind_of(machine).payload and not shipped_as(machine):
-        files.append(("Save machine", f"{scenario.name}_machine.yaml", machine_text(machine)))
+        files.append(("Save machine", f"{scenario.name}_machine.yaml", machines.machine_text(machine)))
     return files
 
 
@@ -521,9 +510,9 @@ def shipped_desk(name: str, machine: Machine) -> tuple[Desk, Machine]:
     study = load_study(shipped_scenarios()[name])
     scenario, own, hoist = study.scenario, studied(study.machine), studied(machine)
     if own is None:
-        axis = shipped(scenario.machine) if scenario.machine in SHIPPED else None
+        axis = machines.shipped(scenario.machine) if scenario.machine in machines.SHIPPED else None
         if axis is None or studied(axis) is not None:
-            raise InputError(f"is a study of {of_kind(study.machine)} in a file of its own; run it as a batch")
+            raise InputError(f"is a study of {machines.of_kind(study.machine)} in a file of its own; run it as a batch")
         return desk_of(changed(scenario, {"sweep": None, "sample": None}), axis), axis
     if scenario.machine != "default":  # its values as overrides: the page's machine is another choice
         scenario = read_standalone(loads(standalone_text(scenario, own), f"{name}.yaml"))
@@ -540,7 +529,7 @@ def in_address(scenario: Scenario, machine: Machine) -> str | None:
         if machine == default_hoist() and scenario == usual_desk(machine).scenario:
             return None
     elif not shipped_as(machine):
-        text_ += BETWEEN + machine_text(machine)
+        text_ += BETWEEN + machines.machine_text(machine)
     packed = base64.urlsafe_b64encode(zlib.compress(text_.encode(), 9)).decode().rstrip("=")
     return packed if len(packed) <= LONGEST else None
 
@@ -560,11 +549,11 @@ def from_address(packed: str) -> tuple[Desk, Machine]:
     if not unpacking.eof:
         raise wrong
     scenario, _, machine_yaml = plain.partition(BETWEEN)
-    machine = machine_from(loads(machine_yaml, PLACE), check_effects=check) if machine_yaml else None
+    machine = machines.machine_from(loads(machine_yaml, PLACE), check_effects=check) if machine_yaml else None
     axis = None if machine is None or studied(machine) is not None else machine
     read = read_standalone(loads(scenario, PLACE), axis)
-    own = axis or shipped(read.machine)
-    if looped(own) is None:
-        raise InputError(f"is of {of_kind(own)}; expected {LOOPED}", place=ADDRESS_KEY)
+    own = axis or machines.shipped(read.machine)
+    if machines.looped(own) is None:
+        raise InputError(f"is of {machines.of_kind(own)}; expected {machines.LOOPED}", place=ADDRESS_KEY)
     own = default_hoist() if studied(own) is not None else own
     return desk_of(read, own), own

@@ -27,8 +27,7 @@ from workbench.diagnose.machines import refitted_machine, with_effects
 from workbench.diagnose.tables import TableFitter, gain_of, lever_of
 from workbench.effects.loading import know
 from workbench.effects.registry import UserFile, add
-from workbench.machines import kind_of
-from workbench.machines.files import machine_text
+from workbench.machines import kind_of, machine_text
 from workbench.simulate.driven import InverseSimulation, changed
 from workbench.symbolic import expr
 

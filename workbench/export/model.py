@@ -32,8 +32,7 @@ from workbench.effects.active import Alone
 from workbench.export.controller_program import check_exported
 from workbench.export.physics import Physics
 from workbench.machines import STUDIED, Hoist, Machine, kind_of, of_kind, plant_of
-from workbench.simulate.loop import torque_limits
-from workbench.simulate.plant_model import PlantModel
+from workbench.simulate.loop import PlantModel, torque_limits
 from workbench.symbolic.expr import symbol, where
 
 _BASE = {"N": "kg.m/s2", "Pa": "kg/m.s2", "Hz": "1/s"}  # units that FMI does not take as base units

@@ -22,8 +22,7 @@ from workbench.core.yaml_strict import Document, dotted, load, validate
 from workbench.logs.formats.opening import LogFile, expect, open_log
 from workbench.logs.raw_run import Entry, RawRun
 from workbench.logs.samples import checked_runs
-from workbench.machines import TIME, Machine, kind_of, load_machine
-from workbench.machines.files import CheckEffects
+from workbench.machines import TIME, CheckEffects, Machine, kind_of, load_machine
 
 
 class Column(Record):

@@ -16,8 +16,7 @@ from workbench.effects import Active, Effect, alone, find, joined, longest_step_
 from workbench.engine.source import LAG
 from workbench.engine.stepped import LiveStep
 from workbench.machines import HOIST, Effects, Hoist, Machine, kind_of, of_kind
-from workbench.simulate.loop import BOUNDLESS, RAIL_PLAY, kept_by_others, torque_limits
-from workbench.simulate.plant_model import PlantModel
+from workbench.simulate.loop import BOUNDLESS, RAIL_PLAY, PlantModel, kept_by_others, torque_limits
 
 HOIST_STEP_S, AXIS_STEP_S = 0.001, 0.0002  # of the integration: an axis' friction turns over more sharply
 # What is taken from a client, of what the machine can bear; more is no order but a fault of the line.

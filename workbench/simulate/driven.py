@@ -23,9 +23,9 @@ from workbench.effects import Active, Part, logged_input, moved_by, sizes_of, tr
 from workbench.engine import kernels
 from workbench.engine.kernels import FEW_LANES, MOST_STEPS, lanes_for
 from workbench.machines import Machine, Plant, kind_of, plant_of
+from workbench.simulate.loop import PlantModel, plant_model
 from workbench.simulate.lowpass import default_band, inside, lowpass, noise_rms
 from workbench.simulate.motion import GUARD_S, PLAY, Motion, beside, bridged, motion_of, moving
-from workbench.simulate.plant_model import PlantModel, plant_model
 
 # Relative to the speed scale, per sample. A measured speed is noisy; its noise need not be integrated exactly.
 TOLERANCE = 1e-4

@@ -22,7 +22,6 @@ from workbench.references import (
     Shape,
     motion_time_s,
     move_shape,
-    planned_kind,
     planned_kinds,
 )
 from workbench.references.least_peak import least_peak, peak_force_n
@@ -433,7 +432,7 @@ def from_the_bound(study: Study) -> list[str]:
     scale = limit / of_load if math.isfinite(of_load) else 1.0  # of a force at the load: one motor's torque
 
     def moves_of(name: str) -> Moves:
-        return [move_shape(planned_kind(name), d, limits.towards(d), load) for d in distances]
+        return [move_shape(planned_kinds()[name], d, limits.towards(d), load) for d in distances]
 
     def peak(moves: Moves) -> float:
         return scale * max(peak_force_n(shape, load) for shape in moves)
@@ -478,7 +477,7 @@ def beyond_its_limits(study: Study) -> list[str]:
     ways = dict[str, None]()
     for distance in _distances(own):
         given = own.limits.towards(distance)
-        used = move_shape(planned_kind(EQUAL), distance, given, load).limits
+        used = move_shape(planned_kinds()[EQUAL], distance, given, load).limits
         if exceeded := raised(given, used, kind_of(own.machine).moved.unit):
             share = 100.0 * used.speed_m_s / load.top_speed_m_s if used.speed_m_s > given.speed_m_s else 0.0
             ways[exceeded + (f" ({share:.3g} % of the drive's top speed)" if share else "")] = None

@@ -15,27 +15,12 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from workbench import __version__
+from workbench import __version__, machines
 from workbench.core.errors import InputError, nearest
 from workbench.core.shown import Brief
 from workbench.core.yaml_strict import Document, Place, checked, dotted, dumps, load, problem_lines, put, together
 from workbench.effects import check
 from workbench.effects.registry import digests_of
-from workbench.machines import (
-    LOOPED,
-    SHIPPED,
-    STUDIED,
-    AnyKind,
-    Hoist,
-    Machine,
-    default_hoist,
-    kind_of,
-    load_machine,
-    looped,
-    of_kind,
-    shipped,
-    studied,
-)
 from workbench.metrics import added, set_of
 from workbench.references import Plan
 from workbench.references import digests_of as digests_of_references
@@ -155,7 +140,7 @@ class Study(Brief):
     """A scenario on its machine (overrides, drive and effects in it). recordings: of its recorded references."""
 
     scenario: Scenario
-    machine: AnyKind
+    machine: machines.AnyKind
     recordings: Mapping[str, Recording] = field(default_factory=dict)
 
     @cached_property
@@ -190,7 +175,7 @@ class Study(Brief):
     @property
     def effects_digests(self) -> dict[str, str]:
         """Effect -> digest of the text that declares it, of effects that are a user's own, as they are known now."""
-        return digests_of(self.machine.effects, kind_of(self.machine).name)
+        return digests_of(self.machine.effects, machines.kind_of(self.machine).name)
 
     @cached_property
     def fingerprint(self) -> str:
@@ -213,7 +198,9 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     return planned(scenario, machine, _recordings(scenario, layers), layers)
 
 
-def planned(scenario: Scenario, machine: Machine, recordings: Mapping[str, Recording], layers: Layered) -> Study:
+def planned(
+    scenario: Scenario, machine: machines.Machine, recordings: Mapping[str, Recording], layers: Layered
+) -> Study:
     """`plan_study`, with file and line of what does not fit."""
     try:
         return plan_study(scenario, machine, recordings)
@@ -225,13 +212,15 @@ def planned(scenario: Scenario, machine: Machine, recordings: Mapping[str, Recor
         raise InputError(error.problem, file=file, line=line, place=shown or None) from error
 
 
-def plan_study(scenario: Scenario, machine: Machine, recordings: Mapping[str, Recording] | None = None) -> Study:
+def plan_study(
+    scenario: Scenario, machine: machines.Machine, recordings: Mapping[str, Recording] | None = None
+) -> Study:
     """A scenario on a machine; InputError where what it needs is missing or its motion is not possible."""
     sweep, sample = scenario.sweep, scenario.sample
     swept = set() if sweep is None else {*sweep.grid, *sweep.zip}
     varied = swept | (set() if sample is None else set(sample.values))
     check_kind(scenario, machine, varied)
-    kind, listed, planned = kind_of(machine), scenario.payloads_kg is not None, bool(scenario.planned_kinds)
+    kind, listed, planned = machines.kind_of(machine), scenario.payloads_kg is not None, bool(scenario.planned_kinds)
     start = f"start_position_{kind.moved.unit}"
     no_limits = not scenario.limits.model_fields_set and not any(name.startswith("limits.") for name in varied)
     for is_so, problem, place in (
@@ -284,24 +273,24 @@ def _clearer(text: str, place: Place, data: Any) -> tuple[str, Place]:
     return text, place
 
 
-def _machine(scenario: Scenario, layers: Layered) -> Machine:
+def _machine(scenario: Scenario, layers: Layered) -> machines.Machine:
     """The machine a scenario names, as its file has it."""
-    if scenario.machine in SHIPPED:
-        return shipped(scenario.machine)
+    if scenario.machine in machines.SHIPPED:
+        return machines.shipped(scenario.machine)
     path = layers.at(("machine",))[0].parent / scenario.machine
     if "\0" in scenario.machine or not os.path.exists(path):
-        said = (
-            f"no machine file {str(path)!r}; expected a path beside the scenario, or {' or '.join(map(repr, SHIPPED))}"
+        known = " or ".join(map(repr, machines.SHIPPED))
+        raise layers.error(
+            f"no machine file {str(path)!r}; expected a path beside the scenario, or {known}", ("machine",)
         )
-        raise layers.error(said, ("machine",))
-    read = load_machine(path, check_effects=check)
-    machine = looped(read)
+    read = machines.load_machine(path, check_effects=check)
+    machine = machines.looped(read)
     if machine is None:
-        raise layers.error(f"{path} is {of_kind(read)}; a study expects {LOOPED}", ("machine",))
+        raise layers.error(f"{path} is {machines.of_kind(read)}; a study expects {machines.LOOPED}", ("machine",))
     return machine
 
 
-def _machine_as_run(scenario: Scenario, machine: Machine) -> Machine:
+def _machine_as_run(scenario: Scenario, machine: machines.Machine) -> machines.Machine:
     """The machine with overrides, drive and effects of the scenario. InputError names the place in the scenario."""
     data = machine.model_dump()
     known = _dotted_values({k: v for k, v in data.items() if k not in ("effects", "identified", "format", "kind")})
@@ -314,7 +303,7 @@ def _machine_as_run(scenario: Scenario, machine: Machine) -> Machine:
     changes = {} if scenario.drive is None else scenario.drive.model_dump(exclude_none=True)
     if wrong := [key for key in changes if key not in data["drive"]]:
         keys = type(machine.drive).model_fields
-        raise InputError(f"{of_kind(machine)} has no '{wrong[0]}'; {nearest(wrong[0], keys)}", place="drive")
+        raise InputError(f"{machines.of_kind(machine)} has no '{wrong[0]}'; {nearest(wrong[0], keys)}", place="drive")
     data["drive"] |= changes
     data["effects"] = {name: dict(values) for name, values in machine.effects.items()} | scenario.effects
     try:
@@ -390,9 +379,11 @@ def read_recording(block: RecordedBlock, folder: Path, layers: Layered, place: P
         if error.file is not None:
             raise
         raise layers.error(str(error), place) from error
-    machine = studied(campaign.machine)
+    machine = machines.studied(campaign.machine)
     if machine is None:
-        raise layers.error(f"{path} holds runs of {of_kind(campaign.machine)}; a study expects {STUDIED}", place)
+        raise layers.error(
+            f"{path} holds runs of {machines.of_kind(campaign.machine)}; a study expects {machines.STUDIED}", place
+        )
     run = campaign.runs[0]
     signal = "speed_reference_rad_s" if "speed_reference_rad_s" in run else "speed_motor_rad_s"
     speed = run[signal] * machine.lift_m_per_rad
@@ -407,7 +398,7 @@ _NOT_VALUES = ("format", "kind", "drive", "effects", "allowances", "log", "ident
 
 
 def read_standalone(
-    document: Document, machine: Machine | None = None, known: Mapping[str, Path] | None = None
+    document: Document, machine: machines.Machine | None = None, known: Mapping[str, Path] | None = None
 ) -> Scenario:
     """The scenario of a document, checked on its machine as `workbench study` checks it.
 
@@ -426,10 +417,10 @@ def read_standalone(
     for number, reference in enumerate(scenario.references):
         if not isinstance(reference, str):
             raise layers.error("a recorded campaign, which is not here", ("references", number))
-    if scenario.machine not in SHIPPED and machine is None:
+    if scenario.machine not in machines.SHIPPED and machine is None:
         said = f"{scenario.machine!r} is another file, which is not here; choose that machine first, or write 'default'"
         raise layers.error(said, ("machine",))
-    planned(scenario, machine or shipped(scenario.machine), {}, layers)
+    planned(scenario, machine or machines.shipped(scenario.machine), {}, layers)
     return scenario
 
 
@@ -438,7 +429,7 @@ def changed(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     return checked(Scenario, scenario.model_dump() | dict(changes))
 
 
-def standalone_text(scenario: Scenario, machine: Machine, called: str = "default") -> str:
+def standalone_text(scenario: Scenario, machine: machines.Machine, called: str = "default") -> str:
     """The scenario on this machine as YAML that needs no other file: a hoist's own values are overrides; any other
     machine is named as it is `called`.
 
@@ -447,12 +438,14 @@ def standalone_text(scenario: Scenario, machine: Machine, called: str = "default
     data = scenario.model_dump(mode="json", exclude={"extends"}, exclude_none=True)
     data["machine"] = called
     data["limits"] = {key: value for key, value in data["limits"].items() if value != {}}
-    if not isinstance(machine, Hoist):
+    if not isinstance(machine, machines.Hoist):
         return dumps({key: value for key, value in data.items() if value not in ({}, "")})
-    default, own = (_dotted_values(one.model_dump(exclude=set(_NOT_VALUES))) for one in (default_hoist(), machine))
+    default, own = (
+        _dotted_values(one.model_dump(exclude=set(_NOT_VALUES))) for one in (machines.default_hoist(), machine)
+    )
     differing = {name: value for name, value in own.items() if value != default[name]}
     data["machine_overrides"] = differing | dict(scenario.machine_overrides)
-    usual = default_hoist().drive.model_dump()
+    usual = machines.default_hoist().drive.model_dump()
     drive = {key: value for key, value in machine.drive.model_dump().items() if value != usual[key]}
     data["drive"] = drive | (data.get("drive") or {})
     effects = {**machine.allowances, **machine.effects}  # a scenario has one block for both

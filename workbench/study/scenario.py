@@ -33,20 +33,11 @@ from workbench.control import SETTINGS, AnyController, Events
 from workbench.core.errors import InputError, nearest
 from workbench.core.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Positive, Record, Speed
 from workbench.core.run import Array
-from workbench.machines import Machine, get_value, kind_of, of_kind
-from workbench.machines.files import RECORDS
+from workbench.machines import RECORDS, Machine, get_value, kind_of, of_kind
 from workbench.machines.kinds.axis import LinearDrive, RotaryDrive
 from workbench.machines.kinds.hoist import BY_NAME, Drive
-from workbench.references import (
-    LimitPair,
-    Limits,
-    ReferenceKind,
-    Step,
-    planned_kind,
-    planned_kinds,
-    recorded_kinds,
-    usual_kinds,
-)
+from workbench.references import ReferenceKind, planned_kind, planned_kinds, recorded_kinds, usual_kinds
+from workbench.references.shape import LimitPair, Limits, Step
 
 MOST_VALUES = 100_000
 

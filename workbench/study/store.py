@@ -40,32 +40,15 @@ from workbench.core.whole_folder import check_free, is_free, what_is_in, write_j
 from workbench.core.yaml_strict import dumps, load, validate
 from workbench.effects.registry import files_behind
 from workbench.machines import LOOPED, load_machine, looped, of_kind, save_machine
+from workbench.study import rows as tables
 from workbench.study.load import Study
-from workbench.study.rows import (
-    INDEX,
-    MANIFEST,
-    Row,
-    arrow_table,
-    check_whole,
-    columns_of,
-    digests,
-    index_table,
-    joined,
-    numbers,
-    parquet_bytes,
-    parquet_of,
-    read_manifest,
-    read_rows,
-    read_table,
-    rows_of,
-)
 from workbench.study.run import StudyResult, run_specs
 from workbench.study.scenario import Scenario
 
 _LIBRARIES = ("numpy", "llvmlite", "scipy", "ruckig", "pyarrow", "plotly")
 
 
-def manifest(study: Study, rows: Sequence[Row], folder: Path) -> dict[str, Any]:
+def manifest(study: Study, rows: Sequence[tables.Row], folder: Path) -> dict[str, Any]:
     """The manifest of a study's finished result in `folder`; the commit where the program is a checkout."""
     failed = sum(not row.ok for row in rows)
     return {
@@ -79,7 +62,7 @@ def manifest(study: Study, rows: Sequence[Row], folder: Path) -> dict[str, Any]:
         "seed": getattr(study.scenario, "seed", None),
         "runs": {"all": len(rows), "ok": len(rows) - failed, "failed": failed},
         "versions": {"workbench": __version__, "python": platform.python_version()} | library_versions(),
-        "files": digests(folder),
+        "files": tables.digests(folder),
         "platform": f"{platform.system()} {platform.machine()}",
         "commit": _commit(Path(__file__).resolve().parents[2]),
     }
@@ -144,8 +127,8 @@ def place_for(study: Study, out: Path | None = None) -> ResultFolder:
 
 def holds(folder: Path, study: Study) -> bool:
     """Whether the finished result of this very study is there."""
-    said = read_manifest(folder)
-    return said is not None and said.get("fingerprint") == study.fingerprint and (folder / INDEX).is_file()
+    said = tables.read_manifest(folder)
+    return said is not None and said.get("fingerprint") == study.fingerprint and (folder / tables.INDEX).is_file()
 
 
 def _part(folder: Path, name: str, study: Study) -> Path:
@@ -162,7 +145,7 @@ def _check_free(out: Path) -> None:
 
 
 def _what_is_in(folder: Path) -> str:
-    said = read_manifest(folder)
+    said = tables.read_manifest(folder)
     if said is None:
         return what_is_in(folder)
     return f"holds another result ('{said.get('study')}', of another scenario, machine or program version)"
@@ -171,7 +154,7 @@ def _what_is_in(folder: Path) -> str:
 class SavedRuns(Mapping[str, Run]):
     """The signals of a result by run_id, read when they are asked for; runs without signals are not in it."""
 
-    def __init__(self, folder: Path, rows: Sequence[Row]) -> None:
+    def __init__(self, folder: Path, rows: Sequence[tables.Row]) -> None:
         self._folder = folder / "runs"
         self._rows = {row.run_id: row for row in rows if (self._folder / row.run_id / SIGNALS).is_file()}
 
@@ -183,10 +166,10 @@ class SavedRuns(Mapping[str, Run]):
 
     def __getitem__(self, run_id: str) -> Run:
         path = self._folder / self._rows[run_id].run_id / SIGNALS
-        with parquet_of(path, "is not readable, the result is damaged") as file:
+        with tables.parquet_of(path, "is not readable, the result is damaged") as file:
             if file.metadata.num_rows > MOST_SAMPLES:
                 raise InputError("holds more samples than a run has: the result is damaged", file=path)
-            columns = columns_of(file.read(use_threads=False))
+            columns = tables.columns_of(file.read(use_threads=False))
             sizes = {len(column) for column in columns.values()}
             if "time_s" not in columns or len(sizes) != 1 or sizes == {0}:
                 raise InputError("holds no signals of a run: the result is damaged", file=path)
@@ -199,18 +182,18 @@ def read_finished(folder: Path) -> StudyResult:
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "no such folder"
         raise InputError(f"{what}, expected a folder that `workbench study` made", file=folder)
-    manifest = read_manifest(folder)
+    manifest = tables.read_manifest(folder)
     if manifest is None or folder.name.endswith(".part"):
         if (folder / "chunks").is_dir() or folder.name.endswith(".part"):
             raise InputError("is not finished; call `workbench study` for its scenario again, it goes on", file=folder)
-        raise InputError(f"is no finished result of a study: it has no readable {MANIFEST}", file=folder)
+        raise InputError(f"is no finished result of a study: it has no readable {tables.MANIFEST}", file=folder)
     for name in ("scenario.yaml", "machine.yaml"):
-        check_whole(folder, name)
-    rows = read_rows(folder)
+        tables.check_whole(folder, name)
+    rows = tables.read_rows(folder)
     expected = (manifest.get("runs") or {}).get("all")
     if not rows or expected not in (None, len(rows)):
-        raise InputError(f"holds {len(rows)} runs, its {MANIFEST} says {expected}: the result is damaged",
-                         file=folder / INDEX)  # fmt: skip
+        raise InputError(f"holds {len(rows)} runs, its {tables.MANIFEST} says {expected}: the result is damaged",
+                         file=folder / tables.INDEX)  # fmt: skip
     read = load_machine(folder / "machine.yaml")
     machine = looped(read)
     if machine is None:
@@ -278,7 +261,7 @@ class Part:
     @property
     def whole(self) -> bool:
         """Whether all is written and only the final name is missing."""
-        return (self.folder / MANIFEST).is_file()
+        return (self.folder / tables.MANIFEST).is_file()
 
     def done(self) -> dict[int, int]:
         """The chunks that are kept, and how many runs of each have failed; what cannot be read is removed."""
@@ -288,7 +271,7 @@ class Part:
             if not file.is_file():
                 continue
             try:
-                table = read_table(file)
+                table = tables.read_table(file)
             except InputError:
                 table = None
             if table is None or table.num_rows != size:
@@ -311,8 +294,8 @@ class Part:
 
     def assemble(self) -> Any:
         """Write the index from all chunks; returns it."""
-        table = joined([read_table(self._file(number)) for number in range(len(self.sizes))])
-        write_whole(self.folder / INDEX, parquet_bytes(table))
+        table = tables.joined([tables.read_table(self._file(number)) for number in range(len(self.sizes))])
+        write_whole(self.folder / tables.INDEX, tables.parquet_bytes(table))
         return table
 
     def add(self, name: str, text: str | bytes) -> None:
@@ -321,9 +304,9 @@ class Part:
 
     def mark(self, manifest: Mapping[str, Any]) -> None:
         """Say that the result is whole."""
-        temporary = self.folder / f"{MANIFEST}.tmp"
+        temporary = self.folder / f"{tables.MANIFEST}.tmp"
         write_json(temporary, manifest)
-        temporary.rename(self.folder / MANIFEST)
+        temporary.rename(self.folder / tables.MANIFEST)
 
     def finish(self, target: Path) -> None:
         """Give a whole result its name. `target` is free."""
@@ -404,18 +387,18 @@ def run_chunk(study: Study, number: int, threads: int = 1) -> Chunk:
     for row, run in done:
         if run is not None and len(run.time_s):
             columns = {"time_s": run.time_s} | dict(run.signals)
-            table = arrow_table({name: numbers(values) for name, values in columns.items()})
-            signals[row.run_id] = parquet_bytes(table, compression="zstd", use_dictionary=False)
-    return Chunk(len(rows), sum(not row.ok for row in rows), parquet_bytes(index_table(rows)), signals)
+            table = tables.arrow_table({name: tables.numbers(values) for name, values in columns.items()})
+            signals[row.run_id] = tables.parquet_bytes(table, compression="zstd", use_dictionary=False)
+    return Chunk(len(rows), sum(not row.ok for row in rows), tables.parquet_bytes(tables.index_table(rows)), signals)
 
 
-def on_this_computer(study: Study, numbers: Sequence[int], cores: int | None = None) -> Iterator[tuple[int, Chunk]]:
+def on_this_computer(study: Study, chunks: Sequence[int], cores: int | None = None) -> Iterator[tuple[int, Chunk]]:
     """Run chunks on all cores: as many chunks at a time as there are cores; with fewer chunks, more threads each.
 
     No more chunks are begun than are handed over, which bounds the memory.
     """
     cores = cores or os.cpu_count() or 1
-    at_once, waiting = max(1, min(cores, len(numbers))), iter(numbers)
+    at_once, waiting = max(1, min(cores, len(chunks))), iter(chunks)
     with ThreadPoolExecutor(at_once) as pool:
 
         def begin(number: int) -> Future[Chunk]:
@@ -473,7 +456,7 @@ def _run_the_rest(study: Study, part: Part, spread: Spread, tell: Tell) -> None:
 
 
 def _make_whole(study: Study, part: Part, extras: Mapping[str, Extra]) -> None:
-    rows = rows_of(part.assemble())
+    rows = tables.rows_of(part.assemble())
     save_machine(study.machine, part.folder / "machine.yaml")
     scenario = study.scenario.model_dump(mode="json", exclude={"extends"}) | {"machine": "machine.yaml"}
     scenario["moves"] = [{k: v for k, v in move.items() if v is not None} for move in scenario["moves"]]

@@ -19,25 +19,12 @@ from workbench.dashboard.chosen import arrived, last_campaign, session_machine
 from workbench.dashboard.desk import machine_form
 from workbench.dashboard.uploads import MB, Uploaded, base_name, safe_name
 from workbench.dashboard.widgets import chart, downloads, guarded, held, notes, plain, table
+from workbench.logs import importing
 from workbench.logs.formats.opening import suffixes
-from workbench.logs.importing import (
-    NOMINAL,
-    TEXT,
-    UNITS,
-    Imported,
-    Proposed,
-    in_si,
-    propose,
-    quantity_of,
-    read_channels,
-    runs_yaml,
-    write_campaign,
-)
-from workbench.machines import Machine, kind_of, save_machine
-from workbench.machines.files import machine_text
+from workbench.machines import Machine, kind_of, machine_text, save_machine
 from workbench.view.logs import drawn, mapping_table
 
-TYPES = sorted({suffix.removeprefix(".") for suffix in (*TEXT, *suffixes())})
+TYPES = sorted({suffix.removeprefix(".") for suffix in (*importing.TEXT, *suffixes())})
 MOST = 64 * MB
 READ, MADE = "import read", "import made"
 NONE, AS_WRITTEN = "–", "as the file says, else SI"
@@ -63,18 +50,18 @@ def show() -> None:
         table(replace(mapping_table(proposed), note=""), in_words=True)  # units are named in the fold above
         names = [log.name for log in logs]
         shown = logs[names.index(st.selectbox("Drawn", names, key=held("import drawn", names[0], names)))]
-        signals = [(p.signal, p.column, *in_si(p, shown)) for p in proposed.proposals]
+        signals = [(p.signal, p.column, *importing.in_si(p, shown)) for p in proposed.proposals]
         chart(drawn(signals), "import signals", "Each signal that is proposed, in SI, over time")
         st.caption("In SI, at its own samples; up, hoisting and forward are positive. Columns that are no signal: "
                    + plain(", ".join(proposed.unused) or "none") + ".")  # fmt: skip
         with st.expander("runs.yaml"):
-            st.code(runs_yaml(logs, proposed), language="yaml")
+            st.code(importing.runs_yaml(logs, proposed), language="yaml")
         _make(machine, logs, proposed)
 
 
-def _read(files: Sequence[UploadedFile]) -> list[Imported]:
+def _read(files: Sequence[UploadedFile]) -> list[importing.Imported]:
     """The files' channels, read once. InputError names the file as it was uploaded."""
-    known, logs = session.get(READ, dict, {}), dict[str, Imported]()
+    known, logs = session.get(READ, dict, {}), dict[str, importing.Imported]()
     for file in files:
         if (log := known.get(file.file_id)) is None:
             name = Path(base_name(file.name))
@@ -82,14 +69,14 @@ def _read(files: Sequence[UploadedFile]) -> list[Imported]:
                 raise InputError(f"expected a file that ends in {', '.join(TYPES)}", file=name.name)
             path = session.stored(file, f"{safe_name(name.stem) or 'run'}{suffix}", MOST)
             with st.spinner(f"Reading {plain(name.name)}"):
-                log = Imported(path, tuple(read_channels(path)))
+                log = importing.Imported(path, tuple(importing.read_channels(path)))
             path.unlink()
         logs[file.file_id] = log
     session.put(READ, logs)
     return list(logs.values())
 
 
-def _runs(logs: Sequence[Imported], machine: Machine) -> list[Imported]:
+def _runs(logs: Sequence[importing.Imported], machine: Machine) -> list[importing.Imported]:
     """Payload and start of each run."""
     kind, made = kind_of(machine), []
     for log in logs:
@@ -103,17 +90,17 @@ def _runs(logs: Sequence[Imported], machine: Machine) -> list[Imported]:
         position = start.number_input(f"Start ({kind.moved.unit})", value=None, step=None, format="%.6g",
                                       key=f"import start {log.name}",
                                       placeholder="needed" if kind.payload else "not known")  # fmt: skip
-        made.append(Imported(log.file, log.channels, payload, position))
+        made.append(importing.Imported(log.file, log.channels, payload, position))
     return made
 
 
-def _mapping(machine: Machine, logs: Sequence[Imported]) -> Proposed:
+def _mapping(machine: Machine, logs: Sequence[importing.Imported]) -> importing.Proposed:
     """The proposal, as the choices of columns and units change it."""
     channels = logs[0].channels
     columns = [channel.name for channel in channels]
     signals = [name for name in kind_of(machine).signals.names if name != "time_s"]
     try:
-        first = {p.signal: p for p in propose(machine, channels).proposals}
+        first = {p.signal: p for p in importing.propose(machine, channels).proposals}
     except InputError:  # a needed signal has no column yet: the choices below give it one
         first = {}
     mapped, left_out = [], set()
@@ -123,7 +110,11 @@ def _mapping(machine: Machine, logs: Sequence[Imported]) -> Proposed:
             usual = first[signal].column if signal in first else NONE
             words = f"{words_of(signal)} ({unit_of(signal)})"
             column = left.selectbox(words, [NONE, *columns], key=held(f"import {signal}", usual))
-            units = [AS_WRITTEN, *(unit for unit, (of, _) in UNITS.items() if of == quantity_of(signal)), NOMINAL]
+            units = [
+                AS_WRITTEN,
+                *(unit for unit, (of, _) in importing.UNITS.items() if of == importing.quantity_of(signal)),
+                importing.NOMINAL,
+            ]
             guessed = first[signal].by_size or AS_WRITTEN if signal in first else AS_WRITTEN
             unit = right.selectbox("unit", units, key=held(f"import {signal} unit", guessed, units))
             if column == NONE:
@@ -131,21 +122,23 @@ def _mapping(machine: Machine, logs: Sequence[Imported]) -> Proposed:
             else:
                 mapped.append(f"{signal}={column}" + ("" if unit == AS_WRITTEN else f":{unit}"))
     kept = []
-    for one in propose(machine, channels, mapped).proposals:
+    for one in importing.propose(machine, channels, mapped).proposals:
         said = first.get(one.signal, one)
         if one.signal not in left_out:  # what stands as it was proposed says why
             kept.append(said if (said.column, said.factor) == (one.column, one.factor) else one)
-    return Proposed(tuple(kept), tuple(name for name in columns if name not in {proposal.column for proposal in kept}))
+    return importing.Proposed(
+        tuple(kept), tuple(name for name in columns if name not in {proposal.column for proposal in kept})
+    )
 
 
-def _make(machine: Machine, logs: Sequence[Imported], proposed: Proposed) -> None:
+def _make(machine: Machine, logs: Sequence[importing.Imported], proposed: importing.Proposed) -> None:
     """Checks all, makes the campaign this session's own, and offers it as a zip."""
     name = st.text_input("Name of the campaign", key=held("import name", "campaign"), max_chars=60)
     if st.button("Check and make the campaign", type="primary", icon=":material/done_all:", key="import make"):
         with tempfile.TemporaryDirectory(dir=session.workspace()) as own, st.spinner("Checking"):
             file, folder, packed = Path(own) / "machine.yaml", Path(own) / "campaign", io.BytesIO()
             save_machine(machine, file)
-            write_campaign(file, logs, proposed, folder)
+            importing.write_campaign(file, logs, proposed, folder)
             with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
                 for part in filter(Path.is_file, sorted(folder.rglob("*"))):
                     archive.write(part, part.relative_to(folder))

@@ -18,8 +18,7 @@ from workbench.core.errors import InputError
 from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import session_machine
 from workbench.dashboard.widgets import Field, Number, chart, guarded, held, number, plain, problem, table
-from workbench.machines import Machine, kind_of
-from workbench.machines.files import machine_text
+from workbench.machines import Machine, kind_of, machine_text
 from workbench.study.loop_design import MOST, DesignCase
 from workbench.study.loop_design import numbers as numbers_in
 from workbench.view import loop as report

@@ -18,8 +18,7 @@ from workbench.dashboard import desk, session, widgets
 from workbench.dashboard.chosen import session_machine
 from workbench.dashboard.pages import compare
 from workbench.dashboard.widgets import Number, chart, fold, guarded, held, plain, problem, table, text
-from workbench.machines import HOIST, Hoist, Machine, default_hoist, kind_of
-from workbench.machines.files import machine_text
+from workbench.machines import HOIST, Hoist, Machine, default_hoist, kind_of, machine_text
 from workbench.metrics import View, columns, shown_in
 from workbench.references import BASELINE
 from workbench.study.beside import beyond_its_limits, damping_sentence, over_payload, over_ramps

@@ -17,8 +17,7 @@ from workbench.dashboard.widgets import Number, chart, guarded, held, plain, poi
 from workbench.effects import check
 from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import load_machine, of_kind, studied
-from workbench.machines.files import machine_text
+from workbench.machines import load_machine, machine_text, of_kind, studied
 from workbench.simulate.models import ModelsCompared, check_multibody, compare_models
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.view import identify as identify_report

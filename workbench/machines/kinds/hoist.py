@@ -25,18 +25,7 @@ from workbench.core.yaml_strict import load, validate
 from workbench.machines import declare
 from workbench.machines.arm import Arm
 from workbench.machines.correction import MeasuredCorrection, Numbers
-from workbench.machines.declare import (
-    ClosedLoop,
-    CrossCheck,
-    Kind,
-    Limits,
-    Load,
-    NuisancePrior,
-    RigidBody,
-    Sizes,
-    Table,
-    Value,
-)
+from workbench.machines.declare import Kind, Limits, Load, NuisancePrior, Sizes, Table, Value
 from workbench.machines.plant import NO_EFFECTS, Effects, Output, Plant
 from workbench.symbolic.derive import derivative
 from workbench.symbolic.expr import Expr, Scalar, absolute, atan, clip, maximum, where
@@ -595,11 +584,11 @@ def _mass(m: Hoist, payload_kg: float) -> float:
     return m.carriage.mass_kg + m.sensors.payload_scale * payload_kg
 
 
-def _rigid(m: Hoist, payload_kg: float) -> RigidBody:
+def _rigid(m: Hoist, payload_kg: float) -> declare.RigidBody:
     """On a stiff wire: rotors, drum, sheave, carriage and payload at the motor shaft."""
     mass = _mass(m, payload_kg)
     sheave = m.sheave.inertia_kg_m2 * (2.0 * m.lift_m_per_rad / m.sheave.diameter_m) ** 2
-    return RigidBody(
+    return declare.RigidBody(
         m.turning_inertia_kg_m2 + sheave + mass * m.lift_m_per_rad**2, mass * m.gravity_m_s2 * m.lift_m_per_rad
     )
 
@@ -653,11 +642,11 @@ def _tension(t: Array, states: Array, p: Any, effects: Any) -> Any:
 
 def _cross_checks(
     m: Hoist, run: Run, position: Array, smooth: Callable[[Array], Array], slope: Callable[[Array, Array], float]
-) -> Iterator[CrossCheck]:
+) -> Iterator[declare.CrossCheck]:
     """Height against the motors' way; the dead line against half of the weight."""
     if HEIGHT in run:
         ratio = slope(m.lift_m_per_rad * position, run[HEIGHT])
-        yield CrossCheck(
+        yield declare.CrossCheck(
             ratio,
             f"{HEIGHT} goes {ratio:.3g} times the way that {SPEED} takes the carriage; "
             "is its sign flipped, or is it in another unit?",
@@ -666,7 +655,7 @@ def _cross_checks(
     if TENSION in run:
         carried = _weight(m, run.payload_kg) / 2.0
         ratio = float(np.mean(run[TENSION])) / carried
-        yield CrossCheck(
+        yield declare.CrossCheck(
             ratio,
             f"{TENSION} is {ratio * carried:.4g} N on average, half of carriage and payload weighs "
             f"{carried:.4g} N; is it in kN, of both falls, or its sign flipped?",
@@ -718,7 +707,7 @@ def _drive_words(m: Hoist) -> str:
     )
 
 
-CLOSED_LOOP = ClosedLoop(
+CLOSED_LOOP = declare.ClosedLoop(
     position="angle_motor_rad",
     speed=SPEED,
     references=(SPEED_REFERENCE,),
