@@ -17,14 +17,14 @@ Control", ISA 2006, section 3.5. Input: torque of all motors together; of a line
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 from workbench.control.settings import Cascade, PiSettings, lag_gain, low_pass_gain, notch_coefficients
 from workbench.machines import ClosedLoop
-from workbench.symbolic.expr import Scalar, absolute, clip, floor, maximum, where
+from workbench.symbolic.expr import Scalar, Scalars, absolute, clip, floor, maximum, where
 
 _SERIES = 0.02  # below this step over time constant the closed forms lose digits
 
@@ -122,9 +122,7 @@ def _pi(p: Any, integral: Scalar, r: Scalar, w: Scalar) -> Scalar:
     return p.kp * (p.b_set * r - w) + integral
 
 
-def _plain_step(
-    p: Any, memory: Sequence[Scalar], reference: Any, measured: Any, dt: Scalar
-) -> tuple[Scalar, list[Scalar]]:
+def _plain_step(p: Any, memory: Scalars, reference: Any, measured: Any, dt: Scalar) -> tuple[Scalar, list[Scalar]]:
     """A PI with limits and back-calculation on the ideal speed."""
     (integral,) = memory
     r, w = reference.speed_reference_rad_s, measured.speed_motor_rad_s
@@ -148,7 +146,7 @@ ANGLE_REFERENCE = "angle_reference_rad"
 LOAD_SIGNALS = {"carriage_speed": "speed_carriage_m_s", "tension": "tension_drum_n"}
 
 
-def _seen(p: Any, memory: Sequence[Scalar], position: Scalar, speed: Scalar, dt: Scalar) -> tuple[Scalar, ...]:
+def _seen(p: Any, memory: Scalars, position: Scalar, speed: Scalar, dt: Scalar) -> tuple[Scalar, ...]:
     """(marks counted, speed counted and filtered, position counted): what the drive knows before the delay."""
     counted, w_f = memory[6:8]
     count, marks = floor(position * p.counts / TURN), maximum(p.counts, 1.0)
@@ -156,7 +154,7 @@ def _seen(p: Any, memory: Sequence[Scalar], position: Scalar, speed: Scalar, dt:
     return count, w_f + p.alpha_w * (w - w_f), where(p.counts > 0.0, count * TURN / marks, position)
 
 
-def _filtered(p: Any, memory: Sequence[Scalar], raw: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+def _filtered(p: Any, memory: Scalars, raw: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """(z1, z2, smooth): notch (direct form II, transposed) and low-pass in the output."""
     z1, z2, smooth = memory[1:4]
     cut = p.b0 * raw + z1
@@ -164,7 +162,7 @@ def _filtered(p: Any, memory: Sequence[Scalar], raw: Scalar) -> tuple[Scalar, Sc
 
 
 def _limited(
-    p: Any, memory: Sequence[Scalar], wanted: Scalar, limit: Scalar, error: Scalar, dt: Scalar
+    p: Any, memory: Scalars, wanted: Scalar, limit: Scalar, error: Scalar, dt: Scalar
 ) -> tuple[Scalar, Scalar]:
     """(input, integral) under the limits, with anti-windup."""
     integral, before = memory[0], memory[4]
@@ -198,14 +196,12 @@ def full_pi(late: bool = False, wire: bool = False, position: str = "", damping:
     references = (ANGLE_REFERENCE, *REFERENCES) if position == "given" else REFERENCES
     signals = (*(("angle_motor_rad",) if position else ()), *((LOAD_SIGNALS[damping],) if damping else ()))
 
-    def seen(p: Any, memory: Sequence[Scalar], measured: Any, dt: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    def seen(p: Any, memory: Scalars, measured: Any, dt: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """(marks counted, speed, the same with kv times the angle turned since the start)."""
         count, w_f, angle = _seen(p, memory, measured.angle_motor_rad, measured.speed_motor_rad_s, dt)
         return count, w_f, w_f + p.kv * (angle - memory[names.index("angle_start")]) if position else w_f
 
-    def step(
-        p: Any, memory: Sequence[Scalar], reference: Any, measured: Any, dt: Scalar
-    ) -> tuple[Scalar, list[Scalar]]:
+    def step(p: Any, memory: Scalars, reference: Any, measured: Any, dt: Scalar) -> tuple[Scalar, list[Scalar]]:
         kept = dict(zip(names, memory, strict=True))
         r, r_before = reference.speed_reference_rad_s, kept["r"]
         acceleration = (r - r_before) / dt
@@ -240,7 +236,7 @@ def full_pi(late: bool = False, wire: bool = False, position: str = "", damping:
         turned = [held[6] * TURN / p.counts if p.counts else angle] * 2
         return [*held, *([0.0, 0.0] if wire else []), *(turned if position else []), *([0.0, 1.0] if damping else [])]
 
-    def sensed(p: Any, memory: Sequence[Scalar], measured: Any, dt: Scalar) -> Scalar:
+    def sensed(p: Any, memory: Scalars, measured: Any, dt: Scalar) -> Scalar:
         return seen(p, memory, measured, dt)[2]
 
     measured = ("speed_motor_rad_s", *signals)
@@ -275,13 +271,11 @@ def cascade(loop: ClosedLoop, late: bool = False) -> Controller:
         "ff_L", "ff_F", "counts", "alpha_w", "late", "kv", "x_start", "u_limit",
     )  # fmt: skip
 
-    def seen(p: Any, memory: Sequence[Scalar], measured: Any, dt: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    def seen(p: Any, memory: Scalars, measured: Any, dt: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         count, w_f, x = _seen(p, memory, getattr(measured, loop.position), getattr(measured, loop.speed), dt)
         return count, w_f, w_f + p.kv * (x - p.x_start)
 
-    def step(
-        p: Any, memory: Sequence[Scalar], reference: Any, measured: Any, dt: Scalar
-    ) -> tuple[Scalar, list[Scalar]]:
+    def step(p: Any, memory: Scalars, reference: Any, measured: Any, dt: Scalar) -> tuple[Scalar, list[Scalar]]:
         x_r, r = getattr(reference, position_reference), getattr(reference, speed_reference)
         count, w_f, now = seen(p, memory, measured, dt)
         error = p.ff_v * r + p.kv * (x_r - p.x_start) - (measured.late if late else now)
@@ -294,7 +288,7 @@ def cascade(loop: ClosedLoop, late: bool = False) -> Controller:
     def start(p: Any, hold: float, position: float) -> list[float]:
         return _held(p, hold - p.ff_L * load(p, position), hold, position)
 
-    def sensed(p: Any, memory: Sequence[Scalar], measured: Any, dt: Scalar) -> Scalar:
+    def sensed(p: Any, memory: Scalars, measured: Any, dt: Scalar) -> Scalar:
         return seen(p, memory, measured, dt)[2]
 
     measured = (loop.speed, loop.position)

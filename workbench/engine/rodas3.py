@@ -18,11 +18,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from workbench.symbolic.derive import derivative
-from workbench.symbolic.expr import Expr, Scalar, fma
+from workbench.symbolic.expr import Expr, Scalar, Scalars, fma
 
 GAMMA = 0.5
 Pair = tuple[list[Scalar], list[Scalar]]
-Rates = Callable[[Scalar, Sequence[Scalar], Sequence[Scalar], Scalar], Sequence[Scalar]]
+Rates = Callable[[Scalar, Scalars, Scalars, Scalar], Scalars]
 
 
 def rodas3_step(
@@ -50,7 +50,7 @@ def rodas3_step(
     ]
     apply = _solver(matrix, kept)
 
-    def solve(rq: Sequence[Scalar], ry: Sequence[Scalar]) -> Pair:
+    def solve(rq: Scalars, ry: Scalars) -> Pair:
         uy = apply([_sum_of_products(g_q[i], rq, ry[i]) for i in range(m)])
         return [gh * (rq[i] + uy[i]) for i in range(n)], uy
 
@@ -68,26 +68,26 @@ def rodas3_step(
     return _plus(q4, u4[0]), _plus(y4, u4[1]), u4[0], u4[1]
 
 
-def _plus(a: Sequence[Scalar], b: Sequence[Scalar]) -> list[Scalar]:
+def _plus(a: Scalars, b: Scalars) -> list[Scalar]:
     return [x + y for x, y in zip(a, b, strict=True)]
 
 
-def _minus(a: Sequence[Scalar], b: Sequence[Scalar]) -> list[Scalar]:
+def _minus(a: Scalars, b: Scalars) -> list[Scalar]:
     return [x - y for x, y in zip(a, b, strict=True)]
 
 
-def _combined(factor: Scalar, a: Sequence[Scalar], b: Sequence[Scalar]) -> list[Scalar]:
+def _combined(factor: Scalar, a: Scalars, b: Scalars) -> list[Scalar]:
     """factor a + b"""
     return [fma(factor, x, y) for x, y in zip(a, b, strict=True)]
 
 
-def _sum_of_products(a: Sequence[Scalar], b: Sequence[Scalar], total: Scalar) -> Scalar:
+def _sum_of_products(a: Scalars, b: Scalars, total: Scalar) -> Scalar:
     for x, y in zip(a, b, strict=True):
         total = fma(x, y, total)
     return total
 
 
-def _solver(a: list[list[Scalar]], last: int = 0) -> Callable[[Sequence[Scalar]], list[Scalar]]:
+def _solver(a: list[list[Scalar]], last: int = 0) -> Callable[[Scalars], list[Scalar]]:
     """right -> x of a x = right, without pivoting: the diagonal of I/(h gamma) - J dominates.
 
     Up to three unknowns by the inverse: nine products side by side, where elimination goes one after the other. Of
@@ -105,7 +105,7 @@ def _solver(a: list[list[Scalar]], last: int = 0) -> Callable[[Sequence[Scalar]]
     beside = [row[n:] for row in a[:n]]  # B
     first = _solver([[a[i][j] - _sum_of_products(beside[i], columns[j], 0.0) for j in range(n)] for i in range(n)])
 
-    def apply(right: Sequence[Scalar]) -> list[Scalar]:
+    def apply(right: Scalars) -> list[Scalar]:
         z = behind(right[n:])
         x = first([r - _sum_of_products(b, z, 0.0) for r, b in zip(right[:n], beside, strict=True)])
         return [*x, *(w - _sum_of_products([c[k] for c in columns], x, 0.0) for k, w in enumerate(z))]

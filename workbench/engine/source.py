@@ -30,7 +30,7 @@ from workbench.engine.rodas3 import rodas3_step
 from workbench.machines import NO_EFFECTS, Effects, Plant
 from workbench.symbolic.derive import derivative
 from workbench.symbolic.emit import Printer
-from workbench.symbolic.expr import Expr, Scalar, symbol
+from workbench.symbolic.expr import Expr, Scalar, Scalars, symbol
 
 INDENT = "    "
 VANISHED = 1e-120  # of a state, 1e-16 of it is none: processors take many times as long for numbers near 1e-308
@@ -73,7 +73,7 @@ class KernelText:
     def at(self, array: str, row: object) -> str:
         return f"{array}[{row * self.lanes if isinstance(row, int) else f'({row}) * {self.lanes}'} + l]"
 
-    def block(self, indent: int, outputs: Sequence[Scalar]) -> list[str]:
+    def block(self, indent: int, outputs: Scalars) -> list[str]:
         """Print a block; returns the names that its results have."""
         body, results, carried = self.printer.block(outputs)
         for name in carried:
@@ -161,7 +161,7 @@ class Kernel:
         return c
 
 
-def bound(plant: Plant, effects: Effects, p: Any) -> Callable[..., Sequence[Scalar]]:
+def bound(plant: Plant, effects: Effects, p: Any) -> Callable[..., Scalars]:
     return lambda t, q, y, u: plant.rates(t, q, y, u, p, effects)
 
 
@@ -229,7 +229,7 @@ def _driven_step(plant: Plant, effects: Effects) -> tuple[list[str], Scalar, lis
     t, h, u = symbol("t"), symbol("h"), symbol("u")
     start, angle, speed, alpha = (symbol(s) for s in ("t0", "angle0", "speed0", "alpha"))
 
-    def rest(time: Scalar, q_rest: Sequence[Scalar], y_rest: Sequence[Scalar], _: Scalar) -> Sequence[Scalar]:
+    def rest(time: Scalar, q_rest: Scalars, y_rest: Scalars, _: Scalar) -> Scalars:
         since = time - start
         w = speed + alpha * since
         th = angle + since * (speed + 0.5 * (alpha * since))

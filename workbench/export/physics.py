@@ -18,7 +18,7 @@ from workbench.engine.source import state_symbols
 from workbench.machines import Effects, Plant
 from workbench.symbolic.derive import derivative
 from workbench.symbolic.emit import Printer
-from workbench.symbolic.expr import Expr, Scalar, symbol
+from workbench.symbolic.expr import Expr, Scalar, Scalars, Signals, symbol
 
 # Every printed line is one operation on names and numbers, `name = ...`.
 _TRUTH = re.compile(r"^\S+ (<|<=|>|>=|&|\|) \S+$")
@@ -40,7 +40,7 @@ class CText:
         self.rows: dict[str, int] = {}
         self.functions: list[str] = []
 
-    def function(self, name: str, arguments: str, reads: Mapping[str, str], outputs: Mapping[str, Scalar]) -> None:
+    def function(self, name: str, arguments: str, reads: Mapping[str, str], outputs: Signals) -> None:
         """A C function `void name(arguments)`; reads: symbol -> where its value stands; outputs: by where each goes."""
         body, results, carried = self.printer.block(list(outputs.values()))
         used = set(re.findall(r"[A-Za-z_]\w*", "\n".join([*body, *results])))
@@ -96,7 +96,7 @@ def _symbols_of(value: Scalar) -> list[str]:
     return sorted(found)
 
 
-def _to(array: str, outputs: Sequence[Scalar]) -> dict[str, Scalar]:
+def _to(array: str, outputs: Scalars) -> dict[str, Scalar]:
     return {f"{array}[{i}]": output for i, output in enumerate(outputs)}
 
 
@@ -148,7 +148,7 @@ class Physics:
         states = dict(zip(self.states, (*q, *y), strict=True))
         return {**states, **signals, **dict(zip((f"der({name})" for name in self.states), rates, strict=True))}
 
-    def _rates(self, t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar) -> Sequence[Scalar]:
+    def _rates(self, t: Scalar, q: Scalars, y: Scalars, u: Scalar) -> Scalars:
         return self.plant.rates(t, q, y, u, self.p, self.effects)
 
     def dependencies(self) -> dict[str, tuple[str, ...]]:

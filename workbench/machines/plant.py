@@ -9,7 +9,7 @@ from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any
 
-from workbench.symbolic.expr import Scalar
+from workbench.symbolic.expr import Scalar, Scalars, Signals
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Effects:
             total = total + piece(SimpleNamespace(**signals), p)
         return total
 
-    def with_memory(self, p: Any, kept: Sequence[Scalar]) -> Any:
+    def with_memory(self, p: Any, kept: Scalars) -> Any:
         """The parameters together with the memory's values, as pieces read them."""
         if not self.memory:
             return p
@@ -98,8 +98,8 @@ class Plant:
     parameters: Mapping[str, str | float]
     places: Mapping[str, str]
     signals: tuple[Output, ...]
-    accelerations: Callable[..., Sequence[Scalar]]
-    outputs: Callable[..., Mapping[str, Scalar]]
+    accelerations: Callable[..., Scalars]
+    outputs: Callable[..., Signals]
     equilibrium: Callable[[float, Any], tuple[list[float], float]]
     energy: Callable[..., Scalar]
     dissipation: Callable[..., Scalar]
@@ -109,7 +109,7 @@ class Plant:
     guess: Callable[..., tuple[list[Any], list[Any], Any]] | None = None
 
     def rates(
-        self, t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
+        self, t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS
     ) -> list[Scalar]:
         """The derivatives of speeds and memory; y holds the speeds, then the effects' memory.
 
@@ -123,9 +123,7 @@ class Plant:
         states = dict(zip((*self.positions, *self.speeds), (*q, *y[:n]), strict=True))
         return [*self.accelerations(t, q, y[:n], u, p, effects), *effects.rates(p, t=t, **states)]
 
-    def shown(
-        self, t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
-    ) -> Mapping[str, Scalar]:
+    def shown(self, t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS) -> Signals:
         """`outputs` for a y that holds the effects' memory behind the speeds."""
         n = len(self.speeds)
         return self.outputs(t, q, y[:n], u, effects.with_memory(p, y[n:]), effects)

@@ -5,7 +5,6 @@ Errors are reference minus measured at the motor's encoder, exact positions and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from workbench.machines import KINDS, LINEAR, ROTARY, Kind
@@ -27,7 +26,7 @@ from workbench.metrics.metric import (
     root_mean,
     settling,
 )
-from workbench.symbolic.expr import Scalar, absolute, maximum, where
+from workbench.symbolic.expr import Scalar, Scalars, absolute, maximum, where
 
 SETTLED = 1e-3  # of the reference's way: a position error that counts as none
 ASTRAY = 5.0  # times that: an axis that has not come to where it should
@@ -54,7 +53,7 @@ def metric_set(kind: Kind) -> MetricSet:
     def _slow(s: Signals) -> Scalar:
         return s[v_ref] - s[v]
 
-    def _since_last(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+    def _since_last(a: Scalars, s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
         """Work at the axis by sign and the input's rate; the input is its mean since the last sample."""
         motoring, regenerated, steepest, before, at, per_s = a
         mean = p.before * before + (1.0 - p.before) * s[force]

@@ -27,7 +27,7 @@ from workbench.metrics.metric import (
     settling,
     smallest,
 )
-from workbench.symbolic.expr import Scalar, absolute, maximum, minimum, where
+from workbench.symbolic.expr import Scalar, Scalars, absolute, maximum, minimum, where
 
 SETTLED = 0.01  # of nominal speed: a speed error that counts as none
 AT_REST = 1e-6  # of nominal speed: a reference that counts as still
@@ -54,7 +54,7 @@ def _margin(s: Signals, p: Any) -> Scalar:
     return minimum(s["position_carriage_m"] - p.x_low, p.x_high - s["position_carriage_m"])
 
 
-def _since_last(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+def _since_last(a: Scalars, s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
     """Work and changes since the last sample.
 
     Work at the shaft by sign: torque times the angle turned. The torque is its mean since then: the one held or,
@@ -78,12 +78,12 @@ def _since_last(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Sca
     ]
 
 
-def _slack_so_far(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+def _slack_so_far(a: Scalars, s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
     slack = where(s["tension_min_n"] <= 0.0, 1.0, 0.0)
     return [a[0] + slack * dt, a[1] + maximum(slack - a[2], 0.0), slack]
 
 
-def _tops(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+def _tops(a: Scalars, s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
     """Largest and smallest tension at the top of either fall."""
     drum, dead = s["tension_drum_n"], s["tension_dead_line_n"]
     return [maximum(a[0], drum), minimum(a[1], drum), maximum(a[2], dead), minimum(a[3], dead)]
@@ -93,14 +93,14 @@ def _safety(accumulators: Sequence[float], p: Any, duration: float) -> float | N
     return p.W_break / max(accumulators[0], accumulators[2]) if p.W_break > 0.0 else None
 
 
-def _overloaded(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+def _overloaded(a: Scalars, s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
     """The heat above what the drive's duty cycle bears without end, in seconds at nominal torque: now, and at most."""
     one = _torque(s) * _share(s, p) / p.T_nominal
     heat = maximum(a[0] + (one * one - p.cycle_mean_square) * dt, 0.0)
     return [heat, maximum(a[1], heat)]
 
 
-def _swings(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+def _swings(a: Scalars, s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
     """Turning points: the largest torque while it rises, the smallest while it falls, in nominal torques.
 
     It turns where it has come back from there by more than one.
@@ -112,7 +112,7 @@ def _swings(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]
     return [count + where(turns, 1.0, 0.0), where(turns, -way, way), where(turns, one, farthest)]
 
 
-def _behind(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+def _behind(a: Scalars, s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
     """The angle by which the motor is behind its reference: now, at most, when the reference last moved."""
     angle = a[0] + _error(s) * dt
     return [angle, maximum(a[1], absolute(angle)), where(_moves(s, p), angle, a[2])]

@@ -14,11 +14,10 @@ from functools import cached_property
 from typing import Any, Literal
 
 from workbench.core.run import Array
-from workbench.symbolic.expr import Scalar, maximum, minimum, where
+from workbench.symbolic.expr import Scalar, Scalars, Signals, maximum, minimum, where
 
 HUGE = 1e300
 NOTHING = 1e-9  # in the unit shown: rounding, written 0
-Signals = Mapping[str, Scalar]
 Value = Callable[[Signals, Any], Scalar]
 Better = Literal["lower", "higher", "zero"]
 
@@ -53,7 +52,7 @@ class Accumulators:
     """
 
     start: tuple[float, ...]
-    update: Callable[[Sequence[Scalar], Signals, Any, Scalar], Sequence[Scalar]]
+    update: Callable[[Scalars, Signals, Any, Scalar], Scalars]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +195,7 @@ def root_mean(accumulators: Sequence[float], p: Any, duration: float) -> float:
 def beyond(value: str, reference: str) -> tuple[Accumulators, Callable[[Sequence[float], Any, float], float]]:
     """How far a signal goes beyond the largest or the smallest value of its whole reference; 0 within them."""
 
-    def ends(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+    def ends(a: Scalars, s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
         x, r = s[value], s[reference]
         return [maximum(a[0], x), minimum(a[1], x), maximum(a[2], r), minimum(a[3], r)]
 
@@ -206,7 +205,7 @@ def beyond(value: str, reference: str) -> tuple[Accumulators, Callable[[Sequence
 def settling(moves: Value, off: Value) -> Accumulators:
     """Until when the reference moved, and until when what follows it was off it; both true or false."""
 
-    def until(a: Sequence[Scalar], s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+    def until(a: Scalars, s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
         now = s["time_s"] + dt
         return [where(moves(s, p), now, a[0]), where(off(s, p), now, a[1])]
 
@@ -241,7 +240,7 @@ class Observer:
             at += len(accumulators.start)
         return parts
 
-    def update(self, values: Sequence[Scalar], signals: Signals, p: Any, dt: Scalar) -> list[Scalar]:
+    def update(self, values: Scalars, signals: Signals, p: Any, dt: Scalar) -> list[Scalar]:
         """The running accumulators after one more sample with these signals, which lasts dt."""
         parts = zip(self.accumulators, self._parts(values), strict=True)
         return [x for accumulators, part in parts for x in accumulators.update(part, signals, p, dt)]

@@ -12,7 +12,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.symbolic.emit import computed
-from workbench.symbolic.expr import Expr, Scalar, const_value, constant, cos, exp, sin, where
+from workbench.symbolic.expr import Expr, Scalar, Scalars, const_value, constant, cos, exp, sin, where
 
 
 def derivative(of: Scalar, by: Expr, _memo: dict[tuple[int, int], Scalar] | None = None) -> Scalar:
@@ -29,7 +29,7 @@ def derivative(of: Scalar, by: Expr, _memo: dict[tuple[int, int], Scalar] | None
     return memo[key]
 
 
-def jacobian(of: Sequence[Scalar], by: Sequence[Expr], at: Sequence[float] | Array) -> Array:
+def jacobian(of: Scalars, by: Sequence[Expr], at: Sequence[float] | Array) -> Array:
     """(outputs, inputs): d(of)/d(by) where the symbols `by` have the values `at`.
 
     By the same rules on numbers, each operation once for all inputs: at a few points that is quicker than a program of
@@ -62,7 +62,7 @@ def values(symbols: Sequence[Expr], at: Sequence[float] | Array) -> dict[str, fl
     return {s.args[0]: float(x) for s, x in zip(symbols, at, strict=True)}
 
 
-def _rule(op: str, value: Scalar, args: Sequence[Scalar], d: Sequence[Scalar]) -> Scalar:
+def _rule(op: str, value: Scalar, args: Scalars, d: Scalars) -> Scalar:
     """The derivative of an operation of this value, from those of its arguments."""
     a = args[0]
     match op:

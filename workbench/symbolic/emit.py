@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from workbench.symbolic import expr as ops
-from workbench.symbolic.expr import Expr, Scalar, const_value
+from workbench.symbolic.expr import Expr, Scalar, Scalars, const_value
 
 INFIX = {"+", "-", "*", "/", "<", "<=", ">", ">=", "&", "|"}
 
@@ -22,7 +22,7 @@ class Printer:
         self._fixed: dict[int, str] = {}
         self._inverse: dict[str, str] = {}
 
-    def block(self, outputs: Sequence[Scalar]) -> tuple[list[str], list[str], list[str]]:
+    def block(self, outputs: Scalars) -> tuple[list[str], list[str], list[str]]:
         """(body lines, result names, setup names that the body reads)."""
         body: list[str] = []
         names: dict[int, str] = {}
@@ -94,7 +94,7 @@ def _operation(e: Expr, args: Sequence[str]) -> str:
     return f"{e.op}_({', '.join(args)})"
 
 
-def evaluate(outputs: Sequence[Scalar], values: Mapping[str, float]) -> list[float]:
+def evaluate(outputs: Scalars, values: Mapping[str, float]) -> list[float]:
     """Run a traced program with numbers for its symbols; slow, for tests and single values."""
     known: dict[int, Scalar] = {}
 
@@ -115,7 +115,7 @@ def evaluate(outputs: Sequence[Scalar], values: Mapping[str, float]) -> list[flo
     return [float(run(out)) for out in outputs]
 
 
-def computed(op: str, args: Sequence[Scalar]) -> Scalar:
+def computed(op: str, args: Scalars) -> Scalar:
     """The value of an operation on numbers."""
     return _NUMERIC[op](*args) if op in _NUMERIC else getattr(ops, op)(*args)
 

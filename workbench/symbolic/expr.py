@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
 Scalar = Any  # float, numpy array or Expr
+Scalars = Sequence[Scalar]
+Signals = Mapping[str, Scalar]
 _numbers = itertools.count()
 
 

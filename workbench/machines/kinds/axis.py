@@ -26,7 +26,7 @@ from workbench.machines import declare
 from workbench.machines.correction import MeasuredCorrection, Numbers
 from workbench.machines.declare import ClosedLoop, Kind, Load, Sizes, Value
 from workbench.machines.plant import NO_EFFECTS, Effects, Output, Plant
-from workbench.symbolic.expr import Scalar, absolute, clip, cos, sin, where
+from workbench.symbolic.expr import Scalar, Scalars, Signals, absolute, clip, cos, sin, where
 
 SHORTEST_STEP_S = 1e-4  # of a simulation of fixed steps
 
@@ -345,7 +345,7 @@ def band_hz(p: Any) -> float:
     return 90.0
 
 
-def dissipation(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any) -> Scalar:
+def dissipation(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any) -> Scalar:
     """Power lost in friction, W; never negative."""
     return friction(y[0], p) * y[0]
 
@@ -385,7 +385,7 @@ def axis_plant(
     acceleration = "acceleration_m_s2" if machine.input_signal == "force_n" else "acceleration_rad_s2"
 
     def accelerations(
-        t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
+        t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS
     ) -> list[Scalar]:
         """Acceleration of the axis under the input u (N or N m)."""
         (x,), (v,) = q, y
@@ -396,13 +396,11 @@ def axis_plant(
         extra = effects.at("axis_force", p, t=t, v=v, x=x, angle=x, switch=sign, load=load, friction=own)
         return [(u - own - load + extra) / M]
 
-    def outputs(
-        t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
-    ) -> Mapping[str, Scalar]:
+    def outputs(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS) -> Signals:
         (a,) = accelerations(t, q, y, u, p, effects)
         return {position: q[0], speed: y[0], acceleration: a}
 
-    def energy(q: Sequence[Scalar], y: Sequence[Scalar], p: Any) -> Scalar:
+    def energy(q: Scalars, y: Scalars, p: Any) -> Scalar:
         """Kinetic and load energy, J, the sine load's zero at angle 0."""
         return inertia(p) * (y[0] * y[0]) / 2.0 + p.G * (1.0 - cos(q[0])) + p.C * q[0]
 

@@ -28,7 +28,7 @@ from workbench.machines.correction import MeasuredCorrection, Numbers
 from workbench.machines.declare import Kind, Limits, Load, NuisancePrior, Sizes, Table, Value
 from workbench.machines.plant import NO_EFFECTS, Effects, Output, Plant
 from workbench.symbolic.derive import derivative
-from workbench.symbolic.expr import Expr, Scalar, absolute, atan, clip, maximum, where
+from workbench.symbolic.expr import Expr, Scalar, Scalars, Signals, absolute, atan, clip, maximum, where
 
 
 class Motor(Record):
@@ -360,7 +360,7 @@ def tension(delta: Scalar, rate: Scalar, k: Scalar, c: Scalar) -> Scalar:
     return where((delta > 0.0) & (W > 0.0), W, 0.0)
 
 
-def _state(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects) -> SimpleNamespace:
+def _state(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects) -> SimpleNamespace:
     """Everything between the states and the equations of motion: lengths, tensions, masses."""
     th, th_s, x = q
     w, w_s, v = y
@@ -421,9 +421,7 @@ def _forces(s: SimpleNamespace, p: Any, effects: Effects) -> SimpleNamespace:
     return SimpleNamespace(F_guide=F_guide, F_extra=F_extra, a=a, T_pin_s=T_pin_s, T_pin_w=T_pin_w)
 
 
-def accelerations(
-    t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
-) -> list[Scalar]:
+def accelerations(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS) -> list[Scalar]:
     """Eq. 14-16: motor rad/s^2, sheave rad/s^2, carriage m/s^2 under the torque u of both motors, N m."""
     s = _state(t, q, y, u, p, effects)
     f = _forces(s, p, effects)
@@ -451,9 +449,7 @@ SIGNALS = (
 )
 
 
-def outputs(
-    t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
-) -> Mapping[str, Scalar]:
+def outputs(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS) -> Signals:
     """The signals that the hoist shows; names and units as in SIGNALS."""
     s = _state(t, q, y, u, p, effects)
     f = _forces(s, p, effects)
@@ -509,7 +505,7 @@ def start_of(height_m: float, speed_motor_rad_s: float, p: Any) -> tuple[list[fl
     return q, [speed_motor_rad_s, -2.0 * v / p.D_s, v], hold
 
 
-def energy(q: Sequence[Scalar], y: Sequence[Scalar], p: Any) -> Scalar:
+def energy(q: Scalars, y: Scalars, p: Any) -> Scalar:
     """Kinetic, elastic and weight energy, J; the wire's weight included, its inertia not."""
     s = _state(0.0, q, y, 0.0, p, NO_EFFECTS)
     R = p.D_w / 2.0
@@ -522,7 +518,7 @@ def energy(q: Sequence[Scalar], y: Sequence[Scalar], p: Any) -> Scalar:
     return kinetic + elastic + s.m * p.g * s.x + wire
 
 
-def dissipation(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any) -> Scalar:
+def dissipation(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any) -> Scalar:
     """Power lost in wire, pins and guide, W; never negative."""
     s = _state(t, q, y, u, p, NO_EFFECTS)
     f = _forces(s, p, NO_EFFECTS)

@@ -22,7 +22,7 @@ Seen from the motor the axis resonates at √(k (1/M + 1/M_l)) and hardly moves 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, ClassVar, Literal
@@ -33,7 +33,7 @@ from workbench.core.run import Array, Run
 from workbench.machines.declare import CrossCheck, Load, RigidBody, Value, parameters_of
 from workbench.machines.kinds import axis
 from workbench.machines.plant import NO_EFFECTS, Effects, Output, Plant
-from workbench.symbolic.expr import Scalar, clip, cos, maximum, minimum, sin, where
+from workbench.symbolic.expr import Scalar, Scalars, Signals, clip, cos, maximum, minimum, sin, where
 
 
 class MotorSide(Record):
@@ -128,7 +128,7 @@ def coupling(twist: Scalar, rate: Scalar, k: Scalar, c: Scalar, b: Scalar) -> tu
     return where(b > 0.0, pushed + grease * twist, T), energy
 
 
-def _state(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects) -> SimpleNamespace:
+def _state(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects) -> SimpleNamespace:
     (x, x_l), (v, v_l) = q, y
     twist, rate = x - x_l, v - v_l
     soft = 1.0 + effects.at("coupling_compliance", p, t=t)
@@ -138,9 +138,7 @@ def _state(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: An
     return SimpleNamespace(t=t, u=u, x=x, x_l=x_l, v=v, v_l=v_l, rate=rate, T=T, elastic_energy=energy)
 
 
-def accelerations(
-    t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
-) -> list[Scalar]:
+def accelerations(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS) -> list[Scalar]:
     """Of motor and load, rad/s^2, under the input u, N m."""
     s = _state(t, q, y, u, p, effects)
     M = p.M + effects.at("axis_inertia", p, t=t, x=s.x)
@@ -163,9 +161,7 @@ SIGNALS = (
 )
 
 
-def outputs(
-    t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any, effects: Effects = NO_EFFECTS
-) -> Mapping[str, Scalar]:
+def outputs(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS) -> Signals:
     """The signals that the axis shows; names and units as in SIGNALS."""
     s = _state(t, q, y, u, p, effects)
     return {
@@ -231,14 +227,14 @@ def band_hz(p: Any) -> float:
     return float(min(90.0, 0.85 * math.sqrt(p.k / p.M_l) / (2.0 * math.pi)))
 
 
-def energy(q: Sequence[Scalar], y: Sequence[Scalar], p: Any) -> Scalar:
+def energy(q: Scalars, y: Scalars, p: Any) -> Scalar:
     """Kinetic, elastic and load energy, J, the sine load's zero at load angle 0."""
     s = _state(0.0, q, y, 0.0, p, NO_EFFECTS)
     kinetic = (p.M * (s.v * s.v) + p.M_l * (s.v_l * s.v_l)) / 2.0
     return kinetic + s.elastic_energy + p.G * (1.0 - cos(s.x_l)) + p.C * s.x_l
 
 
-def dissipation(t: Scalar, q: Sequence[Scalar], y: Sequence[Scalar], u: Scalar, p: Any) -> Scalar:
+def dissipation(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any) -> Scalar:
     """Power lost in both frictions and in the coupling, W; never negative."""
     s = _state(t, q, y, u, p, NO_EFFECTS)
     elastic = where(p.b > 0.0, s.x - s.x_l - clip(s.x - s.x_l, -0.5 * p.b, 0.5 * p.b), s.x - s.x_l)
