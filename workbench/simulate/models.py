@@ -19,16 +19,9 @@ from workbench.machines import HOIST, STUDIED, Hoist, of_kind, studied
 from workbench.machines.multibody import Driven, MotionResult, Shaft, engine, move, switches_of
 from workbench.machines.multibody import Outcome as MotionOutcome
 from workbench.metrics import observer
+from workbench.simulate import loop
 from workbench.simulate.driven import InverseSimulation, start_point
-from workbench.simulate.loop import (
-    LoopCase,
-    LoopResult,
-    Outcome,
-    loop_controller,
-    loop_numbers,
-    loop_result,
-    simulate_loop,
-)
+from workbench.simulate.loop import LoopCase, LoopResult, Outcome, simulate_loop
 from workbench.simulate.replay import simulate_replays, simulated_run
 
 
@@ -44,7 +37,7 @@ def simulate_multibody_loop(case: LoopCase, *, record_every: int = 10, step_s: f
 
     def drive(hold_nm: float) -> Driven:
         plant = HOIST.plant.values(case.machine, case.payload_kg)
-        held["p"] = p = SimpleNamespace(**{**vars(plant), **loop_numbers(case, hold_nm, sample_time / substeps)})
+        held["p"] = p = SimpleNamespace(**{**vars(plant), **loop.loop_numbers(case, hold_nm, sample_time / substeps)})
         return _drive(case, p, hold_nm)
 
     result = move(
@@ -70,7 +63,7 @@ def _drive(case: LoopCase, p: SimpleNamespace, hold_nm: float) -> Driven:
     """The sampled controller, its torque held between samples or behind a lag, and the brake of the events."""
     refuse(case.controller, "the multi-body machine runs", "load_damping", "input_shaper")
     sample_time = case.controller.sample_time_s
-    controller = loop_controller(case)
+    controller = loop.loop_controller(case)
     references = case.speed_reference_rad_s
     torque, command, taken = hold_nm, hold_nm, -1
     step: Step | None = None
@@ -108,7 +101,7 @@ def _result(case: LoopCase, result: MotionResult, p: Any, record_every: int) -> 
         kept |= dict(result.reactions.signals) if result.reactions is not None else {}
     hold = result.hanging.hold_torque_nm if result.hanging is not None else 0.0
     end = np.array([signals["angle_motor_rad"][-1], 0.0, signals["position_carriage_m"][-1]])
-    made = loop_result(case, time, kept, metrics, end, hold)
+    made = loop.loop_result(case, time, kept, metrics, end, hold)
     if result.outcome is not MotionOutcome.COMPLETED:
         return replace(made, outcome=Outcome.NOT_SOLVED, at=said(result))
     return made

@@ -15,18 +15,10 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.machines import Hoist, Machine, kind_of, load_of, with_values
 from workbench.metrics import set_of
-from workbench.references import (
-    BASELINE,
-    LimitPair,
-    Limits,
-    Shape,
-    motion_time_s,
-    move_shape,
-    planned_kinds,
-)
+from workbench.references import BASELINE, motion_time_s, move_shape, planned_kinds
 from workbench.references.least_peak import least_peak, peak_force_n
 from workbench.references.library.wire import ZVD, impulses
-from workbench.references.shape import raised
+from workbench.references.shape import LimitPair, Limits, Shape, raised
 from workbench.study.decide import Given, candidates, criteria_for, decisions
 from workbench.study.front import fronts
 from workbench.study.grid import RunSpec

@@ -16,6 +16,8 @@ from workbench.core.errors import InputError
 from workbench.core.whole_folder import write_json
 from workbench.machines import Machine, kind_of
 from workbench.metrics import View, set_of, shown_in
+from workbench.study import labels
+from workbench.study import rows as tables
 from workbench.study.beside import (
     Asked,
     answers,
@@ -27,34 +29,9 @@ from workbench.study.beside import (
 )
 from workbench.study.decide import OVERSPEED, SATURATED, WIRE_SAFETY, Candidate, decisions, take_sentences
 from workbench.study.front import Front, fronts
-from workbench.study.labels import (
-    NO_CHANGE,
-    Label,
-    SweptAxis,
-    drawn_columns,
-    field_label,
-    listed,
-    reads,
-    run_in_words,
-    said,
-    shown,
-    swept_axes,
-    words_of,
-)
+from workbench.study.labels import Label, SweptAxis, field_label, listed, reads, said, shown, words_of
 from workbench.study.load import Study
-from workbench.study.rows import (
-    ASTRAY_M,
-    SWINGS_PER_S,
-    Row,
-    hunts,
-    index_table,
-    is_astray,
-    metrics_of,
-    parquet_bytes,
-    read_table,
-    rows_of,
-    swings_per_s,
-)
+from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, peak_limit
 
 ANSWER, EQUAL_TIME = "answer.json", "equal_time.parquet"
@@ -101,7 +78,7 @@ def sentences(rows: Sequence[Row], limit: float) -> list[str]:
 
 def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     """Runs that failed, are at a limit, hunt, go slack or end elsewhere: each can turn the decision round."""
-    good, axes = [row for row in rows if row.ok], swept_axes(rows)
+    good, axes = [row for row in rows if row.ok], labels.swept_axes(rows)
     found = []
     if failed := [row for row in rows if not row.ok]:
         found.append(" ".join(f"{row.run_id} failed: {row.reason}." for row in failed[:MOST_FAILED]))
@@ -117,16 +94,16 @@ def troubles(rows: Sequence[Row], limit: float) -> list[str]:
     troubled: tuple[tuple[str, list[Row], Callable[[Row], float] | None], ...] = (
         ("limit", [row for row in at_limit if row not in stuck], None),
         ("stuck", stuck, None),
-        ("hunts", [row for row in good if hunts(row)], swings_per_s),
+        ("hunts", [row for row in good if tables.hunts(row)], tables.swings_per_s),
         ("slack", [row for row in good if row.get("slack_time_s") > 0.0], lambda row: row["slack_time_s"]),
-        ("astray", [row for row in good if is_astray(row)], lambda row: abs(row[judged.end])),
+        ("astray", [row for row in good if tables.is_astray(row)], lambda row: abs(row[judged.end])),
     )
     for what, some, size in troubled:
-        names = [run_in_words(row, axes) for row in some]
+        names = [labels.run_in_words(row, axes) for row in some]
         if len(names) > (3 if good[0].assigned else 6):
             names = [f"{len(names)} of {len(good)} runs, the first {names[0]}"]
         worst = max(some, key=size) if some and size else None
-        whose = (size(worst), run_in_words(worst, axes)) if worst and size else ()
+        whose = (size(worst), labels.run_in_words(worst, axes)) if worst and size else ()
         found += [said.trouble(what, judged, limit, names, worst, *whose)] if some else []
     return found
 
@@ -139,7 +116,7 @@ def variations(
     beside: runs with further values, among which the knee is sought too. taken: at whose setting the effects are told,
     that of all runs without it.
     """
-    good, axes = [row for row in rows if row.ok], swept_axes(rows)
+    good, axes = [row for row in rows if row.ok], labels.swept_axes(rows)
     if not good:
         return []
     judged, heaviest = metrics_of(good), max(row.payload_kg for row in good)
@@ -148,7 +125,7 @@ def variations(
     if any(".limits." in column for axis in axes for column in axis.columns):
         varied = here[0].assigned.keys()
         further = [row for row in beside if row.payload_kg == heaviest and row.assigned.keys() == varied]
-        found += _knee(fronts([*here, *further])[0], axes, swept_axes([*here, *further]))
+        found += _knee(fronts([*here, *further])[0], axes, labels.swept_axes([*here, *further]))
     for axis in axes:
         fixed = {name: value for name, value in taken.assigned.items() if name not in axis.columns} if taken else {}
         own = [row for row in here if taken and row.reference == taken.reference]
@@ -156,7 +133,7 @@ def variations(
         whose = [f"with {words_of(own[0].reference).removesuffix(' with the same limits')}"] if own else []
         whose += [one.say(one.at(own[0])) for one in axes if own and fixed.keys() & set(one.columns)]
         found += _effect(axis, own or here, heaviest, ", ".join(whose))
-    found += scatter(good) if drawn_columns(good) else []
+    found += scatter(good) if labels.drawn_columns(good) else []
     if found or told:
         return found
     worst = max(good, key=lambda row: row[judged.peak])
@@ -178,7 +155,7 @@ def _effect(axis: SweptAxis, rows: Sequence[Row], payload_kg: float, whose: str)
         if any(row.metrics.get(metric.name) is None for row in own):
             continue
         values = [metric.scale * metric.worst([row[metric.name] for row in groups[point]]) for point in points]
-        if max(values) - min(values) > NO_CHANGE * max(map(abs, values)):
+        if max(values) - min(values) > labels.NO_CHANGE * max(map(abs, values)):
             parts.append(f"the {metric.label} {_course(axis, points, values, metric.shown_unit)}")
         else:
             same.append(metric.label)
@@ -195,7 +172,7 @@ def _course(axis: SweptAxis, points: Sequence[tuple[float | str, ...]], values: 
     if not axis.numeric:
         return "is " + ", ".join(f"{v:.3g} {unit} with {shown(p[0])}" for p, v in zip(points, values, strict=True))
     text = f"goes from {values[0]:.3g} to {values[-1]:.3g} {unit}"
-    reach, ends = max(abs(value) for value in values) * NO_CHANGE, (values[0], values[-1])
+    reach, ends = max(abs(value) for value in values) * labels.NO_CHANGE, (values[0], values[-1])
     for name, at, beyond in (
         ("least", int(np.argmin(values)), min(ends) - reach - min(values)),
         ("most", int(np.argmax(values)), max(values) - max(ends) - reach),
@@ -228,7 +205,7 @@ def scatter(good: Sequence[Row]) -> list[str]:
         if len(rows) < 3:
             continue
         quantiles = map(metric.text, np.quantile([row[judged.peak] for row in rows], (*QUANTILES, 1.0)))
-        ranked = rank_correlations(rows, drawn_columns(good), judged.peak)
+        ranked = rank_correlations(rows, labels.drawn_columns(good), judged.peak)
         strong = [f"{r.label.words} (rank correlation {r.value:+.2f})" for r in ranked if abs(r.value) >= 0.2][:3]
         where = f"at {payload:g} kg with {reference}" if judged.payload else f"with {reference}"
         texts.append(said.scatter(metric, len(rows), where, *quantiles, strong))
@@ -266,22 +243,24 @@ class Use:
 
 def utilisation(rows: Sequence[Row], machine: Machine) -> list[Use]:
     """Torque peak, rms torque, overload, speed, wire, place of the stop; those that the runs know."""
-    good, axes = [row for row in rows if row.ok], swept_axes(rows)
+    good, axes = [row for row in rows if row.ok], labels.swept_axes(rows)
     uses = []
     for what, name, scale, bound, told in _hoist_shares(machine) if metrics_of(rows).payload else _axis_shares(machine):
         known = [row for row in good if row.metrics.get(name) is not None]
         if known:
             worst = max(known, key=lambda row: abs(row[name]))
-            uses.append(Use(what, scale * abs(worst[name]), bound, run_in_words(worst, axes), told))
-    if hunting := [row for row in good if hunts(row)]:
-        worst = max(hunting, key=swings_per_s)
-        bound = f"{SWINGS_PER_S:g} a second of motion, each by more than nominal torque: the loop hunts"
-        percent = 100.0 * swings_per_s(worst) / SWINGS_PER_S
-        uses.append(Use("torque swings", percent, bound, run_in_words(worst, axes), True))
+            uses.append(Use(what, scale * abs(worst[name]), bound, labels.run_in_words(worst, axes), told))
+    if hunting := [row for row in good if tables.hunts(row)]:
+        worst = max(hunting, key=tables.swings_per_s)
+        bound = f"{tables.SWINGS_PER_S:g} a second of motion, each by more than nominal torque: the loop hunts"
+        percent = 100.0 * tables.swings_per_s(worst) / tables.SWINGS_PER_S
+        uses.append(Use("torque swings", percent, bound, labels.run_in_words(worst, axes), True))
     if factors := [row for row in good if row.get("wire_safety_factor") > 0.0]:
         worst = min(factors, key=lambda row: row["wire_safety_factor"])
         bound = f"a safety factor of {WIRE_SAFETY:g} (ISO 4308-1, M5)"
-        uses.append(Use("wire", 100.0 * WIRE_SAFETY / worst["wire_safety_factor"], bound, run_in_words(worst, axes)))
+        uses.append(
+            Use("wire", 100.0 * WIRE_SAFETY / worst["wire_safety_factor"], bound, labels.run_in_words(worst, axes))
+        )
     return uses
 
 
@@ -293,13 +272,13 @@ def _hoist_shares(machine: Any) -> tuple[Share, ...]:
     overspeed = OVERSPEED if drive.field_weakening else 1.0
     fastest = f"{overspeed:g} times nominal speed, {overspeed * machine.motor.nominal_speed_rad_s:.4g} rad/s"
     cycle = f"{100 * drive.overload:.0f} % for {drive.overload_time_s:g} s in {drive.overload_period_s:g} s"
-    place = f"{1000 * ASTRAY_M:g} mm from the reference"
+    place = f"{1000 * tables.ASTRAY_M:g} mm from the reference"
     return (
         ("torque peak", "peak_torque_motor_nm", 100.0 / limit, f"the limit of {limit:.0f} N m per motor", True),
         ("rms torque", "rms_torque_motor_nm", 100.0 / nominal, f"nominal torque, {nominal:g} N m, without end", False),
         ("overload", "overload_use_percent", 1.0, f"the drive's overload cycle, {cycle}", False),
         ("motor speed", "peak_speed_percent", 1.0 / overspeed, fastest, False),
-        ("place of the stop", "position_error_end_m", 100.0 / ASTRAY_M, place, True),
+        ("place of the stop", "position_error_end_m", 100.0 / tables.ASTRAY_M, place, True),
     )
 
 
@@ -364,7 +343,7 @@ def write_answer(result: StudyResult, path: Path) -> None:
     """answer.json, and beside it the runs at equal times as an index of their own."""
     made = answer_of(result.study, result.rows)
     if made.beside:
-        path.with_name(EQUAL_TIME).write_bytes(parquet_bytes(index_table(made.beside)))
+        path.with_name(EQUAL_TIME).write_bytes(tables.parquet_bytes(tables.index_table(made.beside)))
     asked = [{**vars(one), "broken": list(one.broken)} for one in made.asked]
     write_json(path, {"format": 1, "sentences": list(made.sentences), "asked": asked})
 
@@ -375,7 +354,7 @@ def read_answer(folder: Path) -> Answer | None:
     try:
         with file.open("rb") as stream:
             kept = json.loads(stream.read(MOST_BYTES))
-        rows = tuple(rows_of(read_table(rivals))) if rivals.is_file() else ()
+        rows = tuple(tables.rows_of(tables.read_table(rivals))) if rivals.is_file() else ()
         asked = tuple(Asked(**{**one, "broken": tuple(one["broken"])}) for one in kept["asked"])
         return Answer(tuple(map(str, kept["sentences"])), rows, asked)
     except (OSError, ValueError, KeyError, TypeError):
