@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import SimpleNamespace
@@ -15,6 +15,7 @@ from workbench.core.run import Array
 from workbench.effects import joined, of
 from workbench.engine.source import state_symbols
 from workbench.machines import NO_EFFECTS, Effects, Machine, Plant, kind_of
+from workbench.machines.plant import Piece
 from workbench.symbolic.derive import derivative, jacobian, values
 from workbench.symbolic.emit import evaluate
 from workbench.symbolic.expr import Expr, Scalar, symbol
@@ -147,11 +148,11 @@ def angle_read(effects: Effects, angle: Expr, place: str, names: tuple[str, ...]
     if not effects.pieces.get(place):
         return effects
 
-    def held(piece: Callable[[Any, Any], Scalar], s: Any, p: Any) -> Scalar:
+    def held(piece: Piece, s: Any, p: Any) -> Scalar:
         return piece(SimpleNamespace(**{**vars(s), **dict.fromkeys(names, angle)}), p)
 
-    pieces: list[Callable[[Any, Any], Scalar]] = [partial(held, piece) for piece in effects.pieces[place]]
-    return Effects({**effects.pieces, place: pieces}, effects.parameters, effects.memory)
+    pieces: dict[str, Sequence[Piece]] = {**effects.pieces, place: [partial(held, x) for x in effects.pieces[place]]}
+    return Effects(pieces, effects.parameters, effects.memory)
 
 
 DERIVED_KEPT = 32
@@ -160,12 +161,8 @@ _derived: dict[Any, tuple[Effects, EvenMotion]] = {}
 OUTPUTS = ("speed_motor_rad_s", "speed_carriage_m_s", "tension_drum_n")  # of a hoist
 
 
-def _by_length(s: Any, p: Any) -> Scalar:
-    return -(s.x / (p.E * p.A))
-
-
 # k = EA/(L - x): the free length of each fall instead of the whole one. The plant's own k is constant.
-STIFFNESS_BY_LENGTH = Effects({"wire_compliance_m_per_n": [_by_length]})
+STIFFNESS_BY_LENGTH = Effects({"wire_compliance_m_per_n": [lambda s, p: -(s.x / (p.E * p.A))]})
 
 
 def linearise(

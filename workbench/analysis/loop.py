@@ -21,6 +21,7 @@ from workbench.symbolic.derive import jacobian
 from workbench.symbolic.expr import symbol
 
 Complex = npt.NDArray[np.complex128]
+Gains = tuple[float, float]  # kp, ki
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,12 +152,7 @@ def controller_of(settings: Settings, machine: Machine) -> Controller:
 
 
 def linear_controller(
-    settings: Settings,
-    machine: Machine,
-    payload_kg: float = 0.0,
-    *,
-    gains: tuple[float, float] | None = None,
-    at: float = 0.0,
+    settings: Settings, machine: Machine, payload_kg: float = 0.0, *, gains: Gains | None = None, at: float = 0.0
 ) -> Sampled:
     """Inputs: the controller's references, then what it measures; output: torque or force wanted of the drive.
     at: an axis' position, for the load's feed-forward.
@@ -370,11 +366,7 @@ def linear_loop(
 
 
 def loop_of(
-    machine: Machine,
-    settings: Settings,
-    point: OperatingPoint,
-    plant: LinearPlant,
-    gains: tuple[float, float] | None = None,
+    machine: Machine, settings: Settings, point: OperatingPoint, plant: LinearPlant, gains: Gains | None = None
 ) -> LinearLoop:
     """The loop around a linear plant; gains: (kp, ki) in place of the settings' own."""
     kind, parts = kind_of(machine), controller_of(settings, machine)

@@ -239,12 +239,7 @@ def _answers(
 
 
 def answered(
-    name: str,
-    campaign: Campaign,
-    version: str,
-    options: Mapping[str, Any],
-    writes: bool,
-    effects: Sequence[UserFile] = (),
+    name: str, campaign: Campaign, version: str, options: Mapping[str, Any], writes: bool, effects: Sequence[UserFile]
 ) -> Answered:
     """On a worker, or here: the diagnosis of one campaign. Whatever goes wrong is a row."""
     try:

@@ -161,9 +161,7 @@ def _filtered(p: Any, memory: Scalars, raw: Scalar) -> tuple[Scalar, Scalar, Sca
     return p.b1 * raw - p.a1 * cut + z2, p.b2 * raw - p.a2 * cut, smooth + p.alpha_u * (cut - smooth)
 
 
-def _limited(
-    p: Any, memory: Scalars, wanted: Scalar, limit: Scalar, error: Scalar, dt: Scalar
-) -> tuple[Scalar, Scalar]:
+def _limited(p: Any, memory: Scalars, wanted: Scalar, limit: Scalar, error: Scalar, dt: Scalar) -> tuple[Scalar, ...]:
     """(input, integral) under the limits, with anti-windup."""
     integral, before = memory[0], memory[4]
     torque = clip(clip(wanted, -limit, limit), before - p.rate * dt, before + p.rate * dt)
@@ -325,9 +323,7 @@ def swing_of(p: Any) -> tuple[Any, Any]:
     return squared, p.tau * squared
 
 
-def behind_the_wire(
-    p: Any, stretch: Scalar, rate: Scalar, acceleration: Scalar, dt: Scalar
-) -> tuple[Scalar, Scalar, Scalar]:
+def behind_the_wire(p: Any, stretch: Scalar, rate: Scalar, acceleration: Scalar, dt: Scalar) -> tuple[Scalar, ...]:
     """(the load's acceleration, stretch, its rate) one sample later, as motor angle; rad, rad/s, rad/s².
 
     z'' = acceleration - w² z - 2 zeta w z', by the implicit midpoint rule, which damps and drives nothing by itself;

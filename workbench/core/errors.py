@@ -60,9 +60,7 @@ def nearest(name: str, valid: Iterable[str]) -> str:
     return f"valid: {', '.join(names[:_MOST_NAMES])}{more}"
 
 
-def check_known(
-    problem: str, name: str, valid: Collection[str], *, file: object = None, line: int | None = None, place: str = ""
-) -> None:
+def check_known(problem: str, name: str, valid: Collection[str], *, file: object = None, place: str = "") -> None:
     """InputError with the nearest name for one that is not valid. problem: what stands before it: unknown signal."""
     if name not in valid:
-        raise InputError(f"{problem} '{name}'; {nearest(name, valid)}", file=file, line=line, place=place or None)
+        raise InputError(f"{problem} '{name}'; {nearest(name, valid)}", file=file, place=place or None)

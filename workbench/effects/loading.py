@@ -24,7 +24,7 @@ from workbench.effects.declare import Effect
 from workbench.effects.registry import UserFile, add, read_user_file
 from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.machines import PLANTS, Effects
-from workbench.symbolic.expr import Expr, Scalar, symbol
+from workbench.symbolic.expr import Expr, Scalar, Scalars, symbol
 
 DRAWS = 20  # of states and parameters at which an effect has to vanish
 
@@ -120,7 +120,7 @@ def _signals(effect: Effect, kind: str) -> Sequence[str]:
     return list(seen)
 
 
-def _rates(kind: str, effects: Effects) -> list[Scalar]:
+def _rates(kind: str, effects: Effects) -> Scalars:
     plant = PLANTS[kind]
     q, y = state_symbols(plant, effects)
     p = parameter_symbols((*plant.parameters, *effects.parameters))

@@ -42,6 +42,7 @@ RECORDS: tuple[type[Hoist] | type[Axis], ...] = tuple(kind.record for kind in KI
 T = TypeVar("T")
 
 CheckEffects = Callable[[Machine], None]
+Curve = Iterable[float]
 _NOT_VALUES = ("format", "identified", "measured_correction", "log")
 _HEAD = ("format", "kind", "motion", "name")
 _TAIL = ("sensors", "tolerances", "effects", "allowances", "measured_correction", "log", "identified")
@@ -167,12 +168,7 @@ def with_values(machine: AnyMachine, values: Mapping[str, float]) -> AnyMachine:
 
 
 def with_correction(
-    machine: AnyMachine,
-    over: str,
-    acts_on: str,
-    at: Iterable[float],
-    forward: Iterable[float],
-    backward: Iterable[float],
+    machine: AnyMachine, over: str, acts_on: str, at: Curve, forward: Curve, backward: Curve
 ) -> AnyMachine:
     """The machine with a measured correction in place of what it has; see `MeasuredCorrection`.
 

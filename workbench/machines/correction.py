@@ -7,7 +7,7 @@ it has no cause, no name, and holds within the runs it was measured in only.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache, partial
 from itertools import pairwise
 from typing import Any, ClassVar
@@ -16,7 +16,7 @@ from pydantic import field_validator, model_validator
 
 from workbench.core.record import Finite, Record
 from workbench.machines.declare import Kind, Port
-from workbench.machines.plant import Effects
+from workbench.machines.plant import Effects, Piece
 from workbench.symbolic.expr import Scalar, clip, floor, where
 
 FEWEST, MOST = 3, 33
@@ -115,7 +115,7 @@ def _pieces(kind: Kind, over: str, acts_on: str, periodic: bool, segments: int) 
     return Effects({port.place: [piece]}, (*_symbols(segments), "start_time_s"))
 
 
-def _force(variable: Callable[[Any, Any], Scalar], port: Port, periodic: bool, segments: int, s: Any, p: Any) -> Scalar:
+def _force(variable: Piece, port: Port, periodic: bool, segments: int, s: Any, p: Any) -> Scalar:
     """The sum over all segments of slope times the way gone in the segment."""
 
     def of(what: str) -> Scalar:

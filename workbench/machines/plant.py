@@ -11,6 +11,9 @@ from typing import Any
 
 from workbench.symbolic.expr import Scalar, Scalars, Signals
 
+Piece = Callable[[Any, Any], Scalar]
+Pieces = Mapping[str, Sequence[Piece]]
+
 
 @dataclass(frozen=True)
 class Memory:
@@ -22,7 +25,7 @@ class Memory:
     """
 
     symbol: str
-    rate: Callable[[Any, Any], Scalar]
+    rate: Piece
     start: Callable[[Any], float]
     scale: Callable[[Any], float]
 
@@ -36,10 +39,7 @@ class Effects:
     """
 
     def __init__(
-        self,
-        pieces: Mapping[str, Sequence[Callable[[Any, Any], Scalar]]] | None = None,
-        parameters: Sequence[str] = (),
-        memory: Sequence[Memory] = (),
+        self, pieces: Pieces | None = None, parameters: Sequence[str] = (), memory: Sequence[Memory] = ()
     ) -> None:
         self.pieces = dict(pieces or {})
         self.parameters = tuple(parameters)
@@ -108,9 +108,7 @@ class Plant:
     placed: int = 0
     guess: Callable[..., tuple[list[Any], list[Any], Any]] | None = None
 
-    def rates(
-        self, t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS
-    ) -> list[Scalar]:
+    def rates(self, t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS) -> Scalars:
         """The derivatives of speeds and memory; y holds the speeds, then the effects' memory.
 
         ValueError for an effect at a place that this plant does not have.

@@ -36,9 +36,7 @@ Address = tuple[str, int]
 class UdpServer:
     """The socket of one session. InputError where the port is taken or not ours."""
 
-    def __init__(
-        self, session: Session, address: str, port: int, send_every: int = 1, token: str = "", lock_step: bool = False
-    ) -> None:
+    def __init__(self, session: Session, address: str, port: int, send_every: int, token: str, lock_step: bool) -> None:
         """lock_step: a step for every command, as fast as they come; for tests of a controller, without a clock."""
         self._lock_step = lock_step
         self._session, self._every, self._token = session, send_every, token.encode().ljust(16, b"\0")

@@ -24,6 +24,8 @@ from workbench.metrics import set_of
 from workbench.metrics.axis import SETTLED
 from workbench.references.library.wire import through_shaper
 
+Values = Sequence[SimpleNamespace] | Array  # by symbol for each scenario, or their `PlantModel.table`
+
 
 @dataclass(frozen=True, eq=False)
 class PlantModel:
@@ -47,18 +49,14 @@ class PlantModel:
         plain = self.plant.values(machine, payload_kg)
         return SimpleNamespace(**vars(plain), **self.active.values_of(start_time_s, run))
 
-    def table(self, values: Sequence[SimpleNamespace] | Array) -> Array:
+    def table(self, values: Values) -> Array:
         """(names, scenarios)"""
         if isinstance(values, np.ndarray):
             return values
         return np.array(list(map(attrgetter(*self.names), values)), dtype=float).T
 
     def starts(
-        self,
-        at: Sequence[float],
-        speeds: Sequence[float],
-        times: Sequence[float],
-        values: Sequence[SimpleNamespace] | Array,
+        self, at: Sequence[float], speeds: Sequence[float], times: Sequence[float], values: Values
     ) -> tuple[Array, Array]:
         """(states, scenarios) of loads that hang at rest or move evenly, memory last; and the inputs that hold them.
 
@@ -69,7 +67,7 @@ class PlantModel:
         q, hold = hang_still(self.plant, self.effects, table, at, times)
         return np.concatenate([q, self._even(at, speeds, table, [m.start for m in self.effects.memory])]), hold
 
-    def scales(self, speed: float, values: Sequence[SimpleNamespace] | Array) -> Array:
+    def scales(self, speed: float, values: Values) -> Array:
         """(speeds and memory, scenarios): what the integration's tolerance is relative to; speed: the driven one's."""
         table = self.table(values)
         none = np.zeros(table.shape[1])
@@ -240,9 +238,7 @@ def _kernel_key(case: LoopCase) -> tuple[Any, ...]:
     return kind_of(case.machine).name, case.controller.sample_time_s, loop_controller(case), lagged, effects, n
 
 
-def _simulate_alike(
-    cases: Sequence[LoopCase], record_every: int, step_s: float, threads: int | None
-) -> list[LoopResult]:
+def _simulate_alike(cases: list[LoopCase], record_every: int, step_s: float, threads: int | None) -> list[LoopResult]:
     _, sample_time, controller, lagged, effects, n = _kernel_key(cases[0])
     kind = kind_of(cases[0].machine)
     plant, watcher = kind.plant, set_of(kind.name).observer

@@ -206,17 +206,8 @@ def compare_models(
         given = alone.true_inputs()[0]
         multibody, multibody_s = _replayed(machine, run, given, start_point(bench.plant, run, bench.motions[j]), step_s)
         measured = bench.motions[j].speed
-        out.append(
-            _compared(
-                replace(run, signals={**run.signals, _SPEED: measured}),
-                measured,
-                lumped,
-                multibody,
-                lumped_s,
-                multibody_s,
-                bench.scale,
-            )
-        )
+        seen = replace(run, signals={**run.signals, _SPEED: measured})
+        out.append(_compared(seen, measured, lumped, multibody, lumped_s, multibody_s, bench.scale))
     return ModelsCompared(machine, tuple(out), bench.scale)
 
 

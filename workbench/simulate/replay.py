@@ -6,9 +6,8 @@ beside it: the replay restarted every 2 s, and the rms of the torque (force) bal
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from workbench.effects import logged
 from workbench.engine import kernels
 from workbench.machines import Machine, Plant
 from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms
+from workbench.simulate.loop import Values
 from workbench.simulate.motion import own_impacts
 
 RESTART_S = 2.0
@@ -122,9 +122,7 @@ def simulate_replays(bench: InverseSimulation) -> list[Array]:
     return [out[: len(run.time_s), : 2 * len(bench.plant.positions), j] for j, run in enumerate(bench.runs)]
 
 
-def _replayed(
-    bench: InverseSimulation, values: Sequence[SimpleNamespace], times: Array, inputs: Array, start: Array
-) -> Array:
+def _replayed(bench: InverseSimulation, values: Values, times: Array, inputs: Array, start: Array) -> Array:
     """In the kernel that takes the bench's runs: another one for a run's parts would take longer to compile."""
     model, scales = bench.model, bench.model.scales(bench.scale, values)
     return kernels.replay(
@@ -150,15 +148,8 @@ def own_log(machine: Machine, runs: Sequence[Run]) -> list[Run]:
 def simulated_run(plant: Plant, run: Run, states: Array) -> Run:
     """The replayed states as a run beside the measured one."""
     names = (*plant.positions, *plant.speeds)
-    signals: Mapping[str, Array] = dict(zip(names, states.T, strict=True))
-    return Run(
-        run.name,
-        run.time_s,
-        {**signals, plant.input: run[plant.input]},
-        run.payload_kg,
-        run.start_position_m,
-        run.start_time_s,
-    )
+    signals: dict[str, Array] = {**dict(zip(names, states.T, strict=True)), plant.input: run[plant.input]}
+    return Run(run.name, run.time_s, signals, run.payload_kg, run.start_position_m, run.start_time_s)
 
 
 def _restarted(bench: InverseSimulation, j: int, balance: Balance, first_position: float) -> Array:
@@ -178,14 +169,8 @@ def _restarted(bench: InverseSimulation, j: int, balance: Balance, first_positio
     angle = motion.position - motion.position[0] + first_position
     # The mean of five samples, so that the noise of one sample matters less.
     speed = np.convolve(np.pad(motion.speed, 2, mode="edge"), np.full(5, 0.2), mode="valid")
-    start = np.column_stack(
-        [
-            angle[first],
-            balance.states[first][:, :rest_positions],
-            speed[first],
-            balance.states[first][:, rest_positions:],
-        ]
-    )
+    rest = balance.states[first]
+    start = np.column_stack([angle[first], rest[:, :rest_positions], speed[first], rest[:, rest_positions:]])
     out = _replayed(bench, [bench.base[j]] * len(first), times.T, inputs.T, start.T)[:, len(plant.positions), :]
     restarted = np.empty(n)
     for w, (a, b) in enumerate(zip(first, last, strict=True)):

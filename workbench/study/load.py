@@ -21,6 +21,7 @@ from workbench.core.shown import Brief
 from workbench.core.yaml_strict import Document, Place, checked, dotted, dumps, load, problem_lines, put, together
 from workbench.effects import check
 from workbench.effects.registry import digests_of
+from workbench.machines import Machine
 from workbench.metrics import added, set_of
 from workbench.references import Plan
 from workbench.references import digests_of as digests_of_references
@@ -198,9 +199,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     return planned(scenario, machine, _recordings(scenario, layers), layers)
 
 
-def planned(
-    scenario: Scenario, machine: machines.Machine, recordings: Mapping[str, Recording], layers: Layered
-) -> Study:
+def planned(scenario: Scenario, machine: Machine, recordings: Mapping[str, Recording], layers: Layered) -> Study:
     """`plan_study`, with file and line of what does not fit."""
     try:
         return plan_study(scenario, machine, recordings)
@@ -212,9 +211,7 @@ def planned(
         raise InputError(error.problem, file=file, line=line, place=shown or None) from error
 
 
-def plan_study(
-    scenario: Scenario, machine: machines.Machine, recordings: Mapping[str, Recording] | None = None
-) -> Study:
+def plan_study(scenario: Scenario, machine: Machine, recordings: Mapping[str, Recording] | None = None) -> Study:
     """A scenario on a machine; InputError where what it needs is missing or its motion is not possible."""
     sweep, sample = scenario.sweep, scenario.sample
     swept = set() if sweep is None else {*sweep.grid, *sweep.zip}
@@ -273,7 +270,7 @@ def _clearer(text: str, place: Place, data: Any) -> tuple[str, Place]:
     return text, place
 
 
-def _machine(scenario: Scenario, layers: Layered) -> machines.Machine:
+def _machine(scenario: Scenario, layers: Layered) -> Machine:
     """The machine a scenario names, as its file has it."""
     if scenario.machine in machines.SHIPPED:
         return machines.shipped(scenario.machine)
@@ -290,7 +287,7 @@ def _machine(scenario: Scenario, layers: Layered) -> machines.Machine:
     return machine
 
 
-def _machine_as_run(scenario: Scenario, machine: machines.Machine) -> machines.Machine:
+def _machine_as_run(scenario: Scenario, machine: Machine) -> Machine:
     """The machine with overrides, drive and effects of the scenario. InputError names the place in the scenario."""
     data = machine.model_dump()
     known = _dotted_values({k: v for k, v in data.items() if k not in ("effects", "identified", "format", "kind")})
@@ -398,7 +395,7 @@ _NOT_VALUES = ("format", "kind", "drive", "effects", "allowances", "log", "ident
 
 
 def read_standalone(
-    document: Document, machine: machines.Machine | None = None, known: Mapping[str, Path] | None = None
+    document: Document, machine: Machine | None = None, known: Mapping[str, Path] | None = None
 ) -> Scenario:
     """The scenario of a document, checked on its machine as `workbench study` checks it.
 
@@ -429,7 +426,7 @@ def changed(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     return checked(Scenario, scenario.model_dump() | dict(changes))
 
 
-def standalone_text(scenario: Scenario, machine: machines.Machine, called: str = "default") -> str:
+def standalone_text(scenario: Scenario, machine: Machine, called: str = "default") -> str:
     """The scenario on this machine as YAML that needs no other file: a hoist's own values are overrides; any other
     machine is named as it is `called`.
 

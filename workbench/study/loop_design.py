@@ -22,6 +22,7 @@ from workbench.study.load import Study, load_study
 
 USUAL_PAYLOADS_KG = (0.0, 4500.0, 9000.0)
 MOST = 50  # members of a family
+Numbers = Sequence[float] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,11 +100,7 @@ class Tuning(Shown):
 
 
 def load_case(
-    machine: Path | None,
-    scenario: Path | None,
-    controller: Path | None,
-    payloads_kg: Sequence[float] | None,
-    heights_m: Sequence[float] | None,
+    machine: Path | None, scenario: Path | None, controller: Path | None, payloads_kg: Numbers, heights_m: Numbers
 ) -> DesignCase:
     """InputError with file and place for input that cannot be read or does not fit."""
     known: Machine | None = None
@@ -119,8 +116,8 @@ def load_case(
 def loop_case(
     machine: Machine | None,
     controller: Settings | None,
-    payloads_kg: Sequence[float] | None,
-    heights_m: Sequence[float] | None,
+    payloads_kg: Numbers,
+    heights_m: Numbers,
     scenario: str | os.PathLike[str] | None,
     origin: str = "as given",
 ) -> DesignCase:

@@ -367,11 +367,8 @@ def _too_small(drive: Candidate, asked: SizeFile, study: Study) -> Check | None:
     fastest = max(limits.hoisting.speed_m_s, limits.lowering.speed_m_s) / machine.lift_m_per_rad
     hold = hold_torque_nm(machine, _distribution(asked, study)[-1].payload_kg) / drive.count
     turns = Check("speed", fastest, drive.motor.speed_rad_s, "rad/s")
-    worse = max(
-        turns,
-        Check("holding the load", hold, largest_torque_nm(drive.motor, study), "N m"),
-        key=lambda check: check.used,
-    )
+    holds = Check("holding the load", hold, largest_torque_nm(drive.motor, study), "N m")
+    worse = max(turns, holds, key=lambda check: check.used)
     return None if worse.ok else worse
 
 

@@ -168,12 +168,7 @@ def _run_columns(campaign: Campaign) -> Mapping[str, Sequence[Any]]:
     return {"run": [run.name for run in campaign.runs], **columns, "samples": samples, "sample_time_s": steps}
 
 
-CAMPAIGN = View(
-    {"runs": _runs},
-    {"input": lambda campaign: input_profiles(campaign.machine, campaign.runs)},
-    _run_columns,
-    index="run",
-)
+CAMPAIGN = View({"runs": _runs}, {"input": lambda c: input_profiles(c.machine, c.runs)}, _run_columns, index="run")
 
 
 def mapping_table(proposed: Proposed) -> Table:

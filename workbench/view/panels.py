@@ -18,6 +18,7 @@ from workbench.view.style import GREY, TEMPLATE, Figure, heading, legend
 
 Index = np.ndarray[tuple[int], np.dtype[np.int64]]
 
+Range = tuple[float, float]
 FEW_POINTS = 200  # a line of fewer costs nothing, and the pointer finds each
 PAPER, LEGEND_LINE = 640, 20  # px: what a legend's line has room for on paper, and its height
 TITLE_LINE = 36  # px that a figure without a title does without
@@ -123,7 +124,7 @@ class Panels:
             return 1
         return math.ceil(len(widths) / max(1, PAPER // max(widths)))  # broken, it has columns of equal width
 
-    def figure(self, height: int, y_ranges: dict[int, tuple[float, float]] | None = None) -> Figure:
+    def figure(self, height: int, y_ranges: dict[int, Range] | None = None) -> Figure:
         """The figure; y_ranges: by row, where plotly's own choice would not do."""
         import plotly.graph_objects as go
 
@@ -160,9 +161,7 @@ class Panels:
             layout["meta"]["quantities"] = [title.replace("<br>", " ") for title in self.row_titles]
         return go.Figure({"data": self.traces, "layout": layout})
 
-    def _axes_of(
-        self, layout: dict[str, Any], row: int, column: int, x: tuple[float, float], y: tuple[float, float]
-    ) -> None:
+    def _axes_of(self, layout: dict[str, Any], row: int, column: int, x: Range, y: Range) -> None:
         """Adds a panel's axes to the layout. x, y: where it stands."""
         number, across, first = self._number(row, column), self._across(row, column), self._across(0, 0)
         x_axis: dict[str, Any] = {"domain": list(x), "anchor": f"y{number}"}
@@ -182,9 +181,7 @@ class Panels:
             layout[f"xaxis{number}"] = x_axis
 
 
-def ranges_below_names(
-    places: Sequence[tuple[int, int]], drawn: Sequence[Sequence[Array]]
-) -> dict[int, tuple[float, float]]:
+def ranges_below_names(places: Sequence[tuple[int, int]], drawn: Sequence[Sequence[Array]]) -> dict[int, Range]:
     """Each row's range from its lowest to its highest value, with room above for names in the panels' corners.
 
     drawn: of each place all that is drawn in it.

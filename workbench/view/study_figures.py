@@ -195,9 +195,7 @@ def _fewer(x: Array, y: Array) -> tuple[Array, Array]:
     return x[keep], y[keep]
 
 
-def metrics_over_axis(
-    rows: Sequence[Row], axis: SweptAxis, nominal_torque_nm: float | None, torque_limit_nm: float
-) -> Figure:
+def metrics_over_axis(rows: Sequence[Row], axis: SweptAxis, nominal_nm: float | None, limit_nm: float) -> Figure:
     """The metrics that change along an axis, a panel each; a column a payload, a line a reference.
 
     Where other fields are swept too, the line is the worst of their runs and a band shows all. torque limits: of
@@ -230,7 +228,7 @@ def metrics_over_axis(
                 panels.line(level, column, x, worst, label(kind), own, metric.shown_unit, **more)
     for level, metric in enumerate(metrics):
         for column in range(len(loads)) if metric.name == judged.peak else ():  # its panel has the limits in it
-            _limits(panels, level, column, nominal_torque_nm, torque_limit_nm, judged.rate_unit)
+            _limits(panels, level, column, nominal_nm, limit_nm, judged.rate_unit)
     figure = panels.figure(max(260 + 150 * len(metrics), 420))
     if not axis.numeric:
         figure.update_xaxes(tickmode="array", tickvals=list(x), ticktext=[shown(point[0]) for point in axis.points])

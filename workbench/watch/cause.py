@@ -105,9 +105,7 @@ Row = tuple[list[str], str, float]  # effects of a hypothesis, its verdict and i
 UNLIKELY = 0.005  # a cause less probable in the diagnosis stays so
 
 
-def diagnosed(
-    campaign: Campaign, baseline: Baseline, cycles: Sequence[Cycle], explained: Effects | None = None
-) -> dict[str, Any]:
+def diagnosed(campaign: Campaign, baseline: Baseline, cycles: Sequence[Cycle], explained: Effects) -> dict[str, Any]:
     """Verdict, effects with their probabilities and fitted values, and the sentence. InputError where it cannot be
     diagnosed.
 
@@ -115,7 +113,7 @@ def diagnosed(
     found, as they are by now: the machine has them, and the cause is looked for beside them. What the runs cannot
     discriminate, the cycles may.
     """
-    machine, explained = campaign.machine, {name: dict(values) for name, values in (explained or {}).items()}
+    machine, explained = campaign.machine, {name: dict(values) for name, values in explained.items()}
     known = with_effects(machine, {**machine.effects, **explained}) if {**machine.effects, **explained} else machine
     made = diagnose(replace(campaign, machine=healthy(known, baseline)), most_effects=1, study=False)
     named, effects, sentence = made.verdict.word == "named", list(made.verdict.effects), made.verdict.sentence

@@ -86,14 +86,8 @@ def estimate(machine: Machine, run: Run) -> Estimate:
     jacobian = (out[1:] - out[0]).T / STEP
     in_z = _inverse(jacobian, free, sigma) @ (jacobian.T @ jacobian / sigma**2)
     unit = _units(free)
-    return Estimate(
-        keys,
-        np.array(result.value),
-        np.array(result.std_error),
-        unit[:, None] * in_z / unit[None, :],
-        result.residual_rms_before,
-        result.noise_rms,
-    )
+    value, std_error, covariance = np.array(result.value), np.array(result.std_error), unit[:, None] * in_z / unit
+    return Estimate(keys, value, std_error, covariance, result.residual_rms_before, result.noise_rms)
 
 
 def shift(machine: Machine, run: Run, other: Machine, keys: Sequence[str]) -> Array:
@@ -175,9 +169,7 @@ class Baseline:
 SPREAD_KG = 10.0  # stated payloads that differ by less are one
 
 
-def learn(
-    healthy: Array, payloads_kg: Array | None = None, load: Array | None = None, keys: Sequence[str] = ()
-) -> Baseline:
+def learn(healthy: Array, payloads_kg: Array | None, load: Array | None, keys: Sequence[str] = ()) -> Baseline:
     """healthy: (n, m) estimates; payloads_kg: (n,); load: (m,), what a load does to the estimates, None for none.
 
     Directions in which the estimates do not vary at all are left out.

@@ -384,9 +384,7 @@ def axis_plant(
     position, speed = machine.position_signal, machine.speed_signal
     acceleration = "acceleration_m_s2" if machine.input_signal == "force_n" else "acceleration_rad_s2"
 
-    def accelerations(
-        t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS
-    ) -> list[Scalar]:
+    def accelerations(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effects = NO_EFFECTS) -> Scalars:
         """Acceleration of the axis under the input u (N or N m)."""
         (x,), (v,) = q, y
         M = inertia(p) + effects.at("axis_inertia", p, t=t, x=x)

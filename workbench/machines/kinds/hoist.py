@@ -466,9 +466,7 @@ def outputs(t: Scalar, q: Scalars, y: Scalars, u: Scalar, p: Any, effects: Effec
     }
 
 
-def dead_line_tension(
-    t: Scalar, th_s: Scalar, x: Scalar, w_s: Scalar, v: Scalar, p: Any, effects: Effects = NO_EFFECTS
-) -> Any:
+def dead_line_tension(t: Scalar, th_s: Scalar, x: Scalar, w_s: Scalar, v: Scalar, p: Any, effects: Effects) -> Any:
     """Eq. 2 and the fall's own weight: tension at the dead anchor, N; of numbers or of arrays alike.
 
     t s; th_s, w_s: sheave, rad and rad/s; x, v: carriage, m and m/s.

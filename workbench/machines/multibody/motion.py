@@ -97,7 +97,7 @@ def move(
     every = record_every if reactions_every is None else reactions_every
     for finer in FINER:  # where friction turns over too steeply for the step, all is done again in finer ones
         steps = max(1, round(duration_s / step_s)) * finer
-        motion = _Motion(truth, switches, payload, system, start_position_m, start_time_s, step_s / finer)
+        motion = _Motion(system, step_s / finer)
         motion.every, motion.reactions_every, motion.reach = record_every * finer, every * finer, reach_m
         motion.begin(q, start_speed_rad_s, hanging.hold_torque_nm)
         began = clock.process_time()
@@ -124,21 +124,13 @@ def _columns(rows: list[dict[str, float]]) -> dict[str, Array]:
 class _Motion:
     """One simulation: what is set before each step, what is kept of it."""
 
-    def __init__(
-        self,
-        machine: Hoist,
-        switches: Switches,
-        payload_kg: float,
-        system: assemble.System,
-        height: float,
-        clock_s: float,
-        h: float,
-    ):
+    def __init__(self, system: assemble.System, h: float):
+        machine, switches = system.machine, system.switches
         self.machine, self.s, self.system, self.h = machine, switches, system, h
-        self.height, self.clock_s = height, clock_s
+        self.height, self.clock_s = system.height, system.clock_s
         self.mbs = system.mbs
         self.wound = wound_m(switches, machine.winch.drum_diameter_m / 2.0)
-        self.level = guide_level(PLAIN, machine, switches, payload_kg * machine.gravity_m_s2)
+        self.level = guide_level(PLAIN, machine, switches, system.payload_kg * machine.gravity_m_s2)
         self.kept: list[dict[str, float]] = []
         self.step = 0
         self.torque = 0.0
