@@ -26,11 +26,10 @@ from workbench.diagnose.unknown import Unknown
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, Verdict
 from workbench.effects import effects_for
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import Axis, Hoist, default_hoist, plant_of, with_correction
+from workbench.machines import Axis, Hoist, default_hoist, kind_of, plant_of, with_correction
 from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms
 from workbench.simulate.replay import replay_runs
 from workbench.study.consequences import consequences_of
-from workbench.view.words import words_of
 
 Values = Mapping[str, Mapping[str, float]]
 VISCOUS: Values = {"friction_viscous": {"viscous_n_s_per_m": 4210.0}}
@@ -245,8 +244,8 @@ def _shrink(campaign: Campaign, before: list[Balance], after: list[Balance], cor
     by_run = {b.run.name: (_rms([b]), _rms([a])) for b, a in zip(before, after, strict=True)}
     factor = was / is_now
     return Shrink(
-        was, is_now, 0.95 * is_now, words_of(corrected).unit, before[0].band_hz, factor, (0.9 * factor, 1.1 * factor),
-        speeds[0], speeds[1], by_run, ("Each run was held out once.",),
+        was, is_now, 0.95 * is_now, kind_of(corrected).drive.unit, before[0].band_hz,
+        factor, (0.9 * factor, 1.1 * factor), speeds[0], speeds[1], by_run, ("Each run was held out once.",),
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from filelock import FileLock, Timeout
 
 from workbench import __version__
 from workbench.blind import seal
-from workbench.blind.make import mapped, validation
+from workbench.blind.make import Tell, mapped, validation
 from workbench.core.errors import InputError
 from workbench.core.input_file import read_input
 from workbench.diagnose.diagnose import Diagnosis, diagnose
@@ -168,7 +168,6 @@ def load(folder: Path) -> dict[str, dict[str, Any]]:
 
 
 ANSWERS, LOCK = "answers", ".run.lock"
-Tell = Callable[[str], None]
 Diagnose = Callable[[Path], str]  # a campaign's folder -> its answer, as JSON
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from workbench.blind import seal
-from workbench.blind.make import mapped, validation
+from workbench.blind.make import Tell, mapped, validation
 from workbench.blind.measures import Row, next_run_decides, oracle_after, recorded, right, right_word
 from workbench.blind.run import ANSWERS, answer_file, load, save, text_of
 from workbench.core.errors import InputError
@@ -22,7 +22,6 @@ from workbench.core.input_file import read_input
 from workbench.core.whole_folder import write_json
 
 OPENED, NEXT, ORACLE = "opened.json", "next_runs", "oracle"
-Tell = Callable[[str], None]
 NO_CHAIN = "The answers were given by a version without a chain of hashes: their order and times are unproved."
 
 

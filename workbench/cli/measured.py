@@ -8,7 +8,7 @@ from typing import Annotated
 
 import click
 
-from workbench.cli.options import Band, CampaignFolder, OtherMachine, Runs, command, names_in
+from workbench.cli.options import Band, Measured, OtherMachine, Runs, command, names_in
 from workbench.cli.show import print_notes, print_table, print_text
 from workbench.core.errors import InputError, check_known
 from workbench.core.whole_folder import check_free
@@ -19,9 +19,9 @@ from workbench.logs.doubts import doubts_of
 from workbench.machines import Machine, load_machine, plant_of
 from workbench.simulate.lowpass import check_band
 from workbench.simulate.replay import ReplayResult, replay_runs
-from workbench.view.words import brief_notes
 
 ALL = "all"
+MOST_NOTES = 5
 
 
 def load_campaign(
@@ -71,14 +71,16 @@ def _kind(machine: object) -> str:
     return " ".join(str(getattr(machine, key)) for key in ("motion", "kind") if hasattr(machine, key))
 
 
+def print_first_notes(campaign: Campaign) -> None:
+    """The first few of the reader's notes."""
+    notes = campaign.all_notes
+    more = len(notes) - MOST_NOTES
+    print_notes([*notes[:MOST_NOTES], *([f"and {more} more notes like these"] if more > 0 else [])])
+
+
 @command("replay", effects=True)
 def replay(
-    campaign: CampaignFolder,
-    *,
-    out: Path | None = None,
-    runs: Runs = None,
-    machine: OtherMachine = None,
-    band: Band = None,
+    campaign: Measured, *, out: Path | None = None, runs: Runs = None, machine: OtherMachine = None, band: Band = None
 ) -> None:
     """Replay the runs of CAMPAIGN.
 
@@ -96,7 +98,7 @@ def replay(
         return replay_runs(read.machine, read.runs, band)
 
     result = run() if out is None else replay_view.write_replay(run, read, out)
-    print_notes(brief_notes(read))
+    print_first_notes(read)
     print_table(replay_view.table(read.machine, result))
     print_text(["", *replay_view.sentences(read.machine, result)])
     if out is not None:
@@ -105,7 +107,7 @@ def replay(
 
 @command("identify", effects=True)
 def identify(
-    campaign: CampaignFolder,
+    campaign: Measured,
     *,
     out: Path | None = None,
     free: str | None = None,
@@ -137,7 +139,7 @@ def identify(
         return fit(read, free=keys, band_hz=band)
 
     found = run() if out is None else identify_view.write_identification(run, out)
-    print_notes(brief_notes(read))
+    print_first_notes(read)
     print_table(identify_view.table(found.fit))
     click.echo()
     print_table(identify_view.measures_table(found), note=False)

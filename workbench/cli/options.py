@@ -29,7 +29,7 @@ from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 
 UNITS = ("_hz", "_kg", "_m", "_s")  # what a library's parameter is called beyond its option
 
-CampaignFolder = Annotated[Path, {"metavar": "CAMPAIGN"}]
+Measured = Annotated[Path, {"metavar": "CAMPAIGN"}]
 MachineFile = Annotated[Path | None, "A machine.yaml. Default: the scenario's machine, or the built-in one."]
 OtherMachine = Annotated[Path | None, "Another machine.yaml, such as an identified one."]
 Cluster = Annotated[

@@ -30,7 +30,6 @@ from workbench.machines import kind_of, plant_of, save_machine
 from workbench.view import diagnosis_figures as draw
 from workbench.view.diagnosis_json import probabilities, to_json
 from workbench.view.page import Section, save_page
-from workbench.view.words import direction_names, words_of
 
 SHRINKS = 1.02  # factor: less is none
 RUN_AWAY = 100.0  # per cent of the speed's scale: a replay in open loop that is further off has left the motion
@@ -115,14 +114,14 @@ def where_sentence(d: Diagnosis) -> str:
 
 def shrink_sentence(d: Diagnosis) -> str:
     """The reduction of the gap with its interval, compared with the noise floor."""
-    s, kind = d.shrink, "shrinks"
+    s, case, kind = d.shrink, "shrinks", kind_of(d.campaign.machine)
     if s.before <= 0.0 or d.verdict.word == "no_gap":
-        kind = "none"
+        case = "none"
     elif s.factor < SHRINKS:
-        kind = "not"
+        case = "not"
     elif s.speed_rmse_percent_after > RUN_AWAY:
-        kind = "run_away"
-    return said.shrink(s, words_of(d.campaign.machine), kind)
+        case = "run_away"
+    return said.shrink(s, kind.drive, case, kind.speed_scale[0])
 
 
 def next_run_sentence(d: Diagnosis) -> str:
@@ -153,7 +152,7 @@ def left_sentence(d: Diagnosis) -> str:
 
 def plain_summary(d: Diagnosis) -> list[str]:
     """The verdict for a reader who knows the machine and not this program: what, where, how sure, what it mends."""
-    v, s, kind, w = d.verdict, d.shrink, plant_of(d.campaign.machine).kind, words_of(d.campaign.machine)
+    v, s, kind, w = d.verdict, d.shrink, plant_of(d.campaign.machine).kind, kind_of(d.campaign.machine).drive
     known = effects_for(kind)
     if v.word == "no_gap":
         return [said.plain_no_gap(s, w)]
@@ -173,7 +172,7 @@ def plain_summary(d: Diagnosis) -> list[str]:
 
 def unit_of(d: Diagnosis) -> str:
     """The unit of the input for the heads of tables, with non-breaking spaces."""
-    return words_of(d.campaign.machine).unit.replace(" ", "\u00a0")
+    return kind_of(d.campaign.machine).drive.unit.replace(" ", "\u00a0")
 
 
 def _of(field: str, form: float | str = 1.0, digits: int = 3) -> Callable[[Any], str]:
@@ -213,7 +212,7 @@ def condition_table(d: Diagnosis) -> Table:
     }
     if not kind_of(d.campaign.machine).payload:
         del cells[payload]
-    return table_of(d.condition.runs, cells, said.condition(d, words_of(d.campaign.machine)))
+    return table_of(d.condition.runs, cells, said.condition(d, kind_of(d.campaign.machine).drive))
 
 
 def gap_table(d: Diagnosis) -> Table:
@@ -226,7 +225,7 @@ def gap_table(d: Diagnosis) -> Table:
     ]
     cells: Cells = {
         words("machine"): lambda row: row[0],
-        Column(f"{words_of(d.campaign.machine).quantity}\nresidual", unit_of(d)): lambda row: figures(row[1]),
+        Column(f"{kind_of(d.campaign.machine).drive.quantity}\nresidual", unit_of(d)): lambda row: figures(row[1]),
         Column("times\nthe noise"): lambda row: _ratio(row[1], g.noise_rms, 2),
     }
     if (force := g.force_rms_n) is not None:  # one lever for all: what a torque is on the carriage
@@ -371,7 +370,7 @@ def shrink_table(d: Diagnosis) -> Table:
 
 def brief_shrink_table(d: Diagnosis) -> Table:
     """The residual and the replayed speed, before and after."""
-    s, w = d.shrink, words_of(d.campaign.machine)
+    s, w = d.shrink, kind_of(d.campaign.machine).drive
     heads = ("before", "after", "noise\nfloor", "factor", "95 %\ninterval")
     residual = [*map(figures, (s.before, s.after, s.noise, s.factor)), " to ".join(map(figures, s.ci95))]
     speed = [figures(s.speed_rmse_percent_before), figures(s.speed_rmse_percent_after), "", "", ""]
@@ -411,7 +410,8 @@ def next_run_table(d: Diagnosis) -> Table:
 def sections_of(d: Diagnosis) -> dict[str, Section]:
     """The sections of the page by name, in their order, numbered. The runs are replayed for the figures."""
     v, i, s, where, unknown = d.verdict, d.isolability, d.shrink, d.where, d.unknown
-    w, ways = words_of(d.campaign.machine), direction_names(d.campaign.machine)
+    kind = kind_of(d.campaign.machine)
+    w, ways = kind.drive, kind.directions.names
     runs, gap, corrected = draw.series_of(d), v.word != "no_gap", d.corrected != d.refitted
     profiles = sorted(filter(draw.worth_a_panel, where.profiles if where else ()), key=lambda p: -p.explains)
     against = "What speaks for a cause that the library does not list:" if v.word == "unknown" else (
@@ -449,7 +449,7 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
         "7. Residual on held-out runs", [shrink_sentence(d), *s.sentences], (), [shrink_table(d), parts_table(d)],
         [(bars, "Each run predicted by a fit to the others."),
          (draw.residuals(runs, s.unit, d.gap.noise_rms), said.residuals(gap, corrected)),
-         (draw.speeds(runs, w.scale), said.speeds(corrected, w))],
+         (draw.speeds(runs, kind.speed_scale[0]), said.speeds(corrected, w))],
     )  # fmt: skip
     if d.residual_tests:
         drawn = [(draw.autocorrelations(d.residual_tests), said.autocorrelation())]

@@ -10,7 +10,7 @@ from workbench import __version__
 from workbench.core.json_records import plain
 from workbench.diagnose.diagnose import Diagnosis
 from workbench.diagnose.hypotheses.free_parameters import Estimate
-from workbench.view.words import words_of
+from workbench.machines import kind_of
 
 DIGITS = 5  # significant
 ANGLE_DIGITS = 4
@@ -35,7 +35,7 @@ def to_json(d: Diagnosis) -> dict[str, Any]:
 
 def _answer(d: Diagnosis) -> dict[str, Any]:
     """The fixed keys."""
-    v, g, w = d.verdict, d.gap, words_of(d.campaign.machine)
+    v, g, w = d.verdict, d.gap, kind_of(d.campaign.machine).drive
     law = None if d.unknown is None else d.unknown.law
     ranking = zip(v.ranking, probabilities([row.probability for row in v.ranking]), strict=True)
     next_run = d.next_run and _of(d.next_run, "why payload_kg profile signals")
@@ -75,7 +75,7 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
 
 def _steps(d: Diagnosis) -> dict[str, Any]:
     """The keys after the fixed ones."""
-    g, w, i, where, n, s = d.gap, words_of(d.campaign.machine), d.isolability, d.where, d.next_run, d.shrink
+    g, w, i, where, n, s = d.gap, kind_of(d.campaign.machine).drive, d.isolability, d.where, d.next_run, d.shrink
     noise, errors = f"noise_rms_{w.suffix}", {"std_forward": "std_error_forward", "std_backward": "std_error_backward"}
     return {
         "sentence": d.verdict.sentence,

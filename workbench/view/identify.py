@@ -29,7 +29,6 @@ from workbench.view import replay as replay_view
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels
 from workbench.view.style import BLACK, BLUE, GREY, MARKERS, SPARE, VERMILLION, Figure, figure, line, look
-from workbench.view.words import direction_names, words_of
 
 FAR = 3.0  # tolerances: a value beyond them stands in for something else
 ROW, AROUND = 34, 130  # px: of one value, and of title and axis
@@ -73,9 +72,9 @@ def measures_table(identification: Identification) -> Table:
 def sentences(identification: Identification, remedy: str = REMEDY) -> list[str]:
     """The reduction of the residual, the paper's iteration, undetermined values, and the remedy."""
     i, machine, after = identification, identification.campaign.machine, identification.after
-    sentences = said.each(
-        "identified", i, words_of(machine), kind_of(machine).friction.unit, *direction_names(machine)
-    ) + list(i.fit.statements)
+    kind = kind_of(machine)
+    sentences = said.each("identified", i, kind.drive, kind.friction.unit, *kind.directions.names)
+    sentences += i.fit.statements
     off, left, noise = max(i.fit.tolerances_off()), after.residual_rms_moving, after.noise_rms
     above = left > replay_view.EXPLAINED * noise > 0.0 and replay_view.noise_is_floor(i.machine, after)
     times = left / noise if above else 0.0
@@ -86,7 +85,8 @@ def sentences(identification: Identification, remedy: str = REMEDY) -> list[str]
 def to_json(identification: Identification) -> dict[str, Any]:
     """identify.json: parameters with errors, correlations, the iteration's history, statements, replays."""
     i, fit, levels = identification, identification.fit, identification.levels
-    w, (forward, backward) = words_of(i.campaign.machine), direction_names(i.campaign.machine)
+    kind = kind_of(i.campaign.machine)
+    w, (forward, backward) = kind.drive, kind.directions.names
     return {
         "format": 1,
         "campaign": i.campaign.name,
@@ -174,7 +174,7 @@ def history(identification: Identification) -> Figure:
     """The friction levels over the paper's iterations, a line a level; iteration 0 is the start."""
     levels, unit = identification.levels, kind_of(identification.machine).friction.unit
     panels = Panels("Friction levels over the iterations", [f"level ({unit})"], x_title="iteration")
-    both = zip(direction_names(identification.machine), (levels.forward, levels.backward), strict=True)
+    both = zip(kind_of(identification.machine).directions.names, (levels.forward, levels.backward), strict=True)
     for number, (name, values) in enumerate(both):
         more = {"mode": "lines+markers", "marker": {"symbol": MARKERS[number], "size": 9}}
         panels.line(

@@ -22,7 +22,6 @@ from workbench.view import style
 from workbench.view.page import Section, save_page
 from workbench.view.panels import Panels, ranges_below_names
 from workbench.view.style import Figure
-from workbench.view.words import words_of
 
 SIDE_BY_SIDE = 2  # runs in a row
 PAPER_PERCENT = 7.49  # RMSE of the paper's own machine, its Figure 8
@@ -57,7 +56,7 @@ class Measure(NamedTuple):
 
 def measures(machine: Machine, replay: Replay | ReplayResult) -> list[Measure]:
     """Of a run, or of all."""
-    w, r = words_of(machine), replay
+    w, r = kind_of(machine).drive, replay
     noise = r.noise_rms if isinstance(r, ReplayResult) else r.balance.noise_rms
     residual, rms, restarted = f"{w.quantity}_residual_rms", f"_{w.suffix}", "speed_rmse_percent_restarted_2s"
     declared = (
@@ -80,14 +79,14 @@ def table_of_replays(
     machine: Machine, first: str, rows: Sequence[tuple[str, Replay | ReplayResult]], band_hz: float
 ) -> Table:
     """rows: name and figures of each; first: what they are."""
-    note = said.replay_note(words_of(machine), band_hz)
+    note = said.replay_note(kind_of(machine), band_hz)
     columns = [words(first), *(measure.column for measure in measures(machine, rows[0][1]))]
     return Table(columns, [[name, *(m.text for m in measures(machine, replay))] for name, replay in rows], note)
 
 
 def sentences(machine: Machine, result: ReplayResult, remedy: str = REMEDY) -> list[str]:
     """What these figures say of the model, the drifting one first. remedy: what to do where it explains too little."""
-    kind, w, drift = kind_of(machine), words_of(machine), None
+    kind, w, drift = kind_of(machine), kind_of(machine).drive, None
     if kind.nominal_speed is not None:
         inertia = kind.rigid(machine, result.runs[0].simulated.payload_kg).inertia
         drift = 100.0 * 10.0 / inertia / kind.nominal_speed(machine)
@@ -110,7 +109,7 @@ def to_json(campaign: Campaign, result: ReplayResult) -> dict[str, Any]:
     def numbers(replay: Replay | ReplayResult) -> dict[str, Any]:
         return {measure.key: rounded(measure.value) for measure in measures(machine, replay)}
 
-    share = {f"{words_of(machine).quantity}_residual_percent": rounded(result.residual_percent)}
+    share = {f"{kind_of(machine).drive.quantity}_residual_percent": rounded(result.residual_percent)}
     return {
         "format": 1,
         "campaign": campaign.name,
@@ -173,7 +172,7 @@ def inputs(machine: Machine, result: ReplayResult) -> Figure:
 
 def input_profiles(machine: Machine, runs: Sequence[Run]) -> Figure:
     """Fig. 6: both motors' measured torque over one motor's nominal torque, or the measured input in its own unit."""
-    kind, w, drawn = kind_of(machine), words_of(machine), []
+    kind, w, drawn = kind_of(machine), kind_of(machine).drive, []
     if kind.motor_torque is None:
         look = style.line("measured", width=1.2)
         drawn = [[Line("measured", run.time_s, run[kind.plant.input], look)] for run in runs]
@@ -240,7 +239,7 @@ def residuals(machine: Machine, result: ReplayResult, before: ReplayResult | Non
         [run.name for run in result.runs],
         [b.run.time_s for b in balances],
         [b.residual for b in balances],
-        words_of(machine).unit,
+        kind_of(machine).drive.unit,
         result.noise_rms,
         () if before is None else [b.residual for b in compared],
         1.15 * max(largest, 4.0 * result.noise_rms) or None,

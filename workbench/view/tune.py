@@ -20,8 +20,7 @@ from workbench.core.whole_folder import whole_file
 from workbench.core.yaml_strict import dumps
 from workbench.machines import Machine, kind_of
 from workbench.study.loop_design import DesignCase, Tuning
-from workbench.view import loop
-from workbench.view.loop import drive_sentences, event_words, least_sentence, load_sentence, said
+from workbench.view.loop import drawn, drive_sentences, event_words, least_sentence, load_sentence, said
 
 COLUMNS = (
     words("what"), Column("kp"), Column("ki"), Column("weight"), Column("tracking", "%"), Column("peak", "%"),
@@ -146,7 +145,5 @@ def columns(tuning: Tuning) -> Mapping[str, Sequence[Any]]:
 
 
 VIEW = View(
-    {"candidates": lambda t: table(t.outcome)},
-    loop.drawn(lambda t: (t.outcome.members, t.outcome.goal.ms_limit)),
-    columns,
+    {"candidates": lambda t: table(t.outcome)}, drawn(lambda t: (t.outcome.members, t.outcome.goal.ms_limit)), columns
 )

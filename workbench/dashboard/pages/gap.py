@@ -22,10 +22,9 @@ from workbench.diagnose.hypotheses.settings import MOST_EFFECTS
 from workbench.diagnose.progress import Progress, Stage
 from workbench.effects import check, effects_for
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import load_machine, plant_of
+from workbench.machines import kind_of, load_machine, plant_of
 from workbench.view.film import for_dark_ground, marked_machine
 from workbench.view.page import Section
-from workbench.view.words import direction_names, words_of
 
 if TYPE_CHECKING:
     from workbench.diagnose.diagnose import Diagnosis
@@ -292,7 +291,8 @@ def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
         return []
     # A mean shows more than a spectrum that explains hardly more.
     best = max(profiles, key=lambda p: p.explains - NEARLY * drawn.is_spectrum(p))
-    figure = drawn.profiles([best], words_of(d.campaign.machine).unit, direction_names(d.campaign.machine))
+    kind = kind_of(d.campaign.machine)
+    figure = drawn.profiles([best], kind.drive.unit, kind.directions.names)
     figure.update_traces(showlegend=False, selector={"legendgroup": "share"})
     figure.update_layout(margin_t=92).layout.annotations = ()
     _lower(figure, "How the gap shows")
@@ -304,7 +304,8 @@ def _how_it_shows(d: Diagnosis) -> list[tuple[Figure, str]]:
 def _numbers(d: Diagnosis) -> list[Number]:
     from workbench.view.diagnosis import RUN_AWAY
 
-    s, w, (low, high) = d.shrink, words_of(d.campaign.machine), d.shrink.ci95
+    s, kind, (low, high) = d.shrink, kind_of(d.campaign.machine), d.shrink.ci95
+    w, scale = kind.drive, kind.speed_scale[0]
     corrected = d.verdict.word != "no_gap"
     band = f"below {s.band_hz:.3g} Hz, on runs that were held out of the fit"
     was = powers(f"; before the correction {s.before:.3g} {s.unit}") if corrected else ""
@@ -319,6 +320,6 @@ def _numbers(d: Diagnosis) -> list[Number]:
         numbers.append(Number("Shrinks by", s.factor, "×", help=what))
     if s.speed_rmse_percent_after <= RUN_AWAY:
         by = s.speed_rmse_percent_after - s.speed_rmse_percent_before if corrected else None
-        what = f"rms of the speed replayed open loop, in % of {w.scale}; adds up every bias from the first sample on"
+        what = f"rms of the speed replayed open loop, in % of {scale}; adds up every bias from the first sample on"
         numbers.append(Number("Speed error", s.speed_rmse_percent_after, "%", by, "lower", help=what))
     return numbers

@@ -17,13 +17,12 @@ from workbench.dashboard.widgets import Number, chart, guarded, held, plain, poi
 from workbench.effects import check
 from workbench.identify.identify import Identification, identify
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import load_machine, machine_text, of_kind, studied
+from workbench.machines import kind_of, load_machine, machine_text, of_kind, studied
 from workbench.simulate.models import ModelsCompared, check_multibody, compare_models
 from workbench.simulate.replay import ReplayResult, replay_runs
 from workbench.view import identify as identify_report
 from workbench.view import replay as report
 from workbench.view.page import Section
-from workbench.view.words import words_of
 
 OWN = "the campaign's own"
 GAP = "The page Gap names what the model lacks."
@@ -84,13 +83,14 @@ def _chosen(campaign: Campaign) -> Campaign:
 
 
 def _numbers(campaign: Campaign, now: ReplayResult, before: ReplayResult | None) -> None:
-    w = words_of(campaign.machine)
+    kind = kind_of(campaign.machine)
+    w, scale = kind.drive, kind.speed_scale[0]
     residual = f"rms of measured minus predicted {w.quantity}, below {now.band_hz:.3g} Hz, without rests"
-    open_loop = f"rms, in % of {w.scale}; adds up every bias from the first sample on"
+    open_loop = f"rms, in % of {scale}; adds up every bias from the first sample on"
     shown = []
     for what, name, unit, tip in (
         ("Speed error, open loop", "speed_rmse_percent", "%", open_loop),
-        ("Restarted every 2 s", "speed_rmse_percent_restarted_2s", "%", f"in % of {w.scale}"),
+        ("Restarted every 2 s", "speed_rmse_percent_restarted_2s", "%", f"in % of {scale}"),
         (f"{w.quantity.capitalize()} residual, moving", "residual_rms_moving", w.unit, residual),
     ):
         by = None if before is None else getattr(now, name) - getattr(before, name)
