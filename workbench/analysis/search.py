@@ -216,9 +216,8 @@ def make_search(
 
     The machine's own effects are at work, `effects` beside them.
     """
-    settings = (
-        settings.model_copy(update={"gain_schedule": None}) if getattr(settings, "gain_schedule", None) else settings
-    )
+    if getattr(settings, "gain_schedule", None):
+        settings = settings.model_copy(update={"gain_schedule": None})
     kind = kind_of(machine)
     linear = [linearise(machine, point, effects=effects, height_free=bool(settings.kv_per_s)) for point in points]
     loops = [loop_of(machine, settings, point, plant) for point, plant in zip(points, linear, strict=True)]

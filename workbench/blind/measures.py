@@ -161,11 +161,6 @@ def next_run_decides(row: Row) -> bool:
     return run is not None and run["decides"] >= SURE
 
 
-def has_event(row: Row) -> bool:
-    """Whether the label holds a brief event, with its run and time."""
-    return bool(row["label"].get("events"))
-
-
 def event_found(row: Row) -> bool:
     """Said to be an event, with one of its stretches, or of the answer's windows, in its run and at its time."""
     return row["regime"] == "event" and any(
@@ -274,10 +269,6 @@ def _cause(row: Row) -> bool:
     return bool(row["label"]["effects"])
 
 
-def _corrected(row: Row) -> bool:
-    return row["word"] in ("named", "unknown")
-
-
 _BOTH = {"hoist": 2.0, "axis": 2.0}
 _UNKNOWN = {"recorded": 80.0, "hoist": 90.0, "axis": 90.0}
 MEASURES = (
@@ -296,8 +287,8 @@ MEASURES = (
     ),
     Measure("unknown_place", "unlisted cause:\nplace right", unlisted, place_right),
     Measure("place", "place right,\nall causes", _cause, place_right, {"hoist": 95.0, "axis": 95.0}),
-    Measure("event", "brief event\nfound", has_event, event_found),
-    Measure("harmful", "correction\nharmful", _corrected, harmful, _BOTH, True),
+    Measure("event", "brief event\nfound", lambda r: bool(r["label"].get("events")), event_found),
+    Measure("harmful", "correction\nharmful", lambda r: r["word"] in ("named", "unknown"), harmful, _BOTH, True),
 )
 # What a method that only names an answer can be measured by.
 OF_A_METHOD = ("named", "first_three", "pair_both", "pair_one", "false_alarm", "false_unknown", "unknown_caught")

@@ -81,13 +81,6 @@ class _Echo(logging.Handler):
         click.echo(record.getMessage(), err=True)
 
 
-def _speak() -> None:
-    log = logging.getLogger("workbench")
-    if not any(isinstance(handler, _Echo) for handler in log.handlers):
-        log.addHandler(_Echo())
-        log.setLevel(logging.INFO)
-
-
 def main(args: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit; a command may return its exit status, None is 0.
 
@@ -97,7 +90,10 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
     words = list(sys.argv[1:] if args is None else args)
     # Matrices here are small, and runs are what is spread over the cores: threads of BLAS only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    _speak()
+    log = logging.getLogger("workbench")
+    if not any(isinstance(handler, _Echo) for handler in log.handlers):
+        log.addHandler(_Echo())
+        log.setLevel(logging.INFO)
     try:
         _check_address_space(words)
         status = cli.main(words, prog_name="workbench", standalone_mode=False)

@@ -425,9 +425,7 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
     models = [model]
     for part in place:
-        fields = [
-            record.model_fields[part] for record in models if isinstance(part, str) and part in record.model_fields
-        ]
+        fields = [m.model_fields[part] for m in models if isinstance(part, str) and part in m.model_fields]
         if fields:
             models = [inner for field in fields for inner in _models_in(field.annotation)]
     return models

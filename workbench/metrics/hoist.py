@@ -5,7 +5,6 @@ Torque of one motor is that of the harder-worked one. Speeds are the motor's, up
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from workbench.metrics.metric import (
@@ -87,10 +86,6 @@ def _tops(a: Scalars, s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
     """Largest and smallest tension at the top of either fall."""
     drum, dead = s["tension_drum_n"], s["tension_dead_line_n"]
     return [maximum(a[0], drum), minimum(a[1], drum), maximum(a[2], dead), minimum(a[3], dead)]
-
-
-def _safety(accumulators: Sequence[float], p: Any, duration: float) -> float | None:
-    return p.W_break / max(accumulators[0], accumulators[2]) if p.W_break > 0.0 else None
 
 
 def _overloaded(a: Scalars, s: Signals, p: Any, dt: Scalar) -> list[Scalar]:
@@ -299,7 +294,7 @@ METRICS: tuple[Metric, ...] = (
         "`wire.breaking_load_n`",
         head="safety\nfactor", decimals=1, note="breaking load of the wire over its largest tension",
         views=View.MOTION, optional=True,
-        accumulators=_TOPS, finish=_safety,
+        accumulators=_TOPS, finish=lambda a, p, _: p.W_break / max(a[0], a[2]) if p.W_break > 0.0 else None,
     ),
     LoopMetric(
         name="slack_time_s", unit="s", label="slack time", better="lower", visible=1e-3,

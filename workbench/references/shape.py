@@ -216,9 +216,7 @@ class Pieces:
         fourth = -30.0 * d + (14.0 * v1 + 16.0 * v0) * h + (3.0 * a0 - 2.0 * a1) * h**2
         fifth = 12.0 * d - 6.0 * (v1 + v0) * h - (a0 - a1) * h**2
         start_s = np.concatenate([[0.0], np.cumsum(h)[:-1]])
-        return Pieces(
-            start_s, np.array([p0, v0, a0 / 2.0, third / (2 * h**3), fourth / (2 * h**4), fifth / (2 * h**5)])
-        )
+        return Pieces(start_s, np.array([p0, v0, a0 / 2, third / (2 * h**3), fourth / (2 * h**4), fifth / (2 * h**5)]))
 
     def __call__(self, time_s: Array) -> tuple[Array, Array, Array]:
         return self.derivative(time_s, 0), self.derivative(time_s, 1), self.derivative(time_s, 2)

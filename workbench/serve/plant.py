@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -172,17 +172,13 @@ class LiveMachine:
 LiveAxis = LiveMachine
 
 
-def _slack(s: Any, p: Any) -> Any:
-    """Wire that came off the drum: the drum has taken in that much less."""
-    return -p.slack_m
-
-
 class LivePlant(LiveMachine):
     """A hoist that hangs still until it is stepped, behind its drive: limits, lag, brake."""
 
     has_brake = carries = True
     longest_step_s = HOIST_STEP_S
-    faults = joined(SWITCHED_BRAKE, Effects({"wound_length_m": [_slack]}, ("slack_m", *LAG)))
+    # slack_m: wire that came off the drum, which has taken in that much less.
+    faults = joined(SWITCHED_BRAKE, Effects({"wound_length_m": [lambda s, p: -p.slack_m]}, ("slack_m", *LAG)))
 
     def _begins_at(self, start: float | None, payload_kg: float) -> float:
         self._hoist = cast(Hoist, self.machine)

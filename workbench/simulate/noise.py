@@ -209,13 +209,9 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
     end, coherence = bench.band_hz, list[float]()
     own, unanswered, _ = predicted[0]
     for low in bands:
-        whole, strange, total, *parts = (
-            _energy(one, low, low * WIDTH) for one in (own, unanswered, with_noise, *noise)
-        )
+        whole, strange, total, *parts = (_energy(s, low, low * WIDTH) for s in (own, unanswered, with_noise, *noise))
         coherence.append(1.0 - strange / whole if whole else 0.0)
-        alone, answered = (
-            all(both) for both in zip(*(made_by_others(*spectra, low) for spectra in predicted), strict=True)
-        )
+        alone, answered = (all(both) for both in zip(*(made_by_others(*s, low) for s in predicted), strict=True))
         noisy_there = total < (1.0 + EQUAL) * sum(parts) / REALISATIONS
         if alone or noisy_there:
             end = min(end, low)

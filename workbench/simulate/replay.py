@@ -138,9 +138,7 @@ def own_log(machine: Machine, runs: Sequence[Run]) -> list[Run]:
     made = []
     for run, of_run in zip(bench.runs, states, strict=True):
         moved = simulated_run(bench.plant, run, of_run)
-        shown = logged(
-            replace(run, signals={name: moved[name] for name in run.signals if name in moved}), bench.model.active
-        )
+        shown = logged(replace(run, signals={n: moved[n] for n in run.signals if n in moved}), bench.model.active)
         made.append(replace(shown, signals={**shown.signals, bench.plant.input: run[bench.plant.input]}))
     return made
 

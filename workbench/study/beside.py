@@ -177,12 +177,10 @@ def _slowed(spec: RunSpec, wanted: Sequence[float], ratio: float, own: bool) -> 
     given = spec.bounds
     unit = kind_of(spec.machine).moved.unit
 
-    def scaled(factor: float) -> LimitPair:
+    def scaled(f: float) -> LimitPair:
         """Accelerations times the factor, jerks times it and the ratio."""
         ways = (given.hoisting, given.lowering)
-        return LimitPair(
-            *(Limits(w.speed_m_s, factor * w.acceleration_m_s2, factor * ratio * w.jerk_m_s3) for w in ways)
-        )
+        return LimitPair(*(Limits(w.speed_m_s, f * w.acceleration_m_s2, f * ratio * w.jerk_m_s3) for w in ways))
 
     for time_s in wanted:
 

@@ -142,10 +142,8 @@ def matched(a: Sequence[Row], b: Sequence[Row]) -> tuple[list[Pair], list[str], 
     alone = {values_of(row): row for row in rest_b if counts[0][values_of(row)] == counts[1][values_of(row)] == 1}
     pairs |= {row.run_id: Pair(row.run_id, row, alone[values_of(row)]) for row in rest_a if values_of(row) in alone}
     taken = {pair.b.run_id for pair in pairs.values()}
-    left_a, left_b = (
-        [row.run_id for row in a if row.run_id not in pairs],
-        [r.run_id for r in b if r.run_id not in taken],
-    )
+    left_a = [row.run_id for row in a if row.run_id not in pairs]
+    left_b = [row.run_id for row in b if row.run_id not in taken]
     return [pairs[row.run_id] for row in a if row.run_id in pairs], left_a, left_b
 
 

@@ -93,12 +93,10 @@ def _located(file: Path, raw: Sequence[str], wanted: Sequence[str], error: Excep
                 comma = "; are there decimal commas?" if len(fields) > len(raw) else "; is the file cut off?"
                 hint = comma if len(fields) >= 2 * len(raw) - 1 or len(fields) < len(raw) else ""
                 return InputError(f"row has {len(fields)} fields, the header {len(raw)} columns{hint}", line=line)
-            for place in places:
-                text = fields[place].strip()
+            for at in places:
+                text = fields[at].strip()
                 if text not in MISSING and not _is_number(text):
-                    return InputError(
-                        f"{text[:40]!r} is not a number{_hint(text)}", line=line, place=raw[place].strip()
-                    )
+                    return InputError(f"{text[:40]!r} is not a number{_hint(text)}", line=line, place=raw[at].strip())
     except UnicodeDecodeError as fault:
         return InputError(f"byte 0x{fault.object[fault.start]:02x} is not UTF-8 text")
     except csv.Error as fault:

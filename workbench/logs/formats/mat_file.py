@@ -75,9 +75,7 @@ def _check_within(held: Any, name: str) -> None:
 
 def _vectors(shapes: Mapping[str, tuple[int, ...]], values: Callable[[str], Array]) -> Opened:
     """Vector by vector: each is unpacked as a whole, so that its header is asked for its length first."""
-    lengths = {
-        name: max(shape) for name, shape in shapes.items() if len(shape) == 2 and min(shape) == 1 and max(shape) > 1
-    }
+    lengths = {name: max(s) for name, s in shapes.items() if len(s) == 2 and min(s) == 1 and max(s) > 1}
 
     def pieces(wanted: Sequence[str], limits: Limits) -> Iterator[tuple[int, Array]]:
         limits.check(max(lengths[name] for name in wanted), sum(lengths[name] for name in wanted))

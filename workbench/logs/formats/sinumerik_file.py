@@ -29,9 +29,7 @@ def open_sinumerik(file: Path) -> Opened:
     records = [] if frame is None else frame.findall("rec")
     if not signals or not records:
         raise InputError("holds no trace: expected traceData with a dataFrame of dataSignal and rec")
-    said = {
-        one.get("key"): one.get("description") for one in root.iterfind("traceDisplaySetup/signals/*") if one.get("key")
-    }
+    said = {s.get("key"): s.get("description") for s in root.iterfind("traceDisplaySetup/signals/*") if s.get("key")}
     names = distinct([
         (s.get("description") or said.get(s.get("key")) or s.get("name") or f"f{i}").replace("(64 bit)", "").strip()
         for i, s in enumerate(signals, 1)

@@ -502,11 +502,6 @@ def _load(m: Any, payload_kg: float) -> Load | None:
     )
 
 
-def _feed_forward_friction(p: Any, v: Scalar) -> Scalar:
-    """Of a reference's speed: the Coulomb level of its way, nothing at standstill, and the viscous part."""
-    return where(v > 0.0, p.F_f, where(v < 0.0, -p.F_b, 0.0)) + p.B * v
-
-
 def _top_speed(m: Any) -> declare.TopSpeed:
     top = m.drive.top_speed
     unit = "m/s" if m.input_signal == "force_n" else "rad/s"
@@ -541,13 +536,11 @@ def _drive_words(m: Any) -> str:
     return ", ".join(stated)
 
 
-def _longest_step_s(machine: Axis) -> float:
+def _longest_step_s(m: Axis) -> float:
     """Friction turns over within the standstill speed as a lag of M v_s/F does. Three lags a step leave a thousandth;
     below a tenth of a millisecond no shorter step tells of more."""
-    level = max(machine.role("coulomb_forward"), machine.role("coulomb_backward"))
-    return (
-        max(SHORTEST_STEP_S, 3.0 * machine.role("inertia") * machine.role("standstill") / level) if level else math.inf
-    )
+    level = max(m.role("coulomb_forward"), m.role("coulomb_backward"))
+    return max(SHORTEST_STEP_S, 3.0 * m.role("inertia") * m.role("standstill") / level) if level else math.inf
 
 
 def _closed_loop(machine: type[Axis], plant: Plant, values: Sequence[Value]) -> ClosedLoop:
@@ -585,7 +578,8 @@ def _closed_loop(machine: type[Axis], plant: Plant, values: Sequence[Value]) -> 
         position_loop=True,
         inertia=lambda p: p.M,
         load=lambda p, x: p.G * sin(x) + p.C,
-        friction=_feed_forward_friction,
+        # Of a reference's speed: the Coulomb level of its way, nothing at standstill, and the viscous part.
+        friction=lambda p, v: where(v > 0.0, p.F_f, where(v < 0.0, -p.F_b, 0.0)) + p.B * v,
     )
 
 

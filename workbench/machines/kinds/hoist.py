@@ -675,11 +675,6 @@ def _motor_way(s: Any, p: Any) -> Array:
     return np.clip(s.w / p.ratio / PIN_SPEED, -1.0, 1.0)
 
 
-def _shaft_inertia(m: Hoist, payload_kg: float) -> float:
-    """Rotors, drum, carriage and payload as the motor shaft feels them on a stiff wire, kg m²."""
-    return m.turning_inertia_kg_m2 + (m.carriage.mass_kg + payload_kg) * m.lift_m_per_rad**2
-
-
 def _top_speed(m: Hoist) -> declare.TopSpeed:
     nominal = m.motor.nominal_speed_rad_s
     allowed = nominal * (m.winch.drum_diameter_m / 2.0) / (2.0 * m.gearbox.ratio)
@@ -722,7 +717,8 @@ CLOSED_LOOP = declare.ClosedLoop(
     top_speed=_top_speed,
     speed_scale=lambda m: float(m.motor.nominal_speed_rad_s),
     input_scale=lambda m: float(m.motor.nominal_torque_nm),
-    total_inertia=_shaft_inertia,
+    # Rotors, drum, carriage and payload as the motor shaft feels them on a stiff wire, kg m².
+    total_inertia=lambda m, payload: m.turning_inertia_kg_m2 + (m.carriage.mass_kg + payload) * m.lift_m_per_rad**2,
     even_speed=lambda m: 0.5 * float(m.motor.nominal_speed_rad_s),
     places=_places,
     start="the carriage's height",
