@@ -76,7 +76,6 @@ def usual_settings(machine: Machine) -> tuple[Settings, str]:
     if kind_of(machine).looped.position_loop:
         settings = usual_cascade(cast(Axis, machine))
         crossover = settings.kv_per_s * 4.0 / (2.0 * math.pi)
-        return cast(
-            Settings, settings
-        ), f"by rule: crossover about {crossover:.2g} Hz, the position loop a quarter of it"
+        rule = f"by rule: crossover about {crossover:.2g} Hz, the position loop a quarter of it"
+        return cast(Settings, settings), rule
     return usual_controller(cast(Hoist, machine)), f"by rule: crossover about {USUAL_CROSSOVER_HZ:g} Hz"

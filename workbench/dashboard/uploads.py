@@ -150,10 +150,8 @@ def _members(archive: zipfile.ZipFile, zip_name: str) -> dict[str, zipfile.ZipIn
         members[name] = info
     roots = [name.removesuffix(RUNS) for name in members if name == RUNS or name.endswith(f"/{RUNS}")]
     if len(roots) != 1:
-        expected = "no runs.yaml; expected a zip of a campaign's folder"
-        raise InputError(
-            f"holds {f'{len(roots)} campaigns, expected one {RUNS}' if roots else expected}", file=zip_name
-        )
+        none = "no runs.yaml; expected a zip of a campaign's folder"
+        raise InputError(f"holds {f'{len(roots)} campaigns, expected one {RUNS}' if roots else none}", file=zip_name)
     return {name.removeprefix(roots[0]): info for name, info in members.items() if name.startswith(roots[0])}
 
 

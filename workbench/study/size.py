@@ -315,9 +315,8 @@ def _motors(asked: SizeFile, folder: Path, machine: Hoist) -> list[MotorBlock]:
     if asked.motors == "machine":
         rpm = own.nominal_speed_rad_s * 30.0 / math.pi
         power = own.nominal_torque_nm * own.nominal_speed_rad_s / 1000.0
-        motors = [
-            MotorBlock(name="the machine's", power_kw=power, speed_rpm=rpm, inertia_kg_m2=own.rotor_inertia_kg_m2)
-        ]
+        inertia = own.rotor_inertia_kg_m2
+        motors = [MotorBlock(name="the machine's", power_kw=power, speed_rpm=rpm, inertia_kg_m2=inertia)]
     else:
         motors = read_catalogue(CATALOGUE if asked.motors == "catalogue" else folder / asked.motors)
     return [*motors, *([asked.motor] if asked.motor is not None else [])]

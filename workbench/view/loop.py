@@ -218,9 +218,8 @@ def member_name(member: Member) -> str:
 
 
 def _looks(members: Sequence[Member]) -> list[dict[str, Any]]:
-    payloads, heights = (
-        list(dict.fromkeys(getattr(m.point, of) for m in members)) for of in ("payload_kg", "height_m")
-    )
+    payloads = list(dict.fromkeys(member.point.payload_kg for member in members))
+    heights = list(dict.fromkeys(member.point.height_m for member in members))
     return [
         style.look(COLOURS[payloads.index(m.point.payload_kg) % len(COLOURS)],
                    DASHES[heights.index(m.point.height_m) % len(DASHES)])

@@ -324,9 +324,8 @@ def figures_of(result: StudyResult) -> list[Noted]:
     if any(".limits." in column for axis in axes for column in axis.columns):
         every = [*good, *(row for row in beside if row.assigned.keys() == good[0].assigned.keys())]
         names = [name for name in (judged.peak, SWING) if all(name in row.metrics for row in every)]
-        figures += [
-            (draw.pareto(every, fronts(every, name)[-MOST_GROUPS:], axes, name), said.pareto()) for name in names
-        ]
+        for name in names:
+            figures.append((draw.pareto(every, fronts(every, name)[-MOST_GROUPS:], axes, name), said.pareto()))
     elif beside:
         taken = {d.payload_kg: d.taken.values for d in _decisions(result) if d.taken is not None}
         names = [name for name in (judged.peak, judged.rms_error, SWING) if name in good[0].metrics]

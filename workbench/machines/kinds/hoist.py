@@ -580,11 +580,9 @@ def _mass(m: Hoist, payload_kg: float) -> float:
 
 def _rigid(m: Hoist, payload_kg: float) -> declare.RigidBody:
     """On a stiff wire: rotors, drum, sheave, carriage and payload at the motor shaft."""
-    mass = _mass(m, payload_kg)
-    sheave = m.sheave.inertia_kg_m2 * (2.0 * m.lift_m_per_rad / m.sheave.diameter_m) ** 2
-    return declare.RigidBody(
-        m.turning_inertia_kg_m2 + sheave + mass * m.lift_m_per_rad**2, mass * m.gravity_m_s2 * m.lift_m_per_rad
-    )
+    mass, lift = _mass(m, payload_kg), m.lift_m_per_rad
+    sheave = m.sheave.inertia_kg_m2 * (2.0 * lift / m.sheave.diameter_m) ** 2
+    return declare.RigidBody(m.turning_inertia_kg_m2 + sheave + mass * lift**2, mass * m.gravity_m_s2 * lift)
 
 
 def _weight(m: Hoist, payload_kg: float) -> float:

@@ -182,18 +182,16 @@ class System:
         r = self.machine.sheave.diameter_m / 2.0
         wound, _ = wound_m(self.switches, self.machine.winch.drum_diameter_m / 2.0)(self.angle)
         turned = -wound / (2.0 * r) if name == "sheave" else 0.0
-        node = self.mbs.AddNode(
-            i.NodeRigidBody2D(referenceCoordinates=[*body.centre, 0.0], initialCoordinates=[0.0, 0.0, turned])
-        )
+        at = [*body.centre, 0.0]
+        node = self.mbs.AddNode(i.NodeRigidBody2D(referenceCoordinates=at, initialCoordinates=[0.0, 0.0, turned]))
         self.nodes[name] = node
         self.objects[name] = self.mbs.AddObject(
             i.ObjectRigidBody2D(mass=body.mass_kg, inertia=body.inertia_kg_m2, nodeNumber=node)
         )
         marker = self.mbs.AddMarker(i.MarkerBodyMass(bodyNumber=self.objects[name]))
         weight = [0.0, -self.machine.gravity_m_s2, 0.0]
-        self.gravity.append(
-            (self.mbs.AddLoad(i.LoadMassProportional(markerNumber=marker, loadVector=weight)), body.mass_kg)
-        )
+        load = self.mbs.AddLoad(i.LoadMassProportional(markerNumber=marker, loadVector=weight))
+        self.gravity.append((load, body.mass_kg))
 
     def _wheel(self, name: str, inertia: float, angle: float) -> Any:
         i = self.items
