@@ -8,25 +8,9 @@ from __future__ import annotations
 from typing import Any
 
 from workbench.machines import KINDS, LINEAR, ROTARY, Kind
-from workbench.metrics import hoist
-from workbench.metrics.metric import (
-    INDEX_ONLY,
-    Accumulators,
-    LoopMetric,
-    Metric,
-    MetricSet,
-    RunMetric,
-    Signals,
-    View,
-    after_the_move,
-    as_summed,
-    beyond,
-    integral,
-    largest,
-    root_mean,
-    settling,
-)
-from workbench.symbolic.expr import Scalar, Scalars, absolute, maximum, where
+from workbench.metrics import hoist, metric
+from workbench.metrics.metric import INDEX_ONLY, Accumulators, LoopMetric, Metric, MetricSet, RunMetric, View
+from workbench.symbolic.expr import Scalar, Scalars, Signals, absolute, maximum, where
 
 SETTLED = 1e-3  # of the reference's way: a position error that counts as none
 ASTRAY = 5.0  # times that: an axis that has not come to where it should
@@ -67,10 +51,10 @@ def metric_set(kind: Kind) -> MetricSet:
             1.0 / dt,
         ]
 
-    peak = largest(lambda s, p: absolute(s[force]))
-    square = integral(lambda s, p: s[force] * s[force])
-    since_last, (ends, overshoot) = Accumulators((0.0,) * 6, _since_last), beyond(x, x_ref)
-    settled = settling(
+    peak = metric.largest(lambda s, p: absolute(s[force]))
+    square = metric.integral(lambda s, p: s[force] * s[force])
+    since_last, (ends, overshoot) = Accumulators((0.0,) * 6, _since_last), metric.beyond(x, x_ref)
+    settled = metric.settling(
         lambda s, p: absolute(s[v_ref]) > AT_REST * p.v_scale, lambda s, p: absolute(_lag(s)) > p.settled
     )
     by_encoder = "seen at the motor's encoder"
@@ -78,7 +62,8 @@ def metric_set(kind: Kind) -> MetricSet:
         LoopMetric(
             name=f"peak_{word}_{n}", unit=unit, label=f"{word} peak", better="lower", visible=1e-6,
             definition=f"largest {word}, either way", head="peak", significant=4, note=f"{word} of the drive",
-            extremes=((f"highest {word} peak", 1), (f"lowest {word} peak", -1)), accumulators=peak, finish=as_summed(0),
+            extremes=((f"highest {word} peak", 1), (f"lowest {word} peak", -1)),
+            accumulators=peak, finish=metric.as_summed(0),
         ),
         LoopMetric(
             name=f"peak_{word}_percent", unit="%", label=f"{word} peak of the limit", better="lower", visible=0.01,
@@ -91,13 +76,13 @@ def metric_set(kind: Kind) -> MetricSet:
             visible=1e-6, definition=f"largest difference, either way, of the {word} from the one that holds the load "
             "at the start", head="above\nstatic", significant=4, views=View.SWEPT_RUNS,
             note=f"{word} beside the one that holds the load",
-            accumulators=largest(lambda s, p: absolute(s[force] - p.hold)), finish=as_summed(0),
+            accumulators=metric.largest(lambda s, p: absolute(s[force] - p.hold)), finish=metric.as_summed(0),
         ),
         LoopMetric(
             name=f"rms_{word}_{n}", unit=unit, label=f"RMS {word}", better="lower", visible=1e-6,
             definition=f"root mean square of the {word} over the run", head="RMS", significant=4,
             note=f"{word} of the drive", views=View.RUNS | View.QUANTILES | View.COMPARE,
-            accumulators=square, finish=root_mean,
+            accumulators=square, finish=metric.root_mean,
         ),
         LoopMetric(
             name="thermal_load_percent", unit="%", label="thermal load", better="lower", visible=0.01,
@@ -109,21 +94,21 @@ def metric_set(kind: Kind) -> MetricSet:
             name=f"{word}_rate_max_{n}_per_s", unit=f"{unit}/s", label=f"largest {word} rate", better="lower",
             visible=1e-3, definition=f"largest change of the {word} from one sample to the next, by the time between "
             "them", head=f"{word} rate", significant=3, note="largest", views=View.DRIVE,
-            accumulators=since_last, finish=as_summed(2),
+            accumulators=since_last, finish=metric.as_summed(2),
         ),
         LoopMetric(
             name=f"tracking_error_max_{way}", unit=way, label="largest tracking error", better="lower", visible=1e-9,
             definition=f"largest difference, either way, of position reference and position, {by_encoder}",
             shown_in=fine, scale=fine_scale, head="tracking\nmax", significant=3, note=f"position error {by_encoder}",
             views=~(View.DRIVE | View.MOTION), extremes=(("largest tracking error", 1),),
-            accumulators=largest(lambda s, p: absolute(_lag(s))), finish=as_summed(0),
+            accumulators=metric.largest(lambda s, p: absolute(_lag(s))), finish=metric.as_summed(0),
         ),
         LoopMetric(
             name=f"tracking_error_rms_{way}", unit=way, label="RMS tracking error", better="lower", visible=1e-9,
             definition="root mean square of the same over the run", shown_in=fine, scale=fine_scale,
             head="tracking\nRMS", significant=3, note=f"position error {by_encoder}",
             views=View.RUNS | View.COMPARE,
-            accumulators=integral(lambda s, p: _lag(s) * _lag(s)), finish=root_mean,
+            accumulators=metric.integral(lambda s, p: _lag(s) * _lag(s)), finish=metric.root_mean,
         ),
         RunMetric(
             name=f"tracking_error_end_{way}", unit=way, label="position error at the end", better="zero", visible=1e-9,
@@ -145,7 +130,7 @@ def metric_set(kind: Kind) -> MetricSet:
             "reference's whole way of it; until the end of the run where it never does",
             head="settling", decimals=3, note=f"after the last move, to {SETTLED:.1%} of the way",
             taken_at="after the last move", views=View.RUNS | View.MOTION | View.COMPARE,
-            accumulators=settled, finish=after_the_move,
+            accumulators=settled, finish=metric.after_the_move,
         ),
         LoopMetric(
             name=f"settling_window_{way}", unit=way, label="settling window", better=None, visible=1e-9,
@@ -156,38 +141,38 @@ def metric_set(kind: Kind) -> MetricSet:
             name=f"{speed_word}_error_max_{rate}", unit=speed_unit, label=f"largest {speed_word} error", better="lower",
             visible=1e-9, definition=f"largest difference of {speed_word} reference and {speed_word}, either way",
             shown_in=fine_rate, scale=1e3, head="error max", significant=3, note=f"{speed_word} against its set point",
-            views=View.MOTION | View.COMPARE, accumulators=largest(lambda s, p: absolute(_slow(s))),
-            finish=as_summed(0),
+            views=View.MOTION | View.COMPARE, accumulators=metric.largest(lambda s, p: absolute(_slow(s))),
+            finish=metric.as_summed(0),
         ),
         LoopMetric(
             name=f"{speed_word}_error_rms_{rate}", unit=speed_unit, label=f"RMS {speed_word} error", better="lower",
             visible=1e-9, definition=f"root mean square of {speed_word} reference minus {speed_word}",
             shown_in=fine_rate, scale=1e3, head="error RMS", significant=3, note=f"{speed_word} against its set point",
-            views=View.MOTION, accumulators=integral(lambda s, p: _slow(s) * _slow(s)), finish=root_mean,
+            views=View.MOTION, accumulators=metric.integral(lambda s, p: _slow(s) * _slow(s)), finish=metric.root_mean,
         ),
         LoopMetric(
             name=f"peak_{speed_word}_{rate}", unit=speed_unit, label=f"largest {speed_word}", better=None, visible=1e-6,
             definition=f"largest {speed_word}, either way", significant=4, views=INDEX_ONLY,
-            accumulators=largest(lambda s, p: absolute(s[v])), finish=as_summed(0),
+            accumulators=metric.largest(lambda s, p: absolute(s[v])), finish=metric.as_summed(0),
         ),
         LoopMetric(
             name="peak_power_w", unit="W", label="largest power", better="lower", visible=1e-3,
             definition=f"largest product of {word} and {speed_word}, the drive giving", head="power", significant=3,
-            note="largest, given", views=View.DRIVE, accumulators=largest(lambda s, p: s[force] * s[v]),
-            finish=as_summed(0),
+            note="largest, given", views=View.DRIVE, accumulators=metric.largest(lambda s, p: s[force] * s[v]),
+            finish=metric.as_summed(0),
         ),
         LoopMetric(
             name="energy_motoring_j", unit="J", label="work of the drive", better="lower", visible=1e-6,
             definition="work of the drive on the axis, where it gives", head="work", significant=4,
             note="work of the drive", views=View.RUNS | View.DRIVE | View.COMPARE,
-            accumulators=since_last, finish=as_summed(0),
+            accumulators=since_last, finish=metric.as_summed(0),
         ),
         LoopMetric(
             name="energy_regenerated_j", unit="J", label="work on the drive", better="higher", visible=1e-6,
             definition="work of the axis on the drive", head="work back", significant=4, note="work of the axis on it",
-            views=View.DRIVE, accumulators=since_last, finish=as_summed(1),
+            views=View.DRIVE, accumulators=since_last, finish=metric.as_summed(1),
         ),
-        *(metric for metric in hoist.METRICS if metric.name in ("move_time_s", "moves")),
+        *(one for one in hoist.METRICS if one.name in ("move_time_s", "moves")),
         RunMetric(
             name=f"hold_{word}_{n}", unit=unit, label=f"hold {word}", better=None, visible=1e-6, significant=4,
             definition=f"{word} that holds the load at the start without friction's help", views=INDEX_ONLY,

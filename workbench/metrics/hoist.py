@@ -7,26 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from workbench.metrics.metric import (
-    HUGE,
-    INDEX_ONLY,
-    Accumulators,
-    LoopMetric,
-    Metric,
-    MetricSet,
-    RunMetric,
-    Signals,
-    View,
-    after_the_move,
-    as_summed,
-    beyond,
-    integral,
-    largest,
-    root_mean,
-    settling,
-    smallest,
-)
-from workbench.symbolic.expr import Scalar, Scalars, absolute, maximum, minimum, where
+from workbench.metrics import metric
+from workbench.metrics.metric import HUGE, INDEX_ONLY, Accumulators, LoopMetric, Metric, MetricSet, RunMetric, View
+from workbench.symbolic.expr import Scalar, Scalars, Signals, absolute, maximum, minimum, where
 
 SETTLED = 0.01  # of nominal speed: a speed error that counts as none
 AT_REST = 1e-6  # of nominal speed: a reference that counts as still
@@ -118,13 +101,13 @@ def _lift(p: Any) -> float:
     return float(p.D_w / (4.0 * p.ratio))
 
 
-_PEAK = largest(lambda s, p: absolute(_torque(s)) * _share(s, p))
-_SQUARE = integral(lambda s, p: (_torque(s) * _share(s, p)) * (_torque(s) * _share(s, p)))
+_PEAK = metric.largest(lambda s, p: absolute(_torque(s)) * _share(s, p))
+_SQUARE = metric.integral(lambda s, p: (_torque(s) * _share(s, p)) * (_torque(s) * _share(s, p)))
 _SINCE_LAST = Accumulators((0.0,) * 9, _since_last)
 _SLACK = Accumulators((0.0,) * 3, _slack_so_far)
 _TOPS = Accumulators((-HUGE, HUGE, -HUGE, HUGE), _tops)
-_SETTLING = settling(_moves, lambda s, p: absolute(_error(s)) > SETTLED * p.w_nominal)
-_SPEEDS, _overshoot = beyond("speed_motor_rad_s", "speed_reference_rad_s")
+_SETTLING = metric.settling(_moves, lambda s, p: absolute(_error(s)) > SETTLED * p.w_nominal)
+_SPEEDS, _overshoot = metric.beyond("speed_motor_rad_s", "speed_reference_rad_s")
 _BEHIND = Accumulators((0.0, 0.0, 0.0), _behind)
 
 METRICS: tuple[Metric, ...] = (
@@ -133,7 +116,7 @@ METRICS: tuple[Metric, ...] = (
         definition="largest torque of the harder-worked motor, either way",
         head="peak", decimals=0, note="torque of one motor", fixed=True,
         extremes=(("highest torque peak", 1), ("lowest torque peak", -1)),
-        accumulators=_PEAK, finish=as_summed(0),
+        accumulators=_PEAK, finish=metric.as_summed(0),
     ),
     LoopMetric(
         name="peak_torque_percent", unit="%", label="torque peak of nominal", better="lower", visible=0.01,
@@ -148,14 +131,14 @@ METRICS: tuple[Metric, ...] = (
         head="above\nstatic", decimals=0, fixed=True,
         note="torque of both motors together, above the torque that holds the load",
         views=View.RUNS | View.SWEPT_RUNS,
-        accumulators=largest(lambda s, p: _torque(s) - p.T_hold), finish=as_summed(0),
+        accumulators=metric.largest(lambda s, p: _torque(s) - p.T_hold), finish=metric.as_summed(0),
     ),
     LoopMetric(
         name="rms_torque_motor_nm", unit="N m", label="RMS torque per motor", better="lower", visible=0.1,
         definition="root mean square of the harder-worked motor's torque over the run",
         head="RMS", decimals=0, note="torque of one motor", fixed=True,
         views=View.RUNS | View.QUANTILES | View.COMPARE,
-        accumulators=_SQUARE, finish=root_mean,
+        accumulators=_SQUARE, finish=metric.root_mean,
     ),
     LoopMetric(
         name="i2t_s", unit="s", label="I²t", better="lower", visible=1e-3,
@@ -176,8 +159,8 @@ METRICS: tuple[Metric, ...] = (
         name="overload_time_s", unit="s", label="time above nominal torque", better="lower", visible=1e-3,
         definition="time with the harder-worked motor above its nominal torque, either way",
         head="above\nnominal", decimals=2, note="time of one motor", views=View.DRIVE,
-        accumulators=integral(lambda s, p: where(absolute(_torque(s)) * _share(s, p) > p.T_nominal, 1.0, 0.0)),
-        finish=as_summed(0),
+        accumulators=metric.integral(lambda s, p: where(absolute(_torque(s)) * _share(s, p) > p.T_nominal, 1.0, 0.0)),
+        finish=metric.as_summed(0),
     ),
     LoopMetric(
         name="overload_use_percent", unit="%", label="use of the overload", better="lower", visible=0.01,
@@ -193,40 +176,41 @@ METRICS: tuple[Metric, ...] = (
         definition="largest change of the harder-worked motor's torque from one sample to the next, by the time "
         "between them",
         shown_in="kN m/s", scale=1e-3, head="torque rate", decimals=2, note="largest, of one motor", views=View.DRIVE,
-        accumulators=_SINCE_LAST, finish=as_summed(2),
+        accumulators=_SINCE_LAST, finish=metric.as_summed(2),
     ),
     LoopMetric(
         name="torque_swings", unit="–", label="torque swings", better="lower", visible=1.0,
         definition="how often the harder-worked motor's torque turns and goes back by more than its nominal torque; "
         "a loop that hunts between its limits does so many times a second",
         views=INDEX_ONLY,
-        accumulators=Accumulators((0.0, 1.0, -HUGE), _swings), finish=as_summed(0),
+        accumulators=Accumulators((0.0, 1.0, -HUGE), _swings), finish=metric.as_summed(0),
     ),
     LoopMetric(
         name="peak_speed_percent", unit="%", label="largest share of nominal speed", better="lower", visible=0.01,
         definition="largest motor speed, either way, in per cent of nominal", decimals=1,
         views=INDEX_ONLY,
-        accumulators=largest(lambda s, p: absolute(s["speed_motor_rad_s"]) * 100.0 / p.w_nominal), finish=as_summed(0),
+        accumulators=metric.largest(lambda s, p: absolute(s["speed_motor_rad_s"]) * 100.0 / p.w_nominal),
+        finish=metric.as_summed(0),
     ),
     LoopMetric(
         name="speed_error_rms_rad_s", unit="rad/s", label="RMS speed error", better="lower", visible=1e-3,
         definition="root mean square of reference minus motor speed",
         head="error RMS", decimals=2, note="motor speed against its set point", taken_at="motor side", fixed=True,
         views=View.RUNS | View.COMPARE,
-        accumulators=integral(lambda s, p: _error(s) * _error(s)), finish=root_mean,
+        accumulators=metric.integral(lambda s, p: _error(s) * _error(s)), finish=metric.root_mean,
     ),
     LoopMetric(
         name="speed_error_max_rad_s", unit="rad/s", label="largest speed error", better="lower", visible=1e-3,
         definition="largest difference of reference and motor speed",
         head="error max", decimals=1, note="motor speed against its set point", taken_at="motor side", fixed=True,
         extremes=(("largest speed error", 1),),
-        accumulators=largest(lambda s, p: absolute(_error(s))), finish=as_summed(0),
+        accumulators=metric.largest(lambda s, p: absolute(_error(s))), finish=metric.as_summed(0),
     ),
     LoopMetric(
         name="speed_error_iae_rad", unit="rad", label="integral of the absolute speed error", better="lower",
         visible=1e-3, definition="∫ |reference − motor speed| dt (IAE)",
         views=INDEX_ONLY,
-        accumulators=integral(lambda s, p: absolute(_error(s))), finish=as_summed(0),
+        accumulators=metric.integral(lambda s, p: absolute(_error(s))), finish=metric.as_summed(0),
     ),
     LoopMetric(
         name="speed_overshoot_rad_s", unit="rad/s", label="speed overshoot", better="lower", visible=1e-3,
@@ -242,7 +226,7 @@ METRICS: tuple[Metric, ...] = (
         head="settling", decimals=2, note="after the last move, to 1 % of nominal speed",
         taken_at="after the last move",
         views=View.MOTION | View.COMPARE,
-        accumulators=_SETTLING, finish=after_the_move,
+        accumulators=_SETTLING, finish=metric.after_the_move,
     ),
     LoopMetric(
         name="position_error_max_m", unit="m", label="largest position error", better="lower", visible=1e-4,
@@ -272,7 +256,7 @@ METRICS: tuple[Metric, ...] = (
         definition="smallest elastic tension of the two falls; zero is slack",
         shown_in="kN", scale=1e-3, head="min wire", decimals=1, note="smallest tension of a fall", fixed=True,
         extremes=(("smallest wire tension", -1),),
-        accumulators=smallest(lambda s, p: s["tension_min_n"]), finish=as_summed(0),
+        accumulators=metric.smallest(lambda s, p: s["tension_min_n"]), finish=metric.as_summed(0),
     ),
     LoopMetric(
         name="max_wire_tension_n", unit="N", label="largest wire tension", better="lower", visible=1.0,
@@ -300,12 +284,12 @@ METRICS: tuple[Metric, ...] = (
         name="slack_time_s", unit="s", label="slack time", better="lower", visible=1e-3,
         definition="time with a fall of wire slack",
         head="slack", decimals=2, note="time with a fall of wire slack", fixed=True, views=View.MOTION | View.COMPARE,
-        accumulators=_SLACK, finish=as_summed(0),
+        accumulators=_SLACK, finish=metric.as_summed(0),
     ),
     LoopMetric(
         name="slack_events", unit="–", label="slack events", better="lower", visible=1.0,
         definition="how often a fall went slack", views=INDEX_ONLY,
-        accumulators=_SLACK, finish=as_summed(1),
+        accumulators=_SLACK, finish=metric.as_summed(1),
     ),
     RunMetric(
         name="move_time_s", unit="s", label="move time", better="lower", visible=1e-3,
@@ -320,7 +304,7 @@ METRICS: tuple[Metric, ...] = (
         definition="largest power of both motors on the machine, torque times speed",
         head="motoring", decimals=1, note="power of both motors on the machine", taken_at="both motors",
         views=View.DRIVE | View.COMPARE,
-        accumulators=largest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]),
+        accumulators=metric.largest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]),
         finish=lambda a, p, duration: max(a[0], 0.0) / 1000.0,
     ),
     LoopMetric(
@@ -328,7 +312,7 @@ METRICS: tuple[Metric, ...] = (
         definition="largest power of the machine on both motors",
         head="regenerating", decimals=1, note="power of the machine on both motors", taken_at="both motors",
         views=View.DRIVE,
-        accumulators=smallest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]),
+        accumulators=metric.smallest(lambda s, p: _torque(s) * s["speed_motor_rad_s"]),
         finish=lambda a, p, duration: max(-a[0], 0.0) / 1000.0,
     ),
     LoopMetric(
@@ -336,33 +320,33 @@ METRICS: tuple[Metric, ...] = (
         definition="work of the motors on the machine",
         shown_in="kJ", scale=1e-3, head="work in", decimals=0, note="work of both motors on the machine", fixed=True,
         views=View.DRIVE | View.COMPARE,
-        accumulators=_SINCE_LAST, finish=as_summed(0),
+        accumulators=_SINCE_LAST, finish=metric.as_summed(0),
     ),
     LoopMetric(
         name="energy_regenerated_j", unit="J", label="work on the motors", better="higher", visible=1.0,
         definition="work of the machine on the motors",
         shown_in="kJ", scale=1e-3, head="work back", decimals=0, note="work of the machine on both motors", fixed=True,
         views=View.DRIVE,
-        accumulators=_SINCE_LAST, finish=as_summed(1),
+        accumulators=_SINCE_LAST, finish=metric.as_summed(1),
     ),
     LoopMetric(
         name="peak_carriage_acceleration_m_s2", unit="m/s²", label="largest carriage acceleration", better="lower",
         visible=1e-3, definition="largest acceleration of the carriage, either way",
         head="carriage", decimals=2, note="its largest acceleration and jerk", views=View.MOTION,
-        accumulators=largest(lambda s, p: absolute(s["acceleration_carriage_m_s2"])), finish=as_summed(0),
+        accumulators=metric.largest(lambda s, p: absolute(s["acceleration_carriage_m_s2"])), finish=metric.as_summed(0),
     ),
     LoopMetric(
         name="peak_carriage_jerk_m_s3", unit="m/s³", label="largest carriage jerk", better="lower", visible=1e-2,
         definition="largest change of the carriage's acceleration from one sample to the next, by the time between "
         "them",
         head="carriage", decimals=0, note="its largest acceleration and jerk", views=View.MOTION,
-        accumulators=_SINCE_LAST, finish=as_summed(3),
+        accumulators=_SINCE_LAST, finish=metric.as_summed(3),
     ),
     LoopMetric(
         name="rail_margin_m", unit="m", label="rail margin", better="higher", visible=1e-4,
         definition="smallest distance of the carriage from the ends of its rail; negative beyond them",
         views=INDEX_ONLY,
-        accumulators=smallest(_margin), finish=as_summed(0),
+        accumulators=metric.smallest(_margin), finish=metric.as_summed(0),
     ),
     RunMetric(
         name="moves", unit="–", label="moves", better=None, visible=1.0,
