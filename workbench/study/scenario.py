@@ -12,20 +12,8 @@ from operator import or_
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    ConfigDict,
-    Discriminator,
-    Field,
-    GetJsonSchemaHandler,
-    JsonValue,
-    PlainValidator,
-    Tag,
-    TypeAdapter,
-    create_model,
-    field_validator,
-    model_validator,
-)
+import pydantic
+from pydantic import AfterValidator, ConfigDict, Field, JsonValue, PlainValidator, field_validator, model_validator
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
@@ -103,8 +91,8 @@ def _some(values: tuple[Any, ...], most: int = MOST_VALUES) -> tuple[Any, ...]:
 
 Listed = Annotated[tuple[Value, ...], AfterValidator(_some), Field(json_schema_extra={"minItems": 1})]
 AxisValues = Annotated[
-    Annotated[Listed, Tag("list")] | Annotated[RangeBlock, Tag("range")],
-    Discriminator(lambda value: "range" if isinstance(value, dict | RangeBlock) else "list"),
+    Annotated[Listed, pydantic.Tag("list")] | Annotated[RangeBlock, pydantic.Tag("range")],
+    pydantic.Discriminator(lambda value: "range" if isinstance(value, dict | RangeBlock) else "list"),
 ]
 
 
@@ -242,7 +230,7 @@ class _Names:
     def __init__(self, kinds: Callable[[], Mapping[str, ReferenceKind]]) -> None:
         self.kinds = kinds
 
-    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: pydantic.GetJsonSchemaHandler) -> JsonSchemaValue:
         return handler(core) | {"enum": list(self.kinds())}
 
 
@@ -402,12 +390,12 @@ class RecordedBlock(Record):
 
 PlannedName = Annotated[str, AfterValidator(_known_planned), _Names(planned_kinds)]
 Reference = Annotated[
-    Annotated[PlannedName, Tag("kind")] | Annotated[RecordedBlock, Tag("recorded")],
-    Discriminator(lambda value: "recorded" if isinstance(value, dict | RecordedBlock) else "kind"),
+    Annotated[PlannedName, pydantic.Tag("kind")] | Annotated[RecordedBlock, pydantic.Tag("recorded")],
+    pydantic.Discriminator(lambda value: "recorded" if isinstance(value, dict | RecordedBlock) else "kind"),
 ]
 
 # Every key of the drive, none of them needed: what is not given is the machine's.
-DriveChanges = create_model(
+DriveChanges = pydantic.create_model(
     "DriveChanges",
     __base__=Record,
     __doc__="Changes of the machine's drive, key by key; which keys there are is its kind's.",
@@ -584,7 +572,7 @@ def _scenario() -> dict[str, Any]:
 
 def _machine() -> dict[str, Any]:
     union: Any = reduce(or_, RECORDS)
-    schema = TypeAdapter(union).json_schema()
+    schema = pydantic.TypeAdapter(union).json_schema()
     # `kind` may be left out of the first only, and tells editors which form is meant.
     for name in (record.__name__ for record in RECORDS[1:]):
         record = schema["$defs"][name]
