@@ -159,7 +159,7 @@ def diagnosis(made: Watched) -> dict[str, object]:
     judge = made.judge
     onset = next(alarm.onset for alarm in judge.alarms if alarm.cycle >= made.begins)
     since = [judge.cycles[k] for k in judge.counted if k >= onset][-WINDOW:]
-    return diagnosed(campaign, made.judge.baseline, since)
+    return diagnosed(campaign, made.judge.baseline, since, {})
 
 
 def main() -> None:
