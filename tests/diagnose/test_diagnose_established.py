@@ -872,7 +872,7 @@ def test_friction_that_would_drive_the_machine_is_no_cause(shared_data: Path, tm
 
 def test_a_ripple_of_a_pendulum_has_one_phase_in_all_runs(shared_data: Path, tmp_path: Path):
     """Its log says where it is: with a phase of each run it would cost more than a law of the place, and be none."""
-    found = of_recorded(shared_data / "real" / "geared_pendulum", "ripple", (9906, 6), tmp_path, ["torque_ripple"])
+    found = of_recorded(shared_data / "real" / "geared_pendulum", "ripple", (10200, 1), tmp_path, ["torque_ripple"])
     assert found.verdict.effects == ("torque_ripple",)
 
 
@@ -1188,9 +1188,28 @@ def test_what_every_machine_has_a_little_of_is_no_cause_where_most_of_the_gap_st
         monkeypatch.setattr(judge, "weighed_both_ways", lambda *_: (fit,))
         return deserved(cast(Any, search), cast(Any, SimpleNamespace(names=(name,), fit=fit)))
 
-    assert not named("torque_ripple", 0.95)
-    assert named("torque_ripple", 0.85)
+    # No base value holds a ripple. Untouched servos had one of theirs named at 0.99, which took a quarter to a third.
+    assert not named("torque_ripple", 0.75)
+    assert named("torque_ripple", 0.65)
     assert named("friction_thermal_drift", 0.95)
+
+
+@pytest.mark.parametrize(
+    ("drift", "levels", "word"),
+    [({}, (0.0, -0.12, -0.12), "unknown"), ({"friction_fraction": 0.8, "time_constant_s": 100.0}, (0.0,) * 3, "named")],
+)
+def test_runs_that_each_have_a_friction_of_their_own_are_no_drift(
+    drift: dict[str, float], levels: tuple[float, ...], word: str
+):
+    """Three runs of any machine lie near some exponential: untouched, a toe of a robot and a spindle had a drift named
+    at 0.98 and more."""
+    machine, name = rotary_axis(), "friction_thermal_drift"
+    runs = []
+    for run, level in zip(axis_runs(with_effects(machine, {name: drift} if drift else {})), levels, strict=True):
+        smooth = np.convolve(run["angle_rad"], np.ones(9) / 9.0, mode="same")
+        more = level * np.sign(np.gradient(smooth, run.time_s))
+        runs.append(replace(run, signals={**run.signals, "torque_nm": run["torque_nm"] + more}))
+    assert judged_to_help(searched(Problem(machine, runs), [find(name, "axis-rotary")], 1)).word == word
 
 
 def test_a_mimic_of_several_that_is_worth_nothing_leaves_its_parts_to_be_judged(monkeypatch: pytest.MonkeyPatch):

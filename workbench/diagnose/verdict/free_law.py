@@ -25,7 +25,8 @@ A cause that comes again or goes with the time has a phase or a wave that bends 
 variable: then such an f alone is better than the cause alone, and does without most of what the cause takes, though the
 rest may be worth a parameter; a true cause takes beside f about what it takes alone. A cause that bends is worth less
 than nothing, by as much as f alone is better. A freer f is not asked: over the place it can be a true ripple, and what
-else the machine has there.
+else the machine has there. A cause that goes with the time has to be DECISIVE better than levels of friction of each
+run, too: three or four runs of any machine differ, and lie near some exponential.
 
 A true cause leaves less for f to take, or something that f cannot take, and is worth much. Several effects that only
 imitate one law together (a bent sensor by gain, offset and friction with the load) are worth less than nothing.
@@ -80,6 +81,12 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
             one, both = _alone_and_beside((rows, there, here), roots[:1], rms, its)
             if one < only and one - both < settings.HALF * (nothing - only):
                 least = min(least, (one - only, label))
+    if regimes == {"time"}:
+        runs = np.eye(len(problem.runs))
+        levels = np.where(forward(problem), 1.0, -1.0)[:, None] * runs[problem.run_of_row[: problem.inputs]]
+        shape = alone.clean(np.pad(levels, ((0, problem.samples - problem.inputs), (0, 0))))
+        one = score(shape, alone.residual, [runs], rms, its)
+        least = min(least, (one - only - paid - settings.DECISIVE, "friction of each run"))
     return least
 
 

@@ -234,7 +234,7 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     with a free law of one variable in its place (`worth`); a play that impacts tell of is chosen from none. A delay
     beside others has to take something, too, of what the log's timing leaves (`takes_nothing`): a machine's own lags
     may be some sampling steps; and what every machine has, MINOR of what the others leave on held-out runs, and on
-    parts of a motion that all repeat."""
+    parts of a motion that all repeat; a ripple, which no base value holds, as much as then stays."""
     problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
@@ -243,13 +243,16 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
             return False
         if not (name == PLAY and problem.struck) and worth(problem, base, w, less[-1])[0] <= 0.0:
             return False
+    unfitted = {prior.effect for prior in kind_of(problem.machine).nuisances if not prior.fitted}
     for name, rest in zip(w.names, less or [near], strict=True):  # so little of what every machine has is its own
         if not nuisance_std(problem.machine, problem.runs, name):
             continue
-        for folds in (folds_by_run(problem), folds_by_motion(problem)):
-            rms = [held_out(problem, fit, folds).rms(problem.inputs) for fit in (w.fit, rest)]
-            stays, gap = (max(left**2 - problem.noise**2, 0.0) for left in rms)
-            if stays > (1.0 - settings.MINOR) * gap:
+        ways = [None, folds_by_run(problem), folds_by_motion(problem)]
+        for folds in ways if name in unfitted else ways[1:]:
+            both = [fit if folds is None else held_out(problem, fit, folds) for fit in (w.fit, rest)]
+            least = settings.HALF if folds is None else settings.MINOR
+            stays, gap = (max(one.rms(problem.inputs) ** 2 - problem.noise**2, 0.0) for one in both)
+            if stays > (1.0 - least) * gap:
                 return False
     by_chance = -float(ndtri(SIGNIFICANT))
     _, *plain = weighed_both_ways(problem, w.fit, len(base.z))
