@@ -23,9 +23,9 @@ from scipy.signal import butter, sosfiltfilt
 from workbench.core.run import Array
 
 SOURCES = {
-    "HSM150-data": "https://github.com/malik-robert/HSM150-data",
-    "Lorenz_Friction": "https://github.com/TeacherRock/Lorenz_Friction",
-    "camber-control": "https://github.com/nicolazande/camber-control",
+    "HSM150-data": "malik-robert/HSM150-data",
+    "Lorenz_Friction": "TeacherRock/Lorenz_Friction",
+    "camber-control": "nicolazande/camber-control",
 }
 SLOWEST = 0.05  # of the top speed
 BAND_HZ = 10.0

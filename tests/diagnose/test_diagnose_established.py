@@ -985,12 +985,36 @@ def test_a_play_that_a_log_cannot_show_says_what_impacts_would_or_is_asked_besid
 ):
     """Beside a play that 100 Hz cannot show an unequal viscous friction was unknown: the play was barred, and with it
     what explains forty times as much."""
-    for name, value in (("_against", None), ("constancies", ()), ("worth", (evidence, "speed"))):
+    as_it_is = {"_against": None, "constancies": (), "worth": (evidence, "speed"), "stretched": {"prior": 0.0}}
+    for name, value in as_it_is.items():
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
     problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs))
     w = cast(Any, SimpleNamespace(names=names, rival=False, evidence=3000.0, fit=None))
     assert (judge.established(problem, [w], cast(Any, None), cast(Any, None))[0] is w) == stands
+
+
+@pytest.mark.parametrize(("off", "found"), [(2.0, True), (0.5, False)])
+def test_what_brings_base_values_back_is_no_imitation_of_what_leaves_them_off(
+    off: float, found: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """A spindle's own drift and a pendulum's own ripple led by 1 to 5, were no laws, and the inertia, up to 41 % off,
+    passed for their imitation: unknown."""
+    for name, value in (("_against", None), ("constancies", ()), ("stretched", {"prior": off})):
+        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
+    monkeypatch.setattr(judge, "worth", lambda _, base, w: (90.0 if "inertia_error" in w.names else -1.0, "position"))
+    machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
+    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs))
+    ripple, inertia = (
+        cast(Any, SimpleNamespace(names=(name,), rival=False, evidence=evidence, fit=None))
+        for name, evidence in (("torque_ripple", 100.0), ("inertia_error", 97.0))
+    )
+    assert (judge.established(problem, [ripple, inertia], cast(Any, None), cast(Any, None))[0] is inertia) == found
+
+
+def test_a_pendulum_s_own_ripple_does_not_hide_a_wrong_inertia(shared_data: Path, tmp_path: Path):
+    pendulum, both = shared_data / "real" / "geared_pendulum", ["torque_ripple", "inertia_error"]
+    assert of_recorded(pendulum, "inertia", (10201, 1), tmp_path, both).verdict.effects == ("inertia_error",)
 
 
 @pytest.mark.parametrize(("left", "over"), [(0.95, "residual"), (0.85, None)])

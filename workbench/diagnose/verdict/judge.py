@@ -129,8 +129,10 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     rival, said = unlisted(problem, near, weighed, best)
     numbers = settings.calibration()
     least = max(numbers["threshold"], -math.inf if best is None else best.evidence)
-    # A mimic has no evidence, unless a law of one variable does without it: then its evidence is that law's.
-    free = {names for names, why in mimics.items() if why.free}
+    # A mimic has no evidence, unless a law of one variable does without it, and leaves base values where they are: then
+    # its evidence is that law's.
+    off = {w.names for w in weighed if w.names in mimics and stretched(problem, w.fit)["prior"] > 1.0}
+    free = {names for names, why in mimics.items() if why.free} - off
     counted = tuple(
         ((), w.evidence) if w.names in free else (w.names, min(w.evidence, 0.0) if w.names in mimics else w.evidence)
         for w in weighed
@@ -327,7 +329,8 @@ def established(
             if evidence > least and most > (settings.IMPACTS if asked else 0.0):
                 return w, mimics | no_laws
             why = Constancy(w.names[-1], variable, 0.0, free=True)
-        imitated = True
+        # Beside what leaves base values far off, the next about as good may bring them back: it imitates nothing.
+        imitated = imitated or stretched(problem, w.fit)["prior"] <= 1.0
         mimics[w.names] = why
     mimics = {**mimics, **no_laws}
     if able:  # none holds: what was not looked at is no better
