@@ -40,6 +40,7 @@ SHARE = "missed_"  # how names begin that are shares, 1 at most
 # Why calibration.json has each number.
 REASONS = {
     "threshold": "merit that a machine without a gap does not reach, nor a freer law over a simpler one by chance",
+    "elsewhere": "of the logarithm of the number of hypotheses: of many, one looks good by chance",
     "missed_no_gap": "of answers of no gap, as stated: so many have a listed cause that is too small to see",
     "missed_unknown": "of unknown causes, as stated: so many are a listed one that the fits miss",
     "unknown_bias": "log odds of an unknown cause where nothing speaks for one",

@@ -226,9 +226,9 @@ def campaigns() -> list[dict[str, Any]]:
 
 
 def test_what_is_stated_is_fitted_to_how_often_answers_are_right():
-    """Of answers without evidence against them one of fifty is wrong, of no gap one of ten, of unknown causes one of
-    four: their probabilities come near that, and no answer changes."""
-    rows = [sure(60.0, k % 50 != 0) for k in range(100)]
+    """Of answers without evidence against them one of 25 is wrong, of no gap one of ten, of unknown causes one of four:
+    their probabilities are that, or come near it, and no answer changes."""
+    rows = [sure(60.0, k % 25 != 0) for k in range(100)]
     rows += [
         {**none_of(-5.0), "label": {**none_of(-5.0)["label"], "effects": [VISCOUS] * (k % 10 == 0)}} for k in range(60)
     ]
@@ -244,7 +244,7 @@ def test_what_is_stated_is_fitted_to_how_often_answers_are_right():
         word: next(row["ranking"][0][2] for row in anew if row["word"] == word)
         for word in ("named", "no_gap", "unknown")
     }
-    assert said["named"] == pytest.approx(0.98, abs=0.01)
+    assert said["named"] == pytest.approx(0.96, abs=0.01)
     assert said["no_gap"] == pytest.approx(0.90, abs=0.03)
     assert said["unknown"] == pytest.approx(0.75, abs=0.04)
     assert (measures.calibration_error(anew) or 1.0) < 0.03

@@ -218,6 +218,8 @@ def _shares(evidence: Sequence[tuple[Names, float]], x: float, numbers: Mapping[
     """x: the logistic's argument, of an unknown cause."""
     unknown = 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0)))
     exponents = np.array([numbers["threshold"], *(one for _, one in evidence)]) / 2.0
+    # Of many causes weighed one looks good by chance.
+    exponents[1:] -= numbers["elsewhere"] * math.log(max(len(evidence), 1))
     shares = np.exp(exponents - np.max(exponents))
     shares *= (1.0 - unknown) / np.sum(shares)
     listed = np.array([bool(names) for names, _ in evidence], dtype=bool)
