@@ -941,6 +941,22 @@ def test_a_play_is_named_beside_a_filter_and_a_law_that_take_more_than_its_own(t
     assert found.verdict.effects == ("backlash",)
 
 
+@pytest.mark.parametrize(
+    ("seed", "family", "causes"),
+    [((10153, 1), "axis_position", ["friction_coulomb", "backlash"]), ((8913, 1), "axis_std", ["backlash"])],
+)
+def test_a_play_that_leaves_base_values_far_off_is_no_sure_answer(
+    seed: tuple[int, int], family: str, causes: list[str], tmp_path: Path
+):
+    """Sealed, three plays beside another cause were named alone, at 0.97 each, with a value 4 to 31 tolerances off."""
+    make_campaign(tmp_path / "play", seed, draw(seed, family, "pairs" if causes[1:] else "singles", causes))
+    found = diagnose(read_campaign(tmp_path / "play"), candidates=["backlash"], quick=True)
+    assert found.verdict.effects == ("backlash",)
+    assert (found.verdict.probability <= 0.5) == bool(causes[1:])
+    told = [warning for warning in found.warnings if "tolerances off: another cause may stand beside it" in warning]
+    assert len(told) == len(causes[1:]) and all("friction.coulomb_" in warning for warning in told)
+
+
 @pytest.mark.parametrize("seed", [8913, *(pytest.param(seed, marks=pytest.mark.proof) for seed in (8911, 8912, 8914))])
 def test_a_plays_values_lie_in_their_intervals_and_foretell_left_out_runs_better(seed: int, tmp_path: Path):
     """The simulator's parts strike elastically and bounce. Whitened, a residual holds little of a play's flights, and

@@ -25,6 +25,7 @@ from workbench.diagnose.gap import (
     gap_of,
     shrink_of,
     stretch_of,
+    worst_tolerance,
 )
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
@@ -55,6 +56,7 @@ from workbench.diagnose.verdict.judge import (
     Judged,
     alternatives,
     judged_to_help,
+    leaves_off,
     may_be_none,
     runners_up,
     steps,
@@ -304,8 +306,10 @@ def diagnose(
     judged = judged_to_help(search)
     say(Progress(Stage.LOCATE))
     refitted = refitted_machine(problem, keys, search.within_tolerances)
-    fit = play_estimated(problem, search.fits[judged.names], len(search.base.z)) if judged.names else None
-    if fit is not None:
+    fit, off = None, False
+    if judged.names:
+        off = leaves_off(problem, search.fits[judged.names], len(search.base.z))
+        fit = play_estimated(problem, search.fits[judged.names], len(search.base.z))
         search = replace(search, fits={**search.fits, judged.names: fit})
         mine = tuple(replace(w, fit=search.fits[w.names]) for w in judged.weighed)
         judged = replace(judged, weighed=mine)
@@ -351,7 +355,10 @@ def diagnose(
     remainder = remainder_of(problem, held, len(search.base.z), shrink, seed)
     idle = may_be_none(problem, fit) if fit is not None else ()
     warnings += tuple(f"{name}: by the 90 % interval of its amount it may as well be none" for name in idle)
-    if judged.word == "named" and (also or leaves_most(remainder) or shrink.ci95[0] <= 1.0 or idle):
+    if off and fit is not None:
+        key, count, _ = worst_tolerance(keys, fit)
+        warnings += (f"with the play {key} stays {abs(count):.1f} tolerances off: another cause may stand beside it",)
+    if judged.word == "named" and (also or leaves_most(remainder) or shrink.ci95[0] <= 1.0 or idle or off):
         judged = replace(judged, ranking=shared(judged.ranking, also))
     say(Progress(Stage.CONSEQUENCES))
     changes, why_not = None, "Not asked for."

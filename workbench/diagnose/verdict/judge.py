@@ -382,6 +382,14 @@ def may_be_none(problem: Problem, fit: Fitted) -> Names:
     return tuple(unsure)
 
 
+def leaves_off(problem: Problem, fit: Fitted, base: int) -> bool:
+    """Whether a play leaves base values further off nominal than chance does, whichever way it is fitted: its rebounds
+    may bend them, and so does a cause beside it. base: how many of the first z are the base parameters'."""
+    if PLAY not in fit.effects:
+        return False
+    return min(stretched(problem, one)["prior"] for one in weighed_both_ways(problem, fit, base)) > 1.0
+
+
 def takes_nothing(problem: Problem, near: Fitted, fit: Fitted) -> bool:
     """Whether a fit takes no more of the gap's energy than chance does, nor brings the machine's known values nearer to
     nominal. The log's timing is no such value: what goes with the speed bends it as it bends a delay."""
