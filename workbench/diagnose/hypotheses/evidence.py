@@ -285,7 +285,7 @@ def _not_freer(
     is it where its prediction is off that of the simpler law by less than LAW of what that law explains, rms: so far a
     real machine is off any law; but by what it relieves the tolerances. base: how many of a fit's z are the base
     parameters'."""
-    most, least = mine.evidence, settings.calibration()["threshold"]
+    most = mine.evidence
     best: dict[str, Weighed] = {}
     for names, other in beside.items():
         own, its = set(mine.names) - set(names), set(names) - set(mine.names)
@@ -298,8 +298,14 @@ def _not_freer(
         bent = problem.errors.sized(other.score.sizes).whiten(mine.fit.residual - other.fit.residual)
         if float(bent @ bent) < off:
             real = min(real, max(other.fit.prior - mine.fit.prior, 0.0))
-        most = min(most, paid[other.names].evidence + real - min(max(least - real, 0.0), least))
+        most = min(most, paid[other.names].evidence + real - float(freedom(real)))
     return replace(mine, evidence=most)
+
+
+def freedom(better: float | Array) -> Array:
+    """What a freer law pays beside a simpler one: by how much it is `better` by less than the threshold."""
+    least = settings.calibration()["threshold"]
+    return np.clip(least - better, 0.0, least)
 
 
 def own_energy(problem: Problem, w: Weighed, names: Names, base: int) -> float:

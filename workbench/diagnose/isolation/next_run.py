@@ -15,7 +15,7 @@ import numpy as np
 from workbench.core.numbers import figures
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.evidence import cost, nested, same_but_freer
+from workbench.diagnose.hypotheses.evidence import cost, freedom, nested, same_but_freer
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
@@ -171,10 +171,10 @@ class Odds:
 
     def _freely(self, evidence: Array) -> Array:
         """(hypotheses, …) the evidence after freer laws have paid for their freedom, as the verdict has it."""
-        paid, least = evidence.copy(), settings.calibration()["threshold"]
+        paid = evidence.copy()
         for k, j in freer_of(self.fits, self.kind):
             real = evidence[k] - evidence[j]
-            paid[k] = np.minimum(paid[k], paid[j] + real - np.clip(least - real, 0.0, least))
+            paid[k] = np.minimum(paid[k], paid[j] + real - freedom(real))
         return paid
 
     def chance(

@@ -131,8 +131,8 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     least = max(numbers["threshold"], -math.inf if best is None else best.evidence)
     # A mimic has no evidence, unless a law of one variable does without it, and leaves base values where they are: then
     # its evidence is that law's.
-    off = {w.names for w in weighed if w.names in mimics and stretched(problem, w.fit)["prior"] > 1.0}
-    free = {names for names, why in mimics.items() if why.free} - off
+    laws = [w for w in weighed if w.names in mimics and mimics[w.names].free]
+    free = {w.names for w in laws if stretched(problem, w.fit)["prior"] <= 1.0}
     counted = tuple(
         ((), w.evidence) if w.names in free else (w.names, min(w.evidence, 0.0) if w.names in mimics else w.evidence)
         for w in weighed
