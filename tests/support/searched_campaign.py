@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search, SearchResult
 from workbench.effects import find
 from workbench.logs import Campaign, read_campaign
+from workbench.machines import KINDS
 
 
 def searched_in(folder: Path, effects: Sequence[str]) -> tuple[Campaign, SearchResult]:
@@ -27,3 +29,7 @@ def simulated_search(
     plain = true_machine({"guide.coulomb_hoisting_n": 6300.0, "guide.coulomb_lowering_n": 4300.0})
     machine = type(plain).model_validate(plain.model_dump() | {"effects": truth})
     return searched_in(simulated_campaign(folder, machine), effects)
+
+
+# What a verdict asks of the problem where the fits are made.
+AXIS = SimpleNamespace(machine=KINDS["axis-rotary"].example(), runs=(), noise=0.1, inputs=1, struck=False)

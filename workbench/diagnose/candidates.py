@@ -50,7 +50,7 @@ def candidates(
     known = {hypothesis.names for hypothesis in judged.weighed}
     rows += [
         Candidate(names, gain, -math.inf, None, None, None, {}, False)
-        for names, gain in sorted(search.linear.items(), key=lambda q: -q[1])
+        for names, gain in sorted(search.linear.items(), key=lambda q: (-float(f"{q[1]:.5g}"), len(q[0]), q[0]))
         if names not in known and names not in search.failures
     ]
     rows += [
