@@ -37,13 +37,14 @@ def measured(folders: list[Path], workers: int, quick: bool) -> float:
         client.wait_for_workers(workers)
         first = load_campaign(folders[0])
         for future in [
-            client.submit(answered, at, first, __version__, options, False, workers=[at]) for at in client.nthreads()
+            client.submit(answered, at, first, __version__, options, False, (), workers=[at])
+            for at in client.nthreads()
         ]:
             future.result()
         begun = time.monotonic()
         with get_task_stream(client) as stream:
             read = {str(folder): load_campaign(folder) for folder in folders}
-            asked = (__version__, options, False)
+            asked = (__version__, options, False, ())
             rows = list(each_on(client, where, list(read), lambda name: (answered, name, read[name], *asked)))
         lasted = time.monotonic() - begun
         busy = sum(step["stop"] - step["start"] for task in stream.data for step in task["startstops"]

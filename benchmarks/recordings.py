@@ -152,6 +152,9 @@ def main() -> None:
         except FileNotFoundError as missing:
             print(f"{name}: left out, no {missing.filename}; clone {', '.join(SOURCES.values())} into {given.clones}")
             continue
+        except ModuleNotFoundError as missing:
+            print(f"{name}: left out, {missing}")
+            continue
         campaign(given.out / name, runs)
         print(f"{name}: {len(runs)} runs, {sum(len(run['time_s']) for run in runs.values())} samples")
 

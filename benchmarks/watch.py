@@ -1,4 +1,4 @@
-"""Simulated months before the watch: `python -m benchmarks.watch [--cycles 2000] [--diagnose]`.
+"""Simulated months before the watch: `python -m benchmarks.watch [--cycles 2000]`.
 
 A machine does the same two short moves again and again, with a payload of 0, 4500 or 9000 kg; friction scatters by 1 %
 from cycle to cycle, the payload by 0.1 %, and the sensors have noise. Four months: healthy; guide friction that grows
