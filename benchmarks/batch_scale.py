@@ -72,8 +72,8 @@ def cost_of_a_run(study: Study) -> tuple[float, float]:
 
     finish, taken = KernelText.finish, [0.0]
 
-    def timed(text: KernelText, name: str, arguments: Mapping[str, str]) -> Kernel:
-        kernel = finish(text, name, arguments)
+    def timed(self: KernelText, name: str, arguments: Mapping[str, str]) -> Kernel:
+        kernel = finish(self, name, arguments)
 
         def run(*given: object) -> int:
             begun = time.process_time()
