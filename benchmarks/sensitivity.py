@@ -244,6 +244,8 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="page whose table is written anew")
     parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()
+    if given.page and not given.page.is_file():
+        parser.error(f"no page {given.page} to write the table on")
     scores = [score.with_rows(score.rows[: given.count]) for score in open_all(given.folders)]
     rows, listed = sheet_of(scores).rows, numbers()
     at = [score.folder / CAMPAIGNS / row["folder"] for score in scores for row in score.rows]

@@ -170,5 +170,5 @@ def test_figures_are_as_many_as_asked_for_and_without_an_exponent(value: float, 
     assert "e" not in with_error(value, 0.1 * value)[0]
 
 
-def test_a_share_that_is_not_all_is_not_said_to_be():
-    assert [whole_percent(share) for share in (0.0, 0.994, 0.9999, 1.0)] == ["0 %", "99 %", "over 99 %", "100 %"]
+def test_no_estimated_share_is_said_to_be_all():
+    assert [whole_percent(share) for share in (0.0, 0.994, 0.9999, 1.0)] == ["0 %", "99 %", "over 99 %", "over 99 %"]

@@ -103,7 +103,7 @@ def test_the_page_says_the_answer_first_and_then_each_step(kind: str, tmp_path: 
     steps = [
         d.verdict.sentence, "1. Condition of the logs", "2. The gap", "3. Where it lies", "4. Candidates",
         "5. Isolability of the effects", "6. Verdict", "7. Residual on held-out runs",
-        "8. What changes in the control study", "9. The next run",
+        "9. What changes in the control study", "10. The next run",
     ]  # fmt: skip
     places = [page.index(step) for step in steps]
     assert places == sorted(places)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from decimal import Decimal
 
 # Longer endings stand before those that they end with.
@@ -26,6 +27,11 @@ def words_of(name: str) -> str:
     last = name.rpartition(".")[2]
     ending = next((ending for ending in UNITS if last.endswith(f"_{ending}")), "")
     return last.removesuffix(f"_{ending}").replace("_", " ")
+
+
+def listed(names: Sequence[str]) -> str:
+    """a; a and b; a, b and c; "" for none."""
+    return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 _POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]?\d+)(?!\w)")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 NOTHING = "–"
-LEAST, MOST = 1e-4, 1e6  # between them a number reads well without an exponent
+LEAST, MOST = 1e-5, 1e6  # between them a number reads well without an exponent
 
 
 def figures(value: float, digits: int = 3) -> str:
@@ -46,8 +46,8 @@ def signed(value: float, decimals: int) -> str:
 
 
 def whole_percent(share: float) -> str:
-    """A share, 0 to 1, in whole per cent; one that is not all is not said to be."""
-    return "over 99 %" if 0.995 <= share < 1.0 else f"{100.0 * share:.0f} %"
+    """An estimated share, 0 to 1, in whole per cent: no estimate says that it is all."""
+    return "over 99 %" if share >= 0.995 else f"{100.0 * share:.0f} %"
 
 
 def _magnitude(value: float) -> int:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workbench.core.errors import InputError, nearest
+from workbench.core.names import listed
 from workbench.core.numbers import figures
 from workbench.core.run import Run
 from workbench.core.shown import Shown
@@ -89,11 +90,6 @@ MOSTLY = {
 }  # regime of a remainder -> how it shows
 
 
-def listed(names: Sequence[str]) -> str:
-    """a; a and b; a, b and c; "" for none."""
-    return "".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
 def either(names: Names, twins: Sequence[Names]) -> str:
     """a; a or b, one cause by two names in these runs; and with what they share: …, and c."""
     if not twins:
@@ -117,7 +113,7 @@ def sentence_of(
 ) -> str:
     """The first sentence of the report: the answer, its probability, and the reduction of the gap.
 
-    tabled: whether the corrected machine contains the measured force of an unknown cause. unlisted: effects of the
+    tabled: whether the corrected machine contains a measured table of an unknown cause. unlisted: effects of the
     library that the corrected machine contains in its place, and that no answer may name unasked. gap: without a cause,
     and with one that base parameters can stand in for, the one that the refit moves improbably far is stated.
     """
@@ -148,7 +144,7 @@ def sentence_of(
             + (
                 f"with {' and '.join(unlisted)}, an effect that is not listed, {after} {unit} are left"
                 if unlisted
-                else f"with its measured force, which is in the corrected machine, {after} {unit} are left"
+                else f"with a measured table of it, which is in the corrected machine, {after} {unit} are left"
                 if tabled
                 else "no table of it keeps what it promises, so the machine holds none"
             )
@@ -167,7 +163,7 @@ def sentence_of(
         text += f"; {figures(rest.rms, 2)} {unit} remain, {_of_input(rest)}"
     if others := [name for name in also if not any(name in names for names in same)]:
         it = "it" if len(judged.names) == 1 else "one of them"
-        text += f"; these runs cannot tell {it} from {', '.join(others)}"
+        text += f"; these runs cannot tell {it} from {listed(others)}"
     return text + "."
 
 

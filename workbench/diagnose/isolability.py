@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.names import listed
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.evidence import cost, independent
 from workbench.diagnose.hypotheses.free_parameters import Names
@@ -126,7 +127,7 @@ def _sentences(best: Mapping[str, Projected], angle: Array, search: SearchResult
         members = [names[k] for k in group]
         widest = max(float(angle[i, j]) for i in group for j in group)
         out.append(
-            f"This campaign cannot tell small amounts of {_listed(members)} apart: twice what would just be visible "
+            f"This campaign cannot tell small amounts of {listed(members)} apart: twice what would just be visible "
             f"of one passes for the other{'s' if len(group) > 2 else ''} within noise and tolerances"
             + (f" (signatures within {max(widest, 0.1):.2g} degrees)." if widest < ALIKE_DEG else ".")
         )
@@ -210,7 +211,3 @@ def groups(apart: Array, limit: float) -> list[list[int]]:
             taken |= dict.fromkeys(joined, joined)
     unique = {id(group): group for group in taken.values()}
     return sorted(unique.values())
-
-
-def _listed(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}"

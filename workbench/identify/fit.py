@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.core.names import listed
 from workbench.core.run import Array
 from workbench.core.shown import Brief
 from workbench.identify.model import Free, OutputModel
@@ -318,5 +319,4 @@ def _groups(correlation: Array, free: Sequence[Free], ties: Sequence[tuple[str, 
 def _alike(keys: Sequence[str], group: Sequence[int], correlation: Array) -> str:
     names = [keys[i] for i in group]
     part = np.abs(correlation[np.ix_(group, group)]) - np.eye(len(group))
-    listed = f"{', '.join(names[:-1])} and {names[-1]}"
-    return f"{listed}: told apart poorly by these runs (correlation up to {part.max():.3f}); trust them together"
+    return f"{listed(names)}: told apart poorly by these runs (correlation up to {part.max():.3f}); trust them together"

@@ -12,6 +12,7 @@ import numpy as np
 
 from workbench.control import Events
 from workbench.core.errors import InputError
+from workbench.core.names import listed
 from workbench.core.run import Array
 from workbench.machines import Hoist, Machine, kind_of, load_of, with_values
 from workbench.metrics import set_of
@@ -22,7 +23,7 @@ from workbench.references.shape import LimitPair, Limits, Shape, raised
 from workbench.study.decide import Given, candidates, criteria_for, decisions
 from workbench.study.front import fronts
 from workbench.study.grid import RunSpec
-from workbench.study.labels import field_label, listed, said, swept_axes, words_of
+from workbench.study.labels import field_label, said, swept_axes, words_of
 from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import peak_limit, run_specs

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.core.names import listed
 from workbench.core.whole_folder import write_json
 from workbench.machines import Machine, kind_of
 from workbench.metrics import View, set_of, shown_in
@@ -29,7 +30,7 @@ from workbench.study.beside import (
 )
 from workbench.study.decide import OVERSPEED, SATURATED, WIRE_SAFETY, Candidate, decisions, take_sentences
 from workbench.study.front import Front, fronts
-from workbench.study.labels import Label, SweptAxis, field_label, listed, reads, said, shown, words_of
+from workbench.study.labels import Label, SweptAxis, field_label, reads, said, shown, words_of
 from workbench.study.load import Study
 from workbench.study.rows import Row, metrics_of
 from workbench.study.run import StudyResult, peak_limit

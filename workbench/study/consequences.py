@@ -21,6 +21,7 @@ from workbench.analysis.usual import usual_settings
 from workbench.control import Settings
 from workbench.core.errors import InputError
 from workbench.core.json_records import plain
+from workbench.core.names import listed
 from workbench.core.numbers import figures, signed
 from workbench.core.run import Run, integrated
 from workbench.core.table import Column, Table, words
@@ -31,7 +32,7 @@ from workbench.machines import LOOPED, AnyKind, Kind, Machine, kind_of, looped, 
 from workbench.metrics import Metric, find, set_of
 from workbench.references import Limits
 from workbench.study.grid import RunSpec
-from workbench.study.labels import NO_CHANGE, listed
+from workbench.study.labels import NO_CHANGE
 from workbench.study.load import Study, changed, plan_study
 from workbench.study.rows import Row
 from workbench.study.run import run_specs

@@ -17,9 +17,10 @@ from functools import cached_property
 import numpy as np
 
 from workbench.core.errors import InputError, nearest
+from workbench.core.names import listed
 from workbench.machines import Hoist, Machine, kind_of, load_of
 from workbench.metrics import Metric, MetricSet, find, set_with
-from workbench.study.labels import FAILS, SweptAxis, listed, reads, said, swept_axes, words_of
+from workbench.study.labels import FAILS, SweptAxis, reads, said, swept_axes, words_of
 from workbench.study.rows import Row, hunts, is_astray, metrics_of
 from workbench.study.scenario import CriterionBlock
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
-from workbench.core.names import unit_of
+from workbench.core.names import listed, unit_of
 from workbench.core.names import words_of as words_of_name
 from workbench.core.templates import Sentences
 from workbench.metrics import by_name
@@ -193,11 +193,6 @@ def _points(rows: Sequence[Row], names: Sequence[str]) -> tuple[Point, ...]:
     if all(not isinstance(point[0], str) for point in points):
         return tuple(sorted(points, key=lambda point: float(point[0])))
     return tuple(points)
-
-
-def listed(parts: Sequence[str]) -> str:
-    """a, b and c; "" for none."""
-    return "".join(parts) if len(parts) < 2 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
 def some(names: Sequence[str]) -> list[str]:

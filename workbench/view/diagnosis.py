@@ -13,13 +13,14 @@ import numpy as np
 import yaml
 
 from workbench.core.errors import InputError
+from workbench.core.names import listed
 from workbench.core.numbers import NOTHING, figures, signed, with_error
 from workbench.core.run import integrated
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
 from workbench.core.whole_folder import whole_folder, write_json
-from workbench.diagnose.diagnose import NOISY, Diagnosis, listed
+from workbench.diagnose.diagnose import NOISY, Diagnosis
 from workbench.diagnose.hypotheses.free_parameters import Estimate, Names
 from workbench.diagnose.isolation.planned import Planned
 from workbench.diagnose.progress import Progress, Stage, Task
@@ -453,13 +454,13 @@ def sections_of(d: Diagnosis) -> dict[str, Section]:
     )  # fmt: skip
     if d.residual_tests:
         drawn = [(draw.autocorrelations(d.residual_tests), said.autocorrelation())]
-        parts["left"] = Section("Is anything left?", [left_sentence(d)], (), [left_table(d)], drawn)
-    changes = Section("8. What changes in the control study", [d.why_no_consequences or "It was not asked for."])
+        parts["left"] = Section("8. Is anything left?", [left_sentence(d)], (), [left_table(d)], drawn)
+    changes = Section("9. What changes in the control study", [d.why_no_consequences or "It was not asked for."])
     if (c := d.consequences) is not None:
         drawn = [(draw.consequences(c), "")]
         changes = Section(changes.heading, c.sentences[:1], c.sentences[1:], [_consequences_table(d)], drawn)
     parts["consequences"] = changes
-    parts["next_run"] = Section("9. The next run", [next_run_sentence(d)], (), [next_run_table(d)])
+    parts["next_run"] = Section("10. The next run", [next_run_sentence(d)], (), [next_run_table(d)])
     return parts
 
 

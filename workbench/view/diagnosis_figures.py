@@ -193,7 +193,7 @@ def profiles(shown: Sequence[Profile], unit: str, ways: tuple[str, str]) -> Figu
     for profile in shown:
         name, _, best = profile.label.partition(", ")
         low, high = (round(100.0 * x) for x in profile.interval)
-        explains = f"explains {whole_percent(profile.explains)} ({low} to {high})"
+        explains = f"explains {whole_percent(profile.explains)}" + ("" if low > 99 else f" ({low} to {high})")
         heads.append(f"<b>{name}</b><br>{f'{best}, {explains}' if best else explains}")
     figure = _panels(f"Mean residual ({unit}) over what may explain it", heads, COLUMNS, 190, 0.055)
     means = np.concatenate([[0.0], *(values for p in shown for values in (p.mean_forward, p.mean_backward))])

@@ -15,7 +15,7 @@ from workbench.analysis.search import rounded_down
 from workbench.analysis.tune import GIVEN_AWAY, WIDER
 from workbench.control import Cascade
 from workbench.core.json_records import rounded
-from workbench.core.names import powers
+from workbench.core.names import listed, powers
 from workbench.core.numbers import NOTHING, figures
 from workbench.core.run import Array
 from workbench.core.shown import View
@@ -24,7 +24,6 @@ from workbench.core.templates import Sentences
 from workbench.core.whole_folder import write_json
 from workbench.effects import find
 from workbench.machines import Kind, Machine, kind_of
-from workbench.study.labels import listed
 from workbench.study.loop_design import DesignCase
 from workbench.view import style
 from workbench.view.page import Section, save_page
@@ -56,7 +55,7 @@ def table(members: Sequence[Member]) -> Table:
 def gain_text(m: Margins) -> str:
     """The gain margin in dB, and the one towards lower gain if there is one."""
     up = f"{20.0 * math.log10(m.gain_up):.1f}" if math.isfinite(m.gain_up) else NOTHING
-    return f"{up}/{20.0 * math.log10(m.gain_down):.0f}" if m.gain_down > 0.0 else up
+    return f"{up}/{20.0 * math.log10(m.gain_down):.1f}" if m.gain_down > 0.0 else up
 
 
 def poles_in_s(member: Member) -> tuple[float, float]:

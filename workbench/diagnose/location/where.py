@@ -347,9 +347,9 @@ def _placed(most_likely: Placed) -> tuple[str, ...]:
 
 
 def _part(place: PlaceProbability) -> str:
-    return f"{place.subsystem.replace('_', ' ')} ({100.0 * place.probability:.0f} %)"
+    return f"{place.subsystem.replace('_', ' ')} ({whole_percent(place.probability)})"
 
 
 def _percent(explained: Explained) -> str:
     low, high = explained.interval
-    return f"{whole_percent(explained.share)} ({100.0 * low:.0f} to {100.0 * high:.0f} %)"
+    return whole_percent(explained.share) + ("" if low >= 0.995 else f" ({100.0 * low:.0f} to {100.0 * high:.0f} %)")
