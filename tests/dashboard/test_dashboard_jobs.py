@@ -340,3 +340,13 @@ def test_runs_that_cannot_be_diagnosed_are_one_clear_sentence_without_the_server
         orchestration.diagnose(chosen.read_campaign(folder))
     assert said.endswith(refused.value.problem) and str(tmp_path) not in said
     assert ":red-badge[failed]" in words(app)
+
+
+def test_every_file_of_a_diagnosis_that_its_sentences_name_can_be_downloaded(tmp_path: Path):
+    for name in gap.FILES:
+        (tmp_path / name).write_text(name)
+    words = [words for words, *_ in gap.files_of(tmp_path)]
+    assert words == ["Report", *list(gap.FILES)[1:]]
+    assert {"next_run.csv", "law.py", "machine_law.yaml"} < set(words)
+    (tmp_path / "law.py").unlink()
+    assert "law.py" not in [words for words, *_ in gap.files_of(tmp_path)]

@@ -44,11 +44,15 @@ BADGES = {
     "no_gap": ":green-badge[:material/check: no gap]",
     "unknown": ":violet-badge[:material/help: unknown cause]",
 }
-FILES = (
-    ("Report", "diagnose.html", "text/html"),
-    ("diagnosis.json", "diagnosis.json", "application/json"),
-    ("machine.yaml", "machine.yaml", "application/yaml"),
-)
+FILES = {  # name -> type; from the next run on where the diagnosis has it
+    "diagnose.html": "text/html",
+    "diagnosis.json": "application/json",
+    "machine.yaml": "application/yaml",
+    "next_run.csv": "text/csv",
+    "next_run.yaml": "application/yaml",
+    "law.py": "text/x-python",
+    "machine_law.yaml": "application/yaml",
+}
 # Title -> the sections that a tab shows, one under the other; the first one has an arrangement of its own.
 TABS: dict[str, tuple[str, ...]] = {
     "Verdict": (),
@@ -164,8 +168,7 @@ def _results(job: Job) -> None:
         st.markdown("**Results**")
         # The bytes, not a function that reads them: its address would last for one run of the page only, and a click
         # while the page is drawn anew would be lost.
-        files = [(words, (folder / name).read_bytes(), name, kind) for words, name, kind in FILES]
-        widgets.downloads("gap download", files, "stretch")
+        widgets.downloads("gap download", files_of(folder), "stretch")
         chosen.keep_button(
             "gap keep", f"corrected by {view.campaign}",
             lambda: load_machine(folder / "machine.yaml", check_effects=check),
@@ -197,6 +200,13 @@ def _results(job: Job) -> None:
                 _section(name, view.sections[name], f"gap {job.id} {name}")
 
 
+def files_of(folder: Path) -> list[tuple[str, bytes, str, str]]:
+    """What there is to download of a diagnosis, for `widgets.downloads`."""
+    there = [(name, kind) for name, kind in FILES.items() if (folder / name).is_file()]
+    called = {"diagnose.html": "Report"}
+    return [(called.get(name, name), (folder / name).read_bytes(), name, kind) for name, kind in there]
+
+
 def _verdict(view: View, key: str) -> None:
     ranked, answer = view.sections["verdict"], view.sections["answer"]
     columns = widgets.beside("verdict") if answer.figures else [st.container()]
@@ -225,7 +235,7 @@ def _section(name: str, section: Section, key: str) -> None:
     widgets.figures(section.figures, key)
     points([*sentences, *section.points])
     for shown in section.tables:
-        widgets.table(shown, in_words=name == "where")  # a run's windows are a cell of any length
+        widgets.table(shown, in_words=name in ("where", "next_run"))  # with a cell of any length
 
 
 # ---- in the worker's process -----------------------------------------------------------------------------------------
