@@ -217,8 +217,16 @@ def read_table(file: Path) -> Any:
     return table
 
 
+def check_folder(folder: Path) -> None:
+    """InputError where there is no such folder."""
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "no such folder"
+        raise InputError(f"{what}, expected a folder that `workbench study` made", file=folder)
+
+
 def read_rows(folder: Path) -> list[Row]:
     """The rows of a finished result. InputError where the index is not there, not readable or not as it was written."""
+    check_folder(folder)
     file = folder / INDEX
     check_whole(folder, INDEX)
     table = read_table(file)

@@ -179,9 +179,7 @@ class SavedRuns(Mapping[str, Run]):
 
 def read_finished(folder: Path) -> StudyResult:
     """The result in `folder`. InputError where it is none, is not whole, or is damaged."""
-    if not folder.is_dir():
-        what = "is a file" if folder.exists() else "no such folder"
-        raise InputError(f"{what}, expected a folder that `workbench study` made", file=folder)
+    tables.check_folder(folder)
     manifest = tables.read_manifest(folder)
     if manifest is None or folder.name.endswith(".part"):
         if (folder / "chunks").is_dir() or folder.name.endswith(".part"):

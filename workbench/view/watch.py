@@ -89,7 +89,7 @@ def fleet_table(rows: Sequence[Row]) -> Table:
         words("trouble"): lambda row: row.trouble,
     }
     counts = (f"{sum(row.state == state for row in rows)} {state}" for state in STATES)
-    return table_of(by_state(rows), cells, f"{len(rows)} machines: {', '.join(counts)}.")
+    return table_of(by_state(rows), cells, f"{len(rows)} machine{'s' if len(rows) != 1 else ''}: {', '.join(counts)}.")
 
 
 def parameters(judge: Judge, healthy: int) -> Figure:
