@@ -15,14 +15,7 @@ from workbench.core.numbers import figures
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.evidence import model_error_rms
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.free_parameters import (
-    Names,
-    Scalar,
-    Setting,
-    base_parameters,
-    bounds_of,
-    key_told,
-)
+from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, Setting, base_parameters, bounds_of, key_told
 from workbench.diagnose.hypotheses.held_out import HeldOut, fitted_without, folds_by_run, held_out, in_parts
 from workbench.diagnose.hypotheses.problem import Problem, counting, rms
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
@@ -150,10 +143,7 @@ def alike_of(problem: Problem, fits: Sequence[Fitted]) -> Array:
 
 
 def delivered_of(
-    noise: Array,
-    refitted: ReplayResult,
-    corrected: ReplayResult,
-    alike: Array | None = None,
+    noise: Array, refitted: ReplayResult, corrected: ReplayResult, alike: Array | None = None
 ) -> Delivered:
     """Both machines as replayed: the numbers that the report prints are those that anybody gets with the file. noise:
     of each run, rms in the band, in the input's unit. alike: of each run, see `alike_of`."""

@@ -251,14 +251,7 @@ def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
     told = like and not (springs or late) and std[0] < np.inf and abs(values[0]) > SURE * std[0] and taken > SHOWN
     hold = float(values[1]) / body.hold if body.hold and std[1] < 0.1 * body.hold else None
     return Rigid(
-        run.name,
-        float(values[0]) if told else None,
-        float(std[0]),
-        hold,
-        float(values[2]),
-        shown,
-        late,
-        driven,
+        run.name, float(values[0]) if told else None, float(std[0]), hold, float(values[2]), shown, late, driven
     )
 
 

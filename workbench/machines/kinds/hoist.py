@@ -752,8 +752,7 @@ KIND = Kind(
     moved=declare.Moved("carriage", "m", "height of the carriage", placed_by_log=False),
     directions=declare.Directions(("hoisting", "lowering"), (("hoist", "lowering"), ("lower", "hoisting")), "Hoisting"),
     signals=declare.SignalSet(
-        needed=(((declare.TIME,),), (MOTORS, (TORQUE,)), ((SPEED,),)),
-        optional=(SPEED_REFERENCE, HEIGHT, TENSION),
+        needed=(((declare.TIME,),), (MOTORS, (TORQUE,)), ((SPEED,),)), optional=(SPEED_REFERENCE, HEIGHT, TENSION)
     ),
     reference=(SPEED_REFERENCE, SPEED),
     speed_scale=("nominal motor speed", "nominal"),
