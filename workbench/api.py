@@ -12,10 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from workbench.analysis.linearise import STIFFNESS_BY_LENGTH, Motion
-from workbench.analysis.margins import family, operating_points
+from workbench.analysis.linearise import Motion
 from workbench.analysis.tune import Goal, TuneProgress, Weights
-from workbench.analysis.tune import tune as search_gains
 from workbench.analysis.usual import usual_controller
 from workbench.control import Events, PiSettings, Settings
 from workbench.core.errors import InputError, check_known
@@ -28,7 +26,6 @@ from workbench.logs import read_campaign as read
 from workbench.logs.doubts import doubts_of
 from workbench.machines import STUDIED, Axis, Hoist, LinearAxis, RotaryAxis, default_hoist, load_of, of_kind, studied
 from workbench.machines import load_machine as load
-from workbench.machines.plant import NO_EFFECTS
 from workbench.references import LimitPair, Limits, Step, allowed_carriage_speed_m_s, motor_speed_rad_s, plan_motion
 from workbench.simulate.loop import NO_EVENTS, LoopCase, LoopResult, simulate_loop
 from workbench.simulate.lowpass import check_band
@@ -282,9 +279,7 @@ def loop(
     """
     Goal(ms_limit=ms_limit)
     case = loop_case(machine_of(machine), controller, payloads_kg, heights_m, scenario)
-    points = operating_points(case.machine, case.payloads_kg, case.heights_m, motion)
-    effects = STIFFNESS_BY_LENGTH if free_length else NO_EFFECTS
-    return LoopAnalysis(case, tuple(family(case.machine, case.settings, points, effects=effects)), ms_limit)
+    return LoopAnalysis(case, tuple(case.members(motion, free_length)), ms_limit)
 
 
 def tune(
@@ -308,6 +303,4 @@ def tune(
     """
     goal = Goal(bandwidth_hz, ms_limit)
     case = loop_case(machine_of(machine), controller, payloads_kg, heights_m, scenario)
-    points = operating_points(case.machine, case.payloads_kg, case.heights_m)
-    tuned = search_gains(case.machine, case.settings, points, case.trial(), goal, weights, also=also, tell=tell)
-    return Tuning(case, weights, tuned)
+    return Tuning(case, weights, case.tuned(goal, weights, also, tell))

@@ -7,15 +7,11 @@ from typing import Literal
 
 import click
 
-from workbench.analysis.linearise import STIFFNESS_BY_LENGTH
-from workbench.analysis.margins import family, operating_points
 from workbench.analysis.tune import Goal, Weights
-from workbench.analysis.tune import tune as search
 from workbench.cli.options import Heights, MachineFile, Payloads, command, numbers_or_none
 from workbench.cli.show import filled, print_table, print_text, tuning
 from workbench.core.errors import InputError
 from workbench.core.whole_folder import check_free, whole_folder
-from workbench.machines import NO_EFFECTS
 from workbench.study.loop_design import load_case
 from workbench.view import loop as loop_view
 from workbench.view import tune as tune_view
@@ -53,8 +49,7 @@ def loop(
     payloads_kg, heights_m = numbers_or_none(payloads, "payloads"), numbers_or_none(heights, "heights")
     case = load_case(machine, scenario, controller, payloads_kg, heights_m)
     way = {"forward": "hoisting", "backward": "lowering"}.get(motion, motion)
-    points = operating_points(case.machine, case.payloads_kg, case.heights_m, way)  # type: ignore[arg-type]
-    members = family(case.machine, case.settings, points, effects=STIFFNESS_BY_LENGTH if free_length else NO_EFFECTS)
+    members = case.members(way, free_length)  # type: ignore[arg-type]
     print_text([f"Controller {case.origin}: {loop_view.gains_text(case)}.", ""])
     print_table(loop_view.table(members))
     print_text(["", *loop_view.sentences(case, members)])
@@ -98,9 +93,8 @@ def tune(
         tune_view.check_new(out)
     payloads_kg, heights_m = numbers_or_none(payloads, "payloads"), numbers_or_none(heights, "heights")
     case = load_case(machine, scenario, None, payloads_kg, heights_m)
-    points = operating_points(case.machine, case.payloads_kg, case.heights_m)
     with tuning() as tell:
-        tuned = search(case.machine, case.settings, points, case.trial(), goal, weighed, also=also, tell=tell)
+        tuned = case.tuned(goal, weighed, also, tell)
     print_table(tune_view.table(tuned))
     print_text(["", *tune_view.sentences(case, tuned, weighed)])
     if (warning := tune_view.warning(case.machine)) is not None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from workbench.analysis.margins import Member, Weakest, weakest
-from workbench.analysis.tune import Candidate, Trial, Tuned, Weights, motions, usual_trial
+from workbench.analysis.linearise import STIFFNESS_BY_LENGTH, Motion
+from workbench.analysis.margins import Member, Weakest, family, operating_points, weakest
+from workbench.analysis.tune import Candidate, Goal, Trial, Tuned, TuneProgress, Weights, motions, usual_trial
+from workbench.analysis.tune import tune as search_gains
 from workbench.analysis.usual import usual_heights, usual_settings
 from workbench.control import SETTINGS, Events, Settings
 from workbench.control.settings import read_settings
@@ -18,6 +20,7 @@ from workbench.core.errors import InputError
 from workbench.core.shown import Shown
 from workbench.effects import check
 from workbench.machines import LOOPED, AnyKind, Machine, default_hoist, kind_of, load_machine, looped, of_kind
+from workbench.machines.plant import NO_EFFECTS
 from workbench.study.load import Study, load_study
 
 USUAL_PAYLOADS_KG = (0.0, 4500.0, 9000.0)
@@ -40,6 +43,17 @@ class DesignCase:
     def events(self) -> Events:
         """The events of the scenario; none without a scenario."""
         return Events() if self.study is None else self.study.scenario.events
+
+    def members(self, motion: Motion = "hoisting", free_length: bool = False) -> list[Member]:
+        """The loop at every payload and height, free_length: on a wire that is stiffer the shorter it hangs free.
+        InputError for a height off the rail."""
+        points = operating_points(self.machine, self.payloads_kg, self.heights_m, motion)
+        return family(self.machine, self.settings, points, effects=STIFFNESS_BY_LENGTH if free_length else NO_EFFECTS)
+
+    def tuned(self, goal: Goal, weights: Weights, also: Sequence[str], tell: Callable[[TuneProgress], object]) -> Tuned:
+        """The gains of that goal. InputError, with the reason, for one out of reach."""
+        points = operating_points(self.machine, self.payloads_kg, self.heights_m)
+        return search_gains(self.machine, self.settings, points, self.trial(), goal, weights, also=also, tell=tell)
 
     def trial(self) -> Trial:
         """The moves and events of the scenario under this family's payloads, or the usual moves."""

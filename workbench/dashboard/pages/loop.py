@@ -10,8 +10,8 @@ from typing import Any
 import streamlit as st
 
 from workbench.analysis.linearise import Motion
-from workbench.analysis.margins import Member, family, operating_points, weakest
-from workbench.analysis.tune import STEPS, Goal, TuneProgress, Weights, tune
+from workbench.analysis.margins import Member, weakest
+from workbench.analysis.tune import STEPS, Goal, TuneProgress, Weights
 from workbench.analysis.usual import usual_heights, usual_settings
 from workbench.control import Cascade, Settings
 from workbench.core.errors import InputError
@@ -183,8 +183,7 @@ def _said(case: DesignCase) -> tuple[Any, ...]:
 @st.cache_resource(max_entries=60, show_spinner=False, hash_funcs={DesignCase: _said})
 def loops(case: DesignCase, motion: Motion) -> list[Member]:
     """Every payload at every height. InputError for a height off the rail."""
-    points = operating_points(case.machine, case.payloads_kg, case.heights_m, motion)
-    return family(case.machine, case.settings, points)
+    return case.members(motion)
 
 
 def _by_rule(case: DesignCase) -> DesignCase:
@@ -229,8 +228,7 @@ def _tune(case: DesignCase, goal: Goal, weights: Weights, also: Sequence[str]) -
         bar.progress(progress.step / STEPS, text=f"Tuning: {progress.doing}")
 
     try:
-        points = operating_points(case.machine, case.payloads_kg, case.heights_m)
-        tuned = tune(case.machine, case.settings, points, case.trial(), goal, weights, also=also, tell=told)
+        tuned = case.tuned(goal, weights, also, told)
     except InputError as error:  # the loop under the present gains is still worth seeing
         bar.empty()
         stop.empty()
