@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
-from workbench.effects import true_input
+from workbench.effects.active import true_input
 from workbench.engine import kernels
 from workbench.identify.fit import Fit, fit
 from workbench.identify.model import Free, free_parameters, values_of

@@ -18,7 +18,8 @@ import numpy as np
 
 from workbench.control import PiSettings
 from workbench.core.run import Run
-from workbench.effects import logged, of
+from workbench.effects import of
+from workbench.effects.active import logged
 from workbench.logs import Campaign
 from workbench.machines import Hoist, default_hoist, get_value, with_values
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion

@@ -22,9 +22,8 @@ from workbench.control import (
     full_pi,
     lag_step,
     loop_values,
-    weight_before,
 )
-from workbench.control.pi import behind_the_wire, swing_of
+from workbench.control.pi import behind_the_wire, swing_of, weight_before
 from workbench.engine.stepped import Step
 from workbench.machines import PLANTS, Hoist, with_values
 from workbench.simulate.loop import LoopCase, simulate_loop

@@ -12,7 +12,8 @@ import pytest
 from tests.support.effect_machines import MACHINES, linear_axis
 from workbench.control import PiSettings
 from workbench.core.run import Array, Run
-from workbench.effects import effects_for, logged, of
+from workbench.effects import effects_for, of
+from workbench.effects.active import logged
 from workbench.engine import kernels
 from workbench.engine.source import parameter_symbols, state_symbols
 from workbench.machines import HOIST, PLANTS, Axis, Hoist, default_hoist, kind_of, with_values

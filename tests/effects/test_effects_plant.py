@@ -11,7 +11,8 @@ import pytest
 from tests.support.effect_machines import MACHINES
 from workbench.control import PiSettings
 from workbench.core.run import Array
-from workbench.effects import Active, effects_for, find, library_effects, of, ranges_of, searchable
+from workbench.effects import effects_for, find, library_effects, of, ranges_of, searchable
+from workbench.effects.active import Active
 from workbench.effects.declare import KINDS, Effect
 from workbench.engine import kernels
 from workbench.engine.native import load_functions

@@ -16,7 +16,7 @@ from tests.support.commands import Commands
 from tests.support.driven_campaign import driven, planned, write
 from tests.support.effect_machines import MACHINES
 from workbench.analysis.usual import usual_settings
-from workbench.control import form_of
+from workbench.control.settings import form_of
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.core.yaml_strict import dumps

@@ -16,9 +16,10 @@ from scipy.signal import cont2discrete, lfilter, lsim
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.machines import Hoist, Load, default_hoist, load_of, with_values
-from workbench.references import Limits, Shape, move_shape, move_time_s, planned_kind, planned_kinds
+from workbench.references import Limits, Shape, move_shape, planned_kind, planned_kinds
 from workbench.references.least_peak import GIVEN_AWAY, TAUT, least_peak, least_peak_limits, peak_force_n
 from workbench.references.library.wire import EI, ZV, ZVD, impulses
+from workbench.references.plan import move_time_s
 from workbench.references.shape import raised, shortest_move
 from workbench.study.load import plan_study
 from workbench.study.run import run_study

@@ -28,19 +28,16 @@ from workbench.references import (
     RecordedPlan,
     Shape,
     Step,
-    StoppedPlan,
-    add,
     allowed_carriage_speed_m_s,
-    forget_added,
     motion_time_s,
     motor_speed_rad_s,
     move_shape,
-    move_time_s,
     plan_motion,
-    planned,
     planned_kind,
     planned_kinds,
 )
+from workbench.references.kind import add, forget_added, planned
+from workbench.references.plan import StoppedPlan, move_time_s
 from workbench.references.shape import shortest_move, shortest_ramp
 from workbench.study.store import read_finished
 from workbench.view.study import conclusions

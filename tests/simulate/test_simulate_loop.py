@@ -12,7 +12,8 @@ import pytest
 from tests.support import by_hand
 from tests.support.axes import CASCADE, emps, followed, ideal_axis, there_and_back, two_inertia
 from tests.support.ideal import ideal_hoist
-from workbench.control import AxisFeedForward, Events, LinearCascade, PiSettings, RotaryCascade
+from workbench.control import Events, LinearCascade, PiSettings
+from workbench.control.settings import AxisFeedForward, RotaryCascade
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.machines import KINDS, PLANTS, Hoist, with_values

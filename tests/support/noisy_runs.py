@@ -10,7 +10,8 @@ import numpy as np
 
 from workbench.control import PiSettings
 from workbench.core.run import Run
-from workbench.effects import logged, of
+from workbench.effects import of
+from workbench.effects.active import logged
 from workbench.machines import Axis, Hoist
 from workbench.references import Limits, Step, motor_speed_rad_s, plan_motion
 from workbench.simulate.driven import InverseSimulation

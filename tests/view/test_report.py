@@ -28,7 +28,7 @@ from workbench.diagnose.diagnose import diagnose
 from workbench.logs import read_campaign
 from workbench.machines import default_hoist, kind_of
 from workbench.metrics import fixed_columns
-from workbench.references import by_name
+from workbench.references.kind import by_name
 from workbench.simulate.driven import InverseSimulation
 from workbench.study.load import load_study
 from workbench.study.run import StudyResult

@@ -12,7 +12,8 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
-from workbench.effects import joined, of
+from workbench.effects import of
+from workbench.effects.active import joined
 from workbench.engine.source import state_symbols
 from workbench.machines import NO_EFFECTS, Effects, Machine, Plant, kind_of
 from workbench.machines.plant import Piece

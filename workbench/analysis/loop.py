@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from workbench.analysis.linearise import OUTPUTS, LinearPlant, OperatingPoint, linearise
-from workbench.control import Controller, Settings, cascade, cascade_values, delay_weights, full_pi, loop_values
+from workbench.control import Controller, Settings, cascade, delay_weights, full_pi, loop_values
+from workbench.control.pi import cascade_values
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.machines import NO_EFFECTS, Effects, Kind, Machine, kind_of

@@ -15,7 +15,8 @@ import numpy as np
 from workbench.analysis.linearise import OperatingPoint
 from workbench.analysis.margins import Member, family
 from workbench.analysis.search import NEAR, Search, Shaped, best_rejection, for_bandwidth, kp_for, make_search
-from workbench.control import Events, InputShaper, Notch, ScheduledGains, Settings
+from workbench.control import Events, Notch, Settings
+from workbench.control.settings import InputShaper, ScheduledGains
 from workbench.core.errors import InputError
 from workbench.core.run import Array
 from workbench.core.shown import Brief

@@ -22,7 +22,8 @@ from workbench.blind.seal import Label, Order
 from workbench.core.errors import InputError
 from workbench.core.record import LogTraits
 from workbench.core.run import Array, Run
-from workbench.effects import effects_for, find, logged, of, ranges_of, sizes_of
+from workbench.effects import effects_for, find, of, ranges_of, sizes_of
+from workbench.effects.active import logged
 from workbench.machines import get_value, kind_of, save_machine, with_values
 from workbench.simulate.driven import InverseSimulation
 

@@ -28,7 +28,8 @@ from typing import Any
 
 import numpy as np
 
-from workbench.control import PiSettings, full_pi, loop_values, refuse
+from workbench.control import PiSettings, full_pi, loop_values
+from workbench.control.settings import refuse
 from workbench.core.errors import InputError
 from workbench.dashboard.jobs import child_environment
 from workbench.engine.stepped import Step as ControllerStep

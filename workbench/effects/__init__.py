@@ -4,26 +4,7 @@
 plant; `names()` and `effects_for(kind)` say what there is; `load_effects(file)` adds a user's own.
 """
 
-from workbench.effects.active import (
-    Active,
-    Chosen,
-    Part,
-    alone,
-    check,
-    idle_sensors,
-    joined,
-    logged,
-    logged_input,
-    longest_step_s,
-    moved_by,
-    of,
-    parts,
-    ranges_of,
-    searchable,
-    sizes_of,
-    true_input,
-    true_motion,
-)
+from workbench.effects.active import Part, check, idle_sensors, logged_input, of, parts, ranges_of, searchable, sizes_of
 from workbench.effects.declare import Effect, EffectMemory, Parameter, Ranged, effect
 from workbench.effects.loading import load_effects
 from workbench.effects.registry import effects_for, find, forget_users, library_effects, names

@@ -22,9 +22,9 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from workbench import __version__
-from workbench.control import PiSettings, feed_forward, full_pi, loop_values
+from workbench.control import PiSettings, full_pi, loop_values
 from workbench.control.events import BRAKE_TORQUES
-from workbench.control.pi import load_inertia, swing_of
+from workbench.control.pi import feed_forward, load_inertia, swing_of
 from workbench.control.settings import low_pass_gain, notch_coefficients
 from workbench.core.errors import InputError
 from workbench.core.run import Array

@@ -27,8 +27,8 @@ from workbench.core import names
 from workbench.core.errors import InputError
 from workbench.core.templates import render
 from workbench.core.yaml_strict import load
-from workbench.effects import Active, Chosen, alone, joined, longest_step_s, sizes_of
-from workbench.effects.active import Alone
+from workbench.effects import sizes_of
+from workbench.effects.active import Active, Alone, Chosen, alone, joined, longest_step_s
 from workbench.export.controller_program import check_exported
 from workbench.export.physics import Physics
 from workbench.machines import STUDIED, Hoist, Machine, kind_of, of_kind, plant_of

@@ -12,7 +12,8 @@ import numpy as np
 from workbench.control import lag_step
 from workbench.control.events import BRAKE_TORQUES, SWITCHED_BRAKE
 from workbench.core.errors import InputError, check_known
-from workbench.effects import Active, Effect, alone, find, joined, longest_step_s, sizes_of
+from workbench.effects import Effect, find, sizes_of
+from workbench.effects.active import Active, alone, joined, longest_step_s
 from workbench.engine.source import LAG
 from workbench.engine.stepped import LiveStep
 from workbench.machines import HOIST, Effects, Hoist, Machine, kind_of, of_kind

@@ -19,7 +19,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from workbench.core.run import Array, Run, integrated
-from workbench.effects import Active, Part, logged_input, moved_by, sizes_of, true_input, true_motion
+from workbench.effects import Part, logged_input, sizes_of
+from workbench.effects.active import Active, moved_by, true_input, true_motion
 from workbench.engine import kernels
 from workbench.engine.kernels import FEW_LANES, MOST_STEPS, lanes_for
 from workbench.machines import Machine, Plant, kind_of, plant_of

@@ -12,11 +12,13 @@ from typing import Any, cast
 
 import numpy as np
 
-from workbench import control
-from workbench.control.pi import NEVER
+from workbench.control import Controller, Events, PiSettings, Settings, cascade, lag_step, loop_values
+from workbench.control.events import BRAKE
+from workbench.control.pi import NEVER, cascade_values, hoist_loop, losing_a_motor, weight_before
 from workbench.core.run import Array, Run
 from workbench.core.shown import Brief, Shown
-from workbench.effects import Active, joined, longest_step_s, of
+from workbench.effects import of
+from workbench.effects.active import Active, joined, longest_step_s
 from workbench.engine import kernels
 from workbench.engine.statics import hang_still, of_each
 from workbench.machines import NO_EFFECTS, AnyKind, Drive, Effects, Hoist, Machine, Plant, kind_of, plant_of
@@ -92,7 +94,7 @@ def plant_model(machine: Machine, active: Active | None = None) -> PlantModel:
     return PlantModel(plant_of(machine), of(machine) if active is None else active)
 
 
-NO_EVENTS = control.Events()
+NO_EVENTS = Events()
 RAIL_PLAY = 0.01  # m, that a stop at the end of the rail may overshoot
 
 BOUNDLESS = 1e9  # a state beyond it, in m, rad or per second, belongs to no machine
@@ -120,9 +122,9 @@ class LoopCase(Brief):
     machine: AnyKind
     payload_kg: float
     start_position_m: float
-    controller: control.Settings
+    controller: Settings
     speed_reference_rad_s: Array
-    events: control.Events = NO_EVENTS
+    events: Events = NO_EVENTS
     start_time_s: float = 0.0
     position_reference: Array | None = None
 
@@ -170,32 +172,32 @@ def _cascaded(case: LoopCase) -> bool:
     return kind_of(case.machine).looped.position_loop
 
 
-def loop_controller(case: LoopCase) -> control.Controller:
+def loop_controller(case: LoopCase) -> Controller:
     """An axis' cascade. Of a hoist the plain loop where nothing beside it is asked for, else the full one; of a motor
     that fails where one does."""
     if _cascaded(case):
-        return control.cascade(kind_of(case.machine).looped, case.machine.drive.speed_delay_s > 0.0)
-    loop = control.hoist_loop(cast(control.PiSettings, case.controller), case.machine.drive)
-    return loop if case.events.motor_fails_s is None else control.losing_a_motor(loop)
+        return cascade(kind_of(case.machine).looped, case.machine.drive.speed_delay_s > 0.0)
+    loop = hoist_loop(cast(PiSettings, case.controller), case.machine.drive)
+    return loop if case.events.motor_fails_s is None else losing_a_motor(loop)
 
 
 def loop_numbers(case: LoopCase, hold: float, step_s: float) -> dict[str, float]:
     """Numbers of loop, drive, events and metrics by symbol; hold: the input that holds the load at the start."""
-    lag = control.lag_step(case.machine.drive.torque_lag_s, step_s)
+    lag = lag_step(case.machine.drive.torque_lag_s, step_s)
     of_drive = {"lag_left": lag.left, "lag_start": lag.start, "lag_slope": lag.slope_per_s, "lag_mean": lag.mean}
     if not _cascaded(case):
-        settings = cast(control.PiSettings, case.controller)
+        settings = cast(PiSettings, case.controller)
         return {
-            **control.loop_values(settings, case.machine.drive, hold, case.payload_kg),
+            **loop_values(settings, case.machine.drive, hold, case.payload_kg),
             **case_limits(case),
             **case.events.values(),
             **of_drive,
         }
     machine, drive = case.machine, case.machine.drive
     return {
-        **control.cascade_values(case.controller, drive, case.start_position_m),
+        **cascade_values(case.controller, drive, case.start_position_m),
         "hold": hold,
-        "before": control.weight_before(drive.torque_lag_s, case.controller.sample_time_s),
+        "before": weight_before(drive.torque_lag_s, case.controller.sample_time_s),
         "settled": SETTLED * float(np.ptp(_position_reference(case))),
         "v_scale": kind_of(machine).looped.speed_scale(machine),
         "u_nominal": NEVER if drive.nominal is None else drive.nominal,
@@ -233,7 +235,7 @@ def _references(cases: Sequence[LoopCase]) -> list[Array]:
 
 def _kernel_key(case: LoopCase) -> tuple[Any, ...]:
     """The properties that all cases of one kernel call share, such as the length of the run."""
-    effects = joined(of(case.machine).effects, control.BRAKE if case.events.brakes else NO_EFFECTS)
+    effects = joined(of(case.machine).effects, BRAKE if case.events.brakes else NO_EFFECTS)
     lagged, n = case.machine.drive.torque_lag_s > 0.0, len(case.speed_reference_rad_s)
     return kind_of(case.machine).name, case.controller.sample_time_s, loop_controller(case), lagged, effects, n
 
@@ -365,7 +367,7 @@ def case_limits(case: LoopCase) -> dict[str, float]:
         "share": machine.torque_share,
         "share_failed": 1.0 / max(machine.motor.count - 1, 1),
         "kept": kept_by_others(machine),
-        "before": control.weight_before(machine.drive.torque_lag_s, case.controller.sample_time_s),
+        "before": weight_before(machine.drive.torque_lag_s, case.controller.sample_time_s),
         "w_nominal": machine.motor.nominal_speed_rad_s,
         **overload_numbers(machine.drive),
         "W_break": machine.wire.breaking_load_n or 0.0,

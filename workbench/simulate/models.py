@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from workbench.control import refuse
+from workbench.control.settings import refuse
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.engine.stepped import Step, observe

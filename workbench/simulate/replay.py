@@ -13,7 +13,7 @@ import numpy as np
 
 from workbench.core.run import Array, Run
 from workbench.core.shown import Brief, Shown
-from workbench.effects import logged
+from workbench.effects.active import logged
 from workbench.engine import kernels
 from workbench.machines import Machine, Plant
 from workbench.simulate.driven import Balance, InverseSimulation, pooled_rms

@@ -21,7 +21,8 @@ from workbench.core.record import Duration, Finite, Payload, Record
 from workbench.core.run import Array
 from workbench.core.yaml_strict import Place, checked, put
 from workbench.machines import AnyKind, Machine, kind_of, load_of
-from workbench.references import Plan, RecordedPlan, StoppedPlan, motion_time_s, plan_motion, planned_kind
+from workbench.references import Plan, RecordedPlan, motion_time_s, plan_motion, planned_kind
+from workbench.references.plan import StoppedPlan
 from workbench.references.shape import LimitPair, Step
 from workbench.study.scenario import IN_METRES, LIMITS, WAYS, Scenario, distributions, draws, key_in, listed
 

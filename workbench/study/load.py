@@ -24,7 +24,7 @@ from workbench.effects.registry import digests_of
 from workbench.machines import Machine
 from workbench.metrics import added, set_of
 from workbench.references import Plan
-from workbench.references import digests_of as digests_of_references
+from workbench.references.kind import digests_of as digests_of_references
 from workbench.study.decide import criteria_for
 from workbench.study.grid import Recording, RunList, plan_runs
 from workbench.study.scenario import RecordedBlock, Scenario, check_kind

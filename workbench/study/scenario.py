@@ -17,14 +17,16 @@ from pydantic import AfterValidator, ConfigDict, Field, JsonValue, PlainValidato
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from workbench.control import SETTINGS, AnyController, Events
+from workbench.control import SETTINGS, Events
+from workbench.control.settings import AnyController
 from workbench.core.errors import InputError, nearest
 from workbench.core.record import Acceleration, Duration, Finite, Jerk, NotNegative, Position, Positive, Record, Speed
 from workbench.core.run import Array
 from workbench.machines import RECORDS, Machine, get_value, kind_of, of_kind
 from workbench.machines.kinds.axis import LinearDrive, RotaryDrive
 from workbench.machines.kinds.hoist import BY_NAME, Drive
-from workbench.references import ReferenceKind, planned_kind, planned_kinds, recorded_kinds, usual_kinds
+from workbench.references import planned_kind, planned_kinds, recorded_kinds
+from workbench.references.kind import ReferenceKind, usual_kinds
 from workbench.references.shape import LimitPair, Limits, Step
 
 MOST_VALUES = 100_000

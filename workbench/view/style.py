@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from workbench.references import by_name
+from workbench.references.kind import by_name
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
