@@ -23,13 +23,14 @@ from workbench.diagnose.gap import delivered_of
 from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.residual_tests import Correlation, ResidualTest
+from workbench.diagnose.tables import Curve
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, Verdict
 from workbench.effects.declare import SUBSYSTEMS
 from workbench.simulate.driven import InverseSimulation, pooled_rms
 from workbench.simulate.replay import replay_runs
 from workbench.view import diagnosis
 from workbench.view.diagnosis import save_diagnosis_page
-from workbench.view.diagnosis_figures import series_of
+from workbench.view.diagnosis_figures import curves, series_of
 from workbench.view.diagnosis_json import probabilities, to_json
 from workbench.view.film import marked_machine
 
@@ -190,9 +191,19 @@ def test_the_probabilities_of_the_candidates_add_up_to_no_more_than_one():
 
 def test_what_is_said_of_an_unknown_cause_holds_where_an_unlisted_effect_is_it_and_on_either_ground():
     """Which may have been weighed and explain it; and on a dark ground the law is a white line."""
-    (plain, _), curves = diagnosis.plain_summary(made_diagnosis("unknown")), diagnosis.said.curves(True)
+    (plain, _), below = diagnosis.plain_summary(made_diagnosis("unknown")), diagnosis.said.curves(True)
     assert "none of the listed causes explains it" in plain
-    assert "Without points: the law" in curves and "Black" not in curves
+    assert "Without points: the law" in below and "Black" not in below
+
+
+def test_a_law_is_drawn_at_the_level_of_the_points_that_it_goes_through():
+    """A fan's law stood 8 N m above its points: base parameters had taken that level up."""
+    at, std = np.linspace(1.0, 5.0, 5), np.full(5, 0.1)
+    levels = np.concatenate([at**2 + 8.0, at**2 - 3.0])
+    curve = Curve("speed", "motor", at, at**2, at**2, std, std, 0.9)
+    drawn = curves([curve], ("forward", "backward"), {}, ["N m"], levels)
+    laws = [trace for trace in drawn.data if (trace.name or "").startswith("law, ")]
+    assert [np.allclose(trace.y, at**2) for trace in laws] == [True, True]
 
 
 def test_a_place_of_a_named_cause_is_no_share_of_what_the_refit_leaves():

@@ -239,8 +239,9 @@ def curves(
 ) -> Figure:  # fmt: skip
     """A panel a curve: the unknown cause's force against the motion, both ways, with a band of two standard errors.
 
-    law: (2 points,) a law in a formula over the first curve's points, forward, then backward. words: variable -> (what
-    it is called, its unit). units: of each curve's force (N) or torque (N m).
+    law: (2 points,) a law in a formula over the first curve's points, forward, then backward; it is drawn at their mean
+    level, for base parameters take levels up. words: variable -> (what it is called, its unit). units: of each curve's
+    force (N) or torque (N m).
     """
     names = [words.get(curve.over, (curve.over, "")) for curve in shown]
     explains = [f"<br>explains {whole_percent(curve.explains)}" if curve.explains > 0.0 else "" for curve in shown]
@@ -259,7 +260,9 @@ def curves(
             )  # fmt: skip
             figure.add_scatter(**_line(curve.at, values, ways[way], way, of), **panel)
             if law is not None and k == 0:
-                said = _line(curve.at, np.split(law, 2)[way], f"law, {ways[way]}", way, of) | {"mode": "lines"}
+                levels = np.split(law, 2)[way]
+                levels = levels + np.mean((values - levels)[known])
+                said = _line(curve.at, levels, f"law, {ways[way]}", way, of) | {"mode": "lines"}
                 figure.add_scatter(**said | {"line": style.look(style.BLACK, style.SPARE[way][1], 2.4)}, **panel)
         figure.update_xaxes(title_text=f"{name} ({unit})" if unit else name, **panel)
         quantity = "force" if of == "N" else "torque"
