@@ -18,6 +18,7 @@ from tests.support.searched_campaign import AXIS
 from workbench.blind.measures import INSIDE_90
 from workbench.blind.recording import cut
 from workbench.diagnose.diagnose import diagnose
+from workbench.diagnose.hypotheses import evidence
 from workbench.diagnose.hypotheses.evidence import lag_explains, smooths
 from workbench.diagnose.hypotheses.fit import estimates
 from workbench.diagnose.hypotheses.free_parameters import (
@@ -50,9 +51,12 @@ def test_a_motion_logged_three_samples_late_is_a_delay_and_no_play(shared_data: 
 
 
 @pytest.mark.parametrize(("late_s", "smoother"), [(0.007, True), (0.001, False), (0.02, True)])
-def test_a_filter_whose_lag_a_late_motion_undoes_is_no_filter(shared_data: Path, late_s: float, smoother: bool):
+def test_a_filter_whose_lag_a_late_motion_undoes_is_no_filter(
+    shared_data: Path, late_s: float, smoother: bool, monkeypatch: pytest.MonkeyPatch
+):
     """Nor where the motion is later still (a delay of a real pendulum was given a filter beside it, at 0.99). Nor does
-    it make the impacts of a play, though it takes more than the play does."""
+    it make the impacts of a play, though it takes more than the play does; nor does any lag behind which they stay: a
+    delay was named alone, at 0.97, that has a play beside it."""
     campaign = read_campaign(shared_data / "axes" / "17")
     problem = Problem(campaign.machine, campaign.runs)
     setting = {"torque_filter__time_constant_s": 0.0066, LOG_TIMING: 0.0005, problem.late: late_s - 0.0005}
@@ -62,12 +66,25 @@ def test_a_filter_whose_lag_a_late_motion_undoes_is_no_filter(shared_data: Path,
     near, play, lag = (SimpleNamespace(rms=lambda _, rms=rms: rms) for rms in (1.0, 0.5, 0.4))
     lag.effects, lag.setting = ("torque_filter",), setting
     fits = {("backlash",): play, ("torque_filter",): lag}
+    assert not lag_explains(problem, cast(Any, near), cast(Any, fits))
+    monkeypatch.setattr(evidence, "strength", lambda *args: 0.1 if args[4:] else 1.0)  # behind a lag few stay
     assert lag_explains(problem, cast(Any, near), cast(Any, fits)) != smoother
 
 
 def test_a_play_is_heard_in_a_late_log(shared_data: Path):
     campaign = late(read_campaign(shared_data / "axes" / "17"), 0.004)
     search = Search(Problem(campaign.machine, campaign.runs), [])
+    search.hear_impacts()
+    assert search.problem.struck
+
+
+def test_a_play_is_heard_beside_a_friction_level_that_a_wrong_inertia_does_not_explain(tmp_path: Path):
+    """At 0.975 of the inertia as many jumps are there, fewer of them sharp. No impacts counted, and a play is no second
+    cause then."""
+    effects = ["backlash", "friction_coulomb"]
+    make_campaign(tmp_path / "pair", (10300, 1), draw((10300, 1), "axis_position", "pairs", effects))
+    campaign = read_campaign(tmp_path / "pair")
+    search = Search(problem_of(campaign), [], base=base_parameters(campaign.machine, campaign.runs))
     search.hear_impacts()
     assert search.problem.struck
 

@@ -24,7 +24,7 @@ from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import sentence_of
 from workbench.diagnose.gap import folds_of, shrink_of, stretch_of, worst_tolerance
 from workbench.diagnose.hypotheses import held_out as held_out_module
-from workbench.diagnose.hypotheses.evidence import Score, Weighed, nested
+from workbench.diagnose.hypotheses.evidence import Score, Weighed, inexact, nested
 from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     LOG_TIMING,
@@ -46,7 +46,7 @@ from workbench.diagnose.hypotheses.held_out import (
 )
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.hypotheses.settings import calibration
+from workbench.diagnose.hypotheses.settings import LAW, calibration
 from workbench.diagnose.verdict.answer import Hypothesis, none_missed, rank
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runners_up
 from workbench.effects import effects_for, find, ranges_of
@@ -561,3 +561,24 @@ def test_the_interval_of_the_shrink_holds_its_factor_and_is_the_same_for_one_see
     squares = [b**2 * n for (_, b), n in zip(first.by_run.values(), problem.run_lengths, strict=True)]
     assert math.sqrt(sum(squares) / problem.inputs) == pytest.approx(first.after)
     assert first.speed_rmse_percent_after < first.speed_rmse_percent_before
+
+
+def test_what_a_play_may_be_off_is_a_share_of_what_it_explains_itself(monkeypatch: pytest.MonkeyPatch):
+    """And not of what base values took up beside it: a friction level that takes 16 tolerances of them had to take
+    1,530 beyond, which is as much as there was."""
+    monkeypatch.setattr(Problem, "struck", True)
+    play = {"backlash": {"play_rad": 0.06, "load_share": 0.5, "friction_over_load_share": 0.8}}
+    problem = Problem(rotary_axis(), axis_runs(with_effects(rotary_axis(), play)))
+    effect, base = problem.effect("backlash"), base_parameters(problem.machine, problem.runs)
+    ranges = ranges_of(effect, problem.machine, problem.runs)
+    more, start = effect_parameters(effect, ranges, {r.symbol: play["backlash"][r.name] for r in ranges})
+    z, free = np.concatenate([np.zeros(len(base)), start]), (*base.values(), *more)
+    found = list[float]()
+    for level in (0.0, 20.0):
+        z[list(base).index("friction.coulomb_forward_nm")] = level
+        fit = fit_hypothesis(problem, ("backlash",), free, z, 1, len(base))
+        w = Weighed(("backlash",), fit, 0.0, 0.0, Score(0.0, (1.0, 1.0), 1.0))
+        found.append(inexact(problem, w, len(base)))
+    assert found[1] == pytest.approx(found[0], rel=0.3)
+    nothing = problem.errors.whiten(problem.residuals([{}])[0])
+    assert 0.0 < found[0] < LAW**2 * float(nothing @ nothing)

@@ -293,6 +293,10 @@ def _on_machine(r: Ranged, machine: Machine, runs: Sequence[Run]) -> Ranged:
         keys = {symbol: key for key, symbol in kind.symbols.items()}
         levels = [float(get_value(machine, keys[kind.friction.levels[way]])) for way in r.on_levels]
         return replace(r, lowest=max(r.lowest, -min(levels)))
+    if r.per is not None:
+        return replace(
+            r, nominal=tuple((symbol, float(get_value(machine, key))) for key, symbol in kind.symbols.items())
+        )
     if r.scan not in ("position", "width", "order", "phase") or not kind.moved.placed_by_log:
         return r
     position = kind.plant.positions[kind.plant.placed]

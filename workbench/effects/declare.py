@@ -82,6 +82,8 @@ class Parameter:
     simplifies what a machine does: a function of e, the effect's values. No run shows it, for all runs have it alike.
     on_levels: which of the machine's Coulomb levels it is on top of, 0 the forward, 1 the backward one: it takes off
     no more than there is, for friction does not drive.
+    per: of the machine's values p, what a share is of: a fit holds the product while these move, for a cause that takes
+    over what one of them took leaves it as it is. nominal: these values on one machine, by symbol.
     """
 
     symbol: str
@@ -99,6 +101,8 @@ class Parameter:
     tries: tuple[float, ...] = ()
     simplified: Callable[[Any], float] | None = None
     on_levels: tuple[int, ...] = ()
+    per: Callable[[Any], float] | None = None
+    nominal: tuple[tuple[str, float], ...] = ()
 
     def named(self, kind: str) -> str:
         return self.name.format(**words(kind))

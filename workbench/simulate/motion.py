@@ -126,6 +126,25 @@ def repeated_impacts(runs: Sequence[Run], inertia: float, position: str, speed: 
     return tuple(np.zeros(0) for _ in runs)
 
 
+def strength(
+    machine: Any, runs: Sequence[Run], impacts: Sequence[Array], late_s: float = 0.0, lag_s: float = 0.0
+) -> float:
+    """By how much the speed jumps at impacts of each run beyond what the input makes of the machine's inertia, rms, if
+    the log shows its motion `late_s` late, and its input behind a filter of `lag_s`."""
+    kind, jumps = kind_of(machine), list[float]()
+    inertia = kind.rigid(machine, 0.0).inertia
+    for run, struck in zip(runs, impacts, strict=True):
+        t, force = run.time_s, run[kind.plant.input]
+        speed = np.interp(t + late_s, t, _speed(run, kind.plant))
+        times, jump, _ = _jumps(run, inertia * speed - lag_s * force, force, 1)
+        jumps += [np.max(np.abs(jump[np.abs(times - at) <= WINDOW_S]), initial=0.0) / inertia for at in struck]
+    return float(np.sqrt(np.mean(np.square(jumps))))
+
+
+def _speed(run: Run, plant: Plant) -> Array:
+    return run[plant.speeds[0]] if plant.speeds[0] in run else np.gradient(run[plant.positions[0]], run.time_s)
+
+
 def bridged(time_s: Array, acceleration: Array, impacts: Array) -> Array:
     """The acceleration (n,) with straight lines across the impacts."""
     if not len(impacts):

@@ -29,9 +29,9 @@ from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, nui
 from workbench.diagnose.hypotheses.problem import Problem, once, rms
 from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.effects import effects_for, find, ranges_of
-from workbench.machines import kind_of
+from workbench.machines import kind_of, with_values
 from workbench.simulate.model_error import Sizes
-from workbench.simulate.motion import PLAY
+from workbench.simulate.motion import PLAY, strength
 
 MOST = 500.0  # independent samples that a parameter pays for
 FILTER = "torque_filter"
@@ -59,12 +59,6 @@ def score_of(problem: Problem, fit: Fitted) -> Score:
     return once(problem, (fit, errors), found)
 
 
-def explained(problem: Problem, before: Fitted, after: Fitted, score: Score) -> float:
-    """The fall of the whitened sum of squares from one fit to another, whitened with the model error of `score`."""
-    white = problem.errors.sized(score.sizes).whiten(np.column_stack([before.residual, after.residual]))
-    return max(float(white[:, 0] @ white[:, 0] - white[:, 1] @ white[:, 1]), 0.0)
-
-
 def independent(problem: Problem) -> float:
     """Independent samples of the input."""
     return problem.share * problem.inputs
@@ -90,20 +84,16 @@ def of_impacts(problem: Problem, effects: Collection[str], evidence: float) -> f
 
 
 def only_mends(problem: Problem, effect: str) -> bool:
-    """Whether a further effect only mends what a first one leaves, whatever it explains. A lag of a sensor beside a
-    play takes what its rebounds leave. A play without impacts, which frees inertia and friction after each reversal,
-    takes what any other law leaves there.
-    """
-    if effect == PLAY:
-        return kind_of(problem.machine).bridged_impacts and not problem.struck
-    return problem.struck and is_lag(problem, effect)
+    """Whether a further effect only mends what a first one leaves, whatever it explains: a play without impacts, which
+    frees inertia and friction after each reversal, takes what any other law leaves there."""
+    return effect == PLAY and kind_of(problem.machine).bridged_impacts and not problem.struck
 
 
-def inexact(problem: Problem, near: Fitted, fit: Fitted, score: Score) -> float:
-    """The gain that another effect could have by correcting the inexact law of a play with its impacts: LAW of what the
-    fit explains, as rms."""
-    off = settings.LAW if problem.struck and PLAY in fit.effects else 0.0
-    return off**2 * explained(problem, near, fit, score)
+def inexact(problem: Problem, w: Weighed, base: int) -> float:
+    """The gain that another effect could have by correcting the inexact law of a play with its impacts: LAW of what
+    that law explains by itself, as rms. base: how many of the hypothesis' z are the base parameters'."""
+    played = problem.struck and PLAY in w.names
+    return settings.LAW**2 * own_energy(problem, w, (PLAY,), base) if played else 0.0
 
 
 def beyond(data: float, least: float) -> float:
@@ -113,7 +103,8 @@ def beyond(data: float, least: float) -> float:
 
 def lag_explains(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> bool:
     """Whether a lag of a sensor alone takes what any hypothesis with a play takes, to FORETOLD of the energy. The
-    kinks of a late signal look like the impacts of a play; what `smooths` takes off a play's impacts without being one.
+    kinks of a late signal look like the impacts of a play, and are none beside that lag (`heard`); what `smooths` takes
+    off a play's impacts without being one.
     """
 
     def taken(some: Collection[Names]) -> float:
@@ -121,8 +112,27 @@ def lag_explains(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -
         return near.rms(problem.inputs) ** 2 - left**2
 
     lags = [names for names in fits if len(names) == 1 and is_lag(problem, names[0])]
-    lag = taken([names for names in lags if not smooths(problem, fits[names])])
+    lags = [names for names in lags if not smooths(problem, fits[names])]
+    lags = [names for names in lags if not heard(problem, fits[names], settings.MINOR)]
+    lag = taken(lags)
     return lag > 0.0 and lag > (1.0 - settings.FORETOLD) * taken([names for names in fits if PLAY in names])
+
+
+def heard(problem: Problem, fit: Fitted, least: float, part: float = 1.0) -> bool:
+    """Whether `least` of the impacts of a play, rms, stays at the inertia of a fit and behind a `part` of the lags that
+    it has for the log: with a wrong inertia, and in a late motion, each change of the acceleration looks like one."""
+    kind, impacts = kind_of(problem.machine), problem.bench.impacts
+    values = {key: float(np.mean(fit.setting[at])) for key, at in kind.symbols.items() if at in fit.setting}
+    fitted, (lag_s, late_s) = with_values(problem.machine, values), lags_of(problem, fit)
+    stays = strength(fitted, problem.runs, impacts, part * late_s, part * lag_s)
+    return stays > least * strength(problem.machine, problem.runs, impacts)
+
+
+def lags_of(problem: Problem, fit: Fitted) -> tuple[float, float]:
+    """The time constant of a filter of the input in a fit, and by what its motion is late, s."""
+    (lag,) = ranges_of(problem.effect(FILTER), problem.machine, problem.runs)
+    lag_s, *late = (float(np.mean(fit.setting.get(one, 0.0))) for one in (lag.symbol, LOG_TIMING, problem.late))
+    return lag_s, sum(late)
 
 
 def smooths(problem: Problem, fit: Fitted) -> bool:
@@ -132,9 +142,8 @@ def smooths(problem: Problem, fit: Fitted) -> bool:
     high frequency."""
     if FILTER not in fit.effects:
         return False
-    (lag,) = ranges_of(problem.effect(FILTER), problem.machine, problem.runs)
-    lag_s, *late = (float(np.mean(fit.setting.get(one, 0.0))) for one in (lag.symbol, LOG_TIMING, problem.late))
-    return sum(late) > (1.0 - settings.MINOR) * lag_s
+    lag_s, late_s = lags_of(problem, fit)
+    return late_s > (1.0 - settings.MINOR) * lag_s
 
 
 def is_lag(problem: Problem, name: str) -> bool:
@@ -257,9 +266,9 @@ def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: S
     gain = beyond_model_error(problem, first.fit, fit, first.score.value - score.value, score.sizes)
     prior = first.fit.prior - fit.prior
     (last,) = set(fit.effects) - set(first.names)
-    least = inexact(problem, near, first.fit, first.score)
+    least = inexact(problem, first, len(near.z))
     if problem.struck and PLAY in first.names:  # what its law does not foretell stretches tolerances too
-        added = min(gain, 0.0) if only_mends(problem, last) else beyond(gain, least)
+        added = beyond(gain, least)
     else:
         data = beyond(gain - prior, least)
         added = prior + (min(data, 0.0) if only_mends(problem, last) else data)

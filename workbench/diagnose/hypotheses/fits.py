@@ -85,7 +85,7 @@ class Fits:
         self.scanned: Sequence[Signature] = ()
         self._base: Fitted | None = None
         self._begun: tuple[Fitted, Sequence[Signature]] | None = None  # within the tolerances, and the signatures there
-        self._still: Fitted | None = None  # of a play, that no step serves
+        self._still: dict[Names, Fitted] = {}  # with a play, that no step serves
         self._offered: dict[Any, list[Array]] = {}  # by problem and hypothesis: friction that it was tried with
         self.begin: Array | None = None  # z of the base fit, where another search has found it
         self.found: Mapping[Names, Fitted] = {}  # fits of that search

@@ -7,8 +7,9 @@ the nuisance amounts of effects that every machine of the kind has. The paramete
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,8 @@ class FreeParameter:
 
 @dataclass(frozen=True)
 class Scalar(FreeParameter):
-    """One value: origin + scale z, or origin exp(scale z)."""
+    """One value: origin + scale z, or origin exp(scale z); where it is a share of others (`Parameter.per`), at their
+    nominal values."""
 
     symbol: str
     origin: float
@@ -75,6 +77,8 @@ class Scalar(FreeParameter):
     logarithmic: bool = False
     furthest: float = math.inf  # |z|
     amount: bool = False
+    per: Callable[[Any], float] | None = None
+    nominal: tuple[tuple[str, float], ...] = ()
     size = 1
 
     def z_of(self, value: float) -> float:
@@ -100,6 +104,16 @@ class Scalar(FreeParameter):
         x = self.scale * z[0]
         value = self.origin * math.exp(x) if self.logarithmic else self.origin + x
         return {self.symbol: min(max(value, self.least), self.most)}
+
+    def beside(self, setting: Setting) -> Setting:
+        """The value beside those that it is a share of."""
+        if self.per is None:
+            return {}
+        own = dict(self.nominal)
+        moved = {symbol: setting.get(symbol, value) for symbol, value in own.items()}
+        before, now = (self.per(SimpleNamespace(**values)) for values in (own, moved))
+        (value,) = np.atleast_1d(setting[self.symbol])
+        return {self.symbol: min(max(float(value) * before / now, self.least), self.most)} if now > 0.0 else {}
 
 
 @dataclass(frozen=True)
@@ -166,6 +180,9 @@ def setting_of(free: Sequence[FreeParameter], z: Array) -> dict[str, float | tup
         size = parameter.size
         setting |= parameter.values(numbers[at : at + size])
         at += size
+    for parameter in free:
+        if isinstance(parameter, Scalar):
+            setting |= parameter.beside(setting)
     return setting
 
 
@@ -224,7 +241,9 @@ def effect_parameters(
         elif len(r.tries) != 1 or r.vanishes_at is not None:
             origin = r.vanishes_at if r.vanishes_at is not None else value
             amount = r.vanishes_at is not None
-            free.append(Scalar(r.symbol, origin, r.scale, r.lowest, r.highest, amount=amount))
+            free.append(
+                Scalar(r.symbol, origin, r.scale, r.lowest, r.highest, amount=amount, per=r.per, nominal=r.nominal)
+            )
             start.append((value - origin) / r.scale)
     return free, start
 

@@ -15,12 +15,13 @@ from itertools import combinations, product
 
 import numpy as np
 
-from workbench.core.run import Array, Run
+from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import (
     Weighed,
     beyond_model_error,
     cost,
+    heard,
     inexact,
     price,
     same_but_freer,
@@ -55,9 +56,8 @@ from workbench.diagnose.hypotheses.signatures import (
 )
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect
-from workbench.machines import Plant, kind_of, value_names, with_values
 from workbench.simulate.model_error import STEP, Sizes
-from workbench.simulate.motion import PLAY, impacts_of
+from workbench.simulate.motion import PLAY
 
 REFITTED = 8  # single effects that are refitted nonlinearly, the linearly best
 FEW = 3  # of them to begin with
@@ -162,23 +162,16 @@ class Search(Fits):
     """One campaign's search."""
 
     def hear_impacts(self) -> None:
-        """Take impacts for a play's only where the inertia that the base fit asks for hears them too, at any timing of
-        the log up to what it asks for: with a wrong inertia, and in a late motion, each change of the acceleration
-        looks like an impact. That fit is by plain least squares: whitened, it is bent to what rings after each
-        impact."""
+        """Take impacts for a play's only where HALF of them stays at the inertia that the base fit asks for, at any
+        timing of the log up to what it asks for (`heard`). That fit is by plain least squares: whitened, it is bent to
+        what rings after each impact."""
         if self.problem.struck:
-            machine, fit = self.problem.machine, self.base_fit()
+            fit = self.base_fit()
             plain = self.problem.weighed_by(uncorrelated(self.problem, fit))
             with suppress(*BREAKDOWNS):
                 fit = fit_hypothesis(plain, (), fit.free, np.zeros(self.count), LAST_ROUND, self.count)
-            own = set(self.base) & set(value_names(machine))
-            fitted = with_values(machine, {key: float(np.mean(fit.setting[self.base[key].symbol])) for key in own})
-            late_s = float(np.mean(fit.setting.get(LOG_TIMING, 0.0)))
-            for part in TIMINGS:
-                runs = [_ahead(run, part * late_s, kind_of(machine).plant) for run in self.problem.runs]
-                if not any(len(impacts) for impacts in impacts_of(fitted, runs)):
-                    self.problem = self.problem.without_impacts()
-                    break
+            if not all(heard(self.problem, fit, settings.HALF, part) for part in TIMINGS):
+                self.problem = self.problem.without_impacts()
 
     def late_s(self) -> float:
         """The delay of the log's motion in the base fit, s; 0 up to TOO_LATE sampling steps."""
@@ -198,6 +191,8 @@ class Search(Fits):
             if size == 1:
                 self._joint(result, least)
             self._finish(result.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
+            if least == 0.0:
+                self._step_play(size + 1)
             if size == 1:
                 self._drop(result.base)
             self._offer_standstill(result.base)
@@ -397,24 +392,32 @@ class Search(Fits):
         self._step_play()
         self._finish(base, [(name,) for name in order])
 
-    def _step_play(self) -> None:
-        """The fit of a play, continued from the best point that steps of its values lead to."""
+    def _step_play(self, size: int = 1) -> None:
+        """The fits of a play and so many effects in all, the LEADERS best, continued from the best point that steps of
+        the play's values lead to: beside another cause that may lie elsewhere."""
         singles = [fit.objective for names, fit in self.fits.items() if len(names) == 1]
-        for _ in range(ROUNDS_OF_PLAY):
-            fit = self.fits.get((PLAY,))
-            # One among others: its steps are not worth their time.
-            if fit is None or fit is self._still or (not self.problem.struck and fit.objective > min(singles)):
-                return
-            z, self._still = stepped(self.problem, fit, PLAY, self.count, everywhere=self._still is None), fit
-            if np.any(z != fit.z):
-                self._try((PLAY,), lambda fit=fit, z=z: self._again(replace(fit, z=z)))  # type: ignore[misc]
+        played = {names: fit.objective for names, fit in self.fits.items() if len(names) == size and PLAY in names}
+        # One among others, that nobody hears: its steps are not worth their time.
+        if not self.problem.struck and (size > 1 or any(played.get((PLAY,), math.inf) > other for other in singles)):
+            return
+        for names in sorted(played, key=lambda names: played[names])[:LEADERS]:
+            for _ in range(ROUNDS_OF_PLAY if size == 1 else 1):
+                fit, still = self.fits[names], self._still.get(names)
+                if fit is still:
+                    break
+                z, self._still[names] = stepped(self.problem, fit, PLAY, self.count, everywhere=still is None), fit
+                if np.any(z != fit.z):
+                    self._try(names, lambda fit=fit, z=z: self._again(replace(fit, z=z)))  # type: ignore[misc]
 
     def _hopeless(self, promise: float, name: str) -> bool:
         """Whether the best single effect so far explains so much, beyond what may be model error, that one with this
         linear promise cannot compete.
 
-        One that the base fit has in part, as its nuisance, may gain much more than what it promises beside that.
+        One that the base fit has in part, as its nuisance, may gain much more than what it promises beside that. A play
+        whose impacts are heard is never: without one nothing is worth anything beside them.
         """
+        if name == PLAY and self.problem.struck:
+            return False
         base, alone = self.base_fit(), [fit for names, fit in self.fits.items() if len(names) == 1]
         gains = [beyond_model_error(self.problem, base, fit, base.objective - fit.objective) for fit in alone]
         best = max(gains, default=0.0)
@@ -513,7 +516,7 @@ class Search(Fits):
         for k, w in enumerate(leaders[:LEADERS]):
             leader = w.fit
             self._tell(Progress(Stage.SEARCH, Task.PAIRS, k + 1, len(leaders[:LEADERS]), w.names))
-            inexactly = inexact(self.problem, result.within_tolerances, leader, w.score)
+            inexactly = inexact(self.problem, w, self.count)
             added = [
                 (self._worth(leader, promise, inexactly), promise)
                 for promise in self._further(leader)
@@ -618,9 +621,3 @@ def _left_by(w: Weighed) -> Sizes:
     """The sizes of the model error that a hypothesis leaves, as a whole no less than the default."""
     size, standstill = w.score.sizes
     return max(size, 1.0), max(min(size, 1.0) * standstill, 1.0)
-
-
-def _ahead(run: Run, late_s: float, plant: Plant) -> Run:
-    """The run with its motion `late_s` earlier."""
-    t, names = run.time_s, [name for name in (*plant.positions, *plant.speeds) if name in run]
-    return replace(run, signals={**run.signals, **{name: np.interp(t + late_s, t, run[name]) for name in names}})

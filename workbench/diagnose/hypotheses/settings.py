@@ -25,7 +25,7 @@ IMPACTS = 150.0  # evidence of a play where impacts come again: no other effect 
 # A law that holds
 FORETOLD = 0.1  # of an energy: so much a curve, a change of amount, another lag or the base parameters take by chance
 HALF = 0.5  # of the best one's evidence; of several shares' energy: their sum; of a cause, rms, what stays beside it
-MINOR = 0.2  # of the gap, of the input, of a filter's lag: of five surer causes that explained less two were none
+MINOR = 0.2  # of the gap, the input, a filter's lag, of jumps: of five surer causes that explained less two were none
 
 # An unknown cause
 RELEVANT_PERCENT = 0.15  # of the input's rms: less left changes no conclusion of a study

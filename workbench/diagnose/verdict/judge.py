@@ -201,7 +201,7 @@ def unlisted(
     rivals, least = [w for w in weighed if w.rival], settings.calibration()["threshold"]
     if best is None or not rivals:
         return (rivals[0], rivals[0].evidence - least) if rivals else (None, 0.0)
-    play = inexact(problem, near, best.fit, best.score)
+    play = inexact(problem, best, len(near.z))
     law = max(settings.LAW**2 * own_energy(problem, best, best.names, len(near.z)), play)
     better = [advantage(w, best, law if len(w.names) >= len(best.names) else play) for w in rivals]
     first = int(np.argmax(better))
@@ -464,15 +464,17 @@ def _reasons(
 def _on_bound(problem: Problem, w: Weighed, base: int) -> bool:
     """Whether a shape is at its upper bound, where one law turns into another; or an amount there, or a value at a
     lower bound where the effect does not vanish, and the data would carry it further: let go, the others refitted,
-    chi^2 falls by g C g, by more than the threshold, g its slope there and C its variance. As narrow as the log can
-    show, a true stretch is on its bound, and the load behind a play may be nearly all that moves."""
+    chi^2 falls by g C g, by more than the threshold and what a play's law may be off, g its slope there and C its
+    variance. As narrow as the log can show, a true stretch is on its bound, and the load behind a play may be nearly
+    all that moves."""
     (lowest, highest, std), z = bounds_of(w.fit.free), w.fit.z
     rows = problem.errors.sized(w.score.sizes).whiten(np.column_stack([w.fit.jacobian, w.fit.residual]))
     slope, information = rows[:, :-1].T @ rows[:, -1] + z / std**2, rows[:, :-1].T @ rows[:, :-1] + np.diag(std**-2.0)
     gain = slope**2 * np.diag(np.linalg.pinv(information, rcond=1e-12, hermitian=True))
     low, high = (z <= lowest + 1e-9) & (z != 0.0) & (slope > 0.0), z >= highest - 1e-9
     shape = np.repeat([not one.amount for one in w.fit.free], [one.size for one in w.fit.free])
-    further = (low | (high & (slope < 0.0))) & (gain > settings.calibration()["threshold"])
+    least = settings.calibration()["threshold"] + inexact(problem, w, base)
+    further = (low | (high & (slope < 0.0))) & (gain > least)
     return bool(np.any(((high & shape) | further)[base:]))
 
 

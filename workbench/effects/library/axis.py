@@ -118,6 +118,15 @@ def _behind_rate(s: Any, e: Any, p: Any) -> Scalar:
     return where(e.share > 0.0, rate, 0.0)
 
 
+def _inertia(p: Any) -> float:
+    return float(p.M)
+
+
+def _stops(p: Any) -> float:
+    """The deceleration of what lies behind a play, by the whole axis' friction."""
+    return float((p.F_f + p.F_b) / p.M)
+
+
 def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
     return -(e.share * p.M * _within(e))
 
@@ -127,14 +136,14 @@ def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
     parameters=[
         amount(
             "share", "load_share", "of the inertia that lies behind the play, with all of the load", "1", 0.95, 2.0,
-            0.5, tries=(0.3, 0.4, 0.5, 0.6, 0.7, 0.8), simplified=lambda e: FORETOLD * e.share,
+            0.5, tries=(0.3, 0.4, 0.5, 0.6, 0.7, 0.8), simplified=lambda e: FORETOLD * e.share, per=_inertia,
         ),
         # Little and large play look nothing alike: it is tried, and the share says whether there is any.
         Parameter("play", "play_{m}", "from flank to flank", "length", 1e-4, 0.1, 0.03, 0.003,
                   domain="positive", tries=PLAYS, simplified=lambda e: FORETOLD * e.play),
         Parameter("rub", "friction_over_load_share", "the friction behind the play, over the share of it", "1",
                   0.0, 3.0, 2.0, 0.0, domain="not_negative", tries=(0.0, 0.4, 0.8, 1.2),
-                  simplified=lambda e: FORETOLD),
+                  simplified=lambda e: FORETOLD, per=_stops),
     ],
     reads={"friction": "the axis' friction, {n}", "x": "position, {m}", "q": "its memory: motor before load, {m}",
            "w": "its memory: the load's speed, {m}/s"},
