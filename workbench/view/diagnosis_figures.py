@@ -308,7 +308,8 @@ def worth_a_panel(profile: Profile) -> bool:
 def ranking(rows: Sequence[tuple[str, str, float]]) -> Figure:
     """Horizontal bars. rows: (named, unknown, no_gap or "" for a rest, what stands beside the bar, probability)."""
     bars = {
-        "type": "bar", "orientation": "h", "x": [100.0 * p for *_, p in rows], "y": [name for _, name, _ in rows],
+        "type": "bar", "orientation": "h", "x": [round(100.0 * p, 4) for *_, p in rows],
+        "y": [name for _, name, _ in rows],
         "text": [percent(p) for *_, p in rows], "textposition": "outside", "cliponaxis": False, "showlegend": False,
         "marker": {"color": [COLOURS[word] for word, *_ in rows]}, "hovertemplate": "%{y}: %{x:.2f} %<extra></extra>",
     }  # fmt: skip
