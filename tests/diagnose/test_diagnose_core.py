@@ -263,18 +263,6 @@ def test_where_every_sample_counts_it_does_for_each_setting(hoist: Problem):
     assert rms(hoist.residuals([{}])[0] - alone[0]) > 3.0 * max(off)  # the thinned samples do not show it
 
 
-@pytest.mark.parametrize("distance_rad", [1e-4, 1e-3])
-def test_more_steps_between_samples_change_a_hundredth_of_the_noise(
-    axis: Problem, distance_rad: float, monkeypatch: pytest.MonkeyPatch
-):
-    """A spring of friction so short that it is at the most steps wherever the motion turns."""
-    setting = {"presliding__distance_rad": distance_rad}
-    (residual,) = axis.residuals([setting])
-    monkeypatch.setattr("workbench.simulate.driven.MOST_STEPS", 1024)
-    (fine,) = axis.residuals([setting])
-    assert 0.0 < rms(residual - fine) < 0.01 * axis.noise
-
-
 def test_where_longer_steps_break_down_every_sample_is_simulated(hoist: Problem, monkeypatch: pytest.MonkeyPatch):
     exact, simulated = hoist.exact(), Problem._simulated
     broken = math.nan

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from tests.support.effect_machines import MACHINES, linear_axis
 from workbench.control import PiSettings
@@ -270,6 +271,26 @@ def test_bristles_give_back_no_more_than_they_have_taken():
     force = driven_force(machine, {"presliding": {"distance_m": 0.001}}, t, x, v, np.zeros_like(t))
     work = np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(x))
     assert np.max(work) > 3e-4 and np.min(work) >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("distance", "standstill", "swing"), [(1e-3, 1e-4, 0.3), (1e-5, 1e-2, 0.02), (2e-4, 1e-3, 1e-4)]
+)
+def test_between_samples_bristles_bend_as_their_equation_says(distance, standstill, swing):
+    """Speeds that cross standstill between any two samples, as the noise of a log at rest does; LSODA in fine steps."""
+    t, rng = np.linspace(0.0, 0.1, 101), np.random.default_rng(1)
+    v = swing * rng.normal(size=len(t)) * np.minimum(np.arange(len(t)) / 50.0, 1.0)
+    machine = linear_axis(forward=20.0, backward=20.0, viscous=0.0, constant=0.0)
+    machine = with_values(machine, {"friction.standstill_speed_m_s": standstill})
+    force = driven_force(machine, {"presliding": {"distance_m": distance}}, t, 0.0 * t, v, 0.0 * t)
+
+    def rate(time: float, z: Array) -> list[float]:
+        now = float(np.interp(time, t, v))
+        over = max(abs(now), standstill)
+        return [(now - over * z[0]) / (distance + 2e-5 * over)]
+
+    exact = solve_ivp(rate, (0.0, 0.1), [0.0], "LSODA", t, rtol=1e-8, atol=1e-9, max_step=1e-5).y[0]
+    assert force / 20.0 == pytest.approx(exact, abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -259,6 +259,10 @@ def _piece(effect: Effect, function: Callable[[Any, Any, Any], Any], kind: str, 
     return function(s, effect.own(p, kind), p)
 
 
+def _step(step: Callable[..., Scalar], own: Callable[[Any], Any], s: Any, s1: Any, h: Scalar, p: Any) -> Scalar:
+    return step(s, s1, h, own(p), p)
+
+
 def _memory(effect: Effect, memory: EffectMemory, kind: str) -> Memory:
     def own(p: Any) -> SimpleNamespace:
         return effect.own(p, kind)
@@ -268,6 +272,7 @@ def _memory(effect: Effect, memory: EffectMemory, kind: str) -> Memory:
         rate=lambda s, p: memory.rate(s, own(p), p),
         start=lambda p: memory.start(own(p), p),
         scale=lambda p: memory.scale(own(p), p),
+        step=memory.step and partial(_step, memory.step, own),
     )
 
 

@@ -121,7 +121,7 @@ def amount(
 
 @dataclass(frozen=True)
 class EffectMemory:
-    """The state of an effect, `symbol` in its e; `rate`, `start` and `scale` as `plants.Memory`, with e between.
+    """The state of an effect, `symbol` in its e; `rate`, `start`, `scale`, `step` as `plants.Memory`, with e before p.
     step_s: the longest of fixed steps that can follow it, s."""
 
     symbol: str
@@ -129,6 +129,7 @@ class EffectMemory:
     start: Callable[[Any, Any], float]
     scale: Callable[[Any, Any], float]
     step_s: float = math.inf
+    step: Callable[[Any, Any, Scalar, Any, Any], Scalar] | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

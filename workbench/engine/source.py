@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace
@@ -30,7 +30,7 @@ from workbench.engine.rodas3 import rodas3_step
 from workbench.machines import NO_EFFECTS, Effects, Plant
 from workbench.symbolic.derive import derivative
 from workbench.symbolic.emit import Printer
-from workbench.symbolic.expr import Expr, Scalar, Scalars, symbol
+from workbench.symbolic.expr import Expr, Scalar, Scalars, const_value, symbol
 
 INDENT = "    "
 VANISHED = 1e-120  # of a state, 1e-16 of it is none: processors take many times as long for numbers near 1e-308
@@ -165,8 +165,11 @@ def bound(plant: Plant, effects: Effects, p: Any) -> Callable[..., Scalars]:
     return lambda t, q, y, u: plant.rates(t, q, y, u, p, effects)
 
 
-def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, Any]) -> None:
-    """Cross from sample k to k+1 in m equal steps, m doubled until the error is small enough.
+def _adaptive_interval(
+    k: KernelText, states: Sequence[str], step: Mapping[str, Any], crossed: Collection[str] = ()
+) -> None:
+    """Cross from sample k to k+1 in m equal steps, m doubled until the error is small enough. crossed: states that are
+    there already.
 
     `step` holds the outputs of one step (`next`, `errors`), the names of what is `held`, t0 and the interval H first,
     and lines for what it reads beside (`inputs`).
@@ -181,9 +184,10 @@ def _adaptive_interval(k: KernelText, states: Sequence[str], step: Mapping[str, 
     k.add(5, "h = H * part", "t = t0 + s * h", *step["inputs"])
     k.load(5, "work", states)
     results = k.block(5, [*step["next"], *step["errors"]])
-    k.store(5, "work", results[:n])
+    rows = [i for i, name in enumerate(states) if name not in crossed]
+    k.add(5, *(f"{k.at('work', i)} = {name}" for i, name in zip(rows, results, strict=False)))
     k.add(5, "error = worst[l]")
-    for i, name in enumerate(results[n:]):
+    for i, name in zip(rows, results[len(rows) :], strict=False):
         k.add(5, f"e = abs({name}) * {k.at('inverse_scale', i)}", "error = select(e > error, e, error)")
     k.add(5, "worst[l] = error")
     k.add(4, f"for l in range({L}):", f"{INDENT}largest = max(largest, worst[l])")
@@ -221,10 +225,13 @@ def replay_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
 
 
 @cache
-def _driven_step(plant: Plant, effects: Effects) -> tuple[list[str], Scalar, list[Scalar], list[Scalar]]:
-    """The names of the following states; the input that the motion takes, and one step of these states and its errors,
-    traced once for kernels of all widths."""
-    rates = bound(plant, effects, parameter_symbols((*plant.parameters, *effects.parameters), plant.parameters))
+def _driven_step(
+    plant: Plant, effects: Effects
+) -> tuple[list[str], Scalar, list[Scalar], list[Scalar], dict[str, Scalar]]:
+    """The names of the following states; the input that the motion takes, one step of these states and its errors; and
+    from sample to sample those that have a closed form: traced once for kernels of all widths."""
+    p = parameter_symbols((*plant.parameters, *effects.parameters), plant.parameters)
+    rates = bound(plant, effects, p)
     q, y = state_symbols(plant, effects)
     t, h, u = symbol("t"), symbol("h"), symbol("u")
     start, angle, speed, alpha = (symbol(s) for s in ("t0", "angle0", "speed0", "alpha"))
@@ -237,10 +244,27 @@ def _driven_step(plant: Plant, effects: Effects) -> tuple[list[str], Scalar, lis
 
     needed = (symbol("acceleration") - rates(t, q, y, 0.0)[0]) / derivative(rates(t, q, y, u)[0], u)
     states = [e.args[0] for e in (*q[1:], *y[1:])]
-    if not states:
-        return states, needed, [], []
-    q1, y1, _, errors = rodas3_step(rest, t, h, q[1:], y[1:], symbol("u_none"), 0.0, len(effects.memory))
-    return states, needed, [*q1, *y1], errors
+    closed = dict[str, Scalar]()
+    if len(plant.speeds) == 1:  # nothing else moves
+        ends = [SimpleNamespace(**{plant.speeds[0]: v}) for v in (speed, speed + alpha * symbol("H"))]
+        kept, slopes = effects.with_memory(p, y[1:]), rest(t, (), y[1:], 0.0)
+        for z, one in zip(y[1:], effects.memory, strict=True):
+            apart = all(const_value(derivative(f, z)) == 0.0 for x, f in zip(y[1:], slopes, strict=True) if x is not z)
+            if one.step is not None and apart:  # what hangs on it within the interval needs it there
+                closed[z.args[0]] = one.step(*ends, symbol("H"), kept)
+    others = [z for z in y[1:] if z.args[0] not in closed]
+    if not (q[1:] or others):
+        return states, needed, [], [], closed
+
+    def stepped(time: Scalar, q_rest: Scalars, y_rest: Scalars, u: Scalar) -> Scalars:
+        whole = dict(zip((z.args[0] for z in others), y_rest, strict=True))
+        found = rest(time, q_rest, [whole.get(z.args[0], z) for z in y[1:]], u)
+        return [rate for z, rate in zip(y[1:], found, strict=True) if z.args[0] in whole]
+
+    q1, y1, _, errors = rodas3_step(
+        stepped, t, h, q[1:], others, symbol("u_none"), 0.0, len(effects.memory) - len(closed)
+    )
+    return states, needed, [*q1, *y1], errors, closed
 
 
 @cache
@@ -253,7 +277,7 @@ def driven_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
     (a - a|u=0) / (da/du). out: (n, 1 + rest, lanes), the input, then the other states.
     """
     k = KernelText(lanes, (*plant.parameters, *effects.parameters))
-    states, needed, following, errors = _driven_step(plant, effects)
+    states, needed, following, errors, closed = _driven_step(plant, effects)
     n, L = len(states), lanes
     measured = ("times", "angles", "speeds", "accelerations")
     held = {
@@ -272,7 +296,14 @@ def driven_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
         k.add(3, f"out[k * {(n + 1) * L} + {(i + 1) * L} + l] = {name}")
     if n:
         k.add(2, "if k == n - 1:", f"{INDENT}break")
-        _adaptive_interval(k, states, {"held": held, "inputs": (), "next": following, "errors": errors})
+    if closed:
+        k.add(2, f"for l in range({L}):")
+        k.load(3, "held", list(held))
+        k.load(3, "state", states)
+        for name, value in zip(closed, k.block(3, list(closed.values())), strict=True):
+            k.add(3, f"{k.at('state', states.index(name))} = {value}")
+    if following:
+        _adaptive_interval(k, states, {"held": held, "inputs": (), "next": following, "errors": errors}, closed)
     k.add(1, "return steps")
     arrays = dict.fromkeys(("c", *measured, "state", "work", "worst", "inverse_scale", "held"), "a")
     return k.finish("driven", {**arrays, "tolerance": "f", "most": "i", "out": "a"})

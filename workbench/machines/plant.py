@@ -21,13 +21,15 @@ class Memory:
 
     rate(s, p): its derivative; s holds the time `t` and the plant's states by their names,
     p the parameters and, under `symbol`, the state itself. start(p): at standstill.
-    scale(p): what the integration's tolerance is relative to, positive.
+    scale(p): what the integration's tolerance is relative to, positive. step(s, s1, h, p): where it has a closed form,
+    the state a time h later, from s to s1 the driven speed being linear in time, and nothing else moving.
     """
 
     symbol: str
     rate: Piece
     start: Callable[[Any], float]
     scale: Callable[[Any], float]
+    step: Callable[[Any, Any, Scalar, Any], Scalar] | None = None
 
 
 class Effects:

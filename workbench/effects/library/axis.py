@@ -7,7 +7,7 @@ from typing import Any
 
 from workbench.effects.declare import INEXACT, EffectMemory, Parameter, amount, effect
 from workbench.machines.kinds.axis import friction
-from workbench.symbolic.expr import Scalar, absolute, clip, maximum, minimum, sin, where
+from workbench.symbolic.expr import Scalar, absolute, clip, exp, maximum, minimum, sin, where
 
 CONTACT = 2.0 * math.pi * 100.0  # rad/s, of the teeth on their flank: beyond what a diagnosis compares
 LEAST_SHARE = 0.1  # a smaller share of the inertia carries a smaller part of the load
@@ -46,6 +46,34 @@ def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
     return where(e.d > 0.0, (v - over * e.z) / length, 0.0)
 
 
+def _bristle_step(s: Any, s1: Any, h: Scalar, e: Any, p: Any) -> Scalar:
+    """z' is linear in z each time: on the way beyond the standstill speed, between, and beyond again.
+
+    Beyond, |±1 − z| falls by exp(−∫ |v|/(d + τ |v|) dt), here by two points of Gauss; between, v is a line in time.
+    """
+    v, v1, d = _speed(s), _speed(s1), where(e.d > 0.0, e.d, 1.0)
+    least, most, swing = minimum(v, v1), maximum(v, v1), where(absolute(v1 - v) > 0.0, v1 - v, 1.0)
+    above = where(least > p.v_s, 1.0, (maximum(v1, p.v_s) - maximum(v, p.v_s)) / swing)  # shares of the time
+    below = where(most < -p.v_s, 1.0, (minimum(v1, -p.v_s) - minimum(v, -p.v_s)) / swing)
+
+    def slid(z: Scalar, share: Scalar, way: Scalar, v: Scalar, v1: Scalar) -> Scalar:
+        w, w1 = maximum(way * v, p.v_s), maximum(way * v1, p.v_s)
+        points = [0.5 * (w + w1) + side * (w1 - w) for side in (-0.5 / math.sqrt(3.0), 0.5 / math.sqrt(3.0))]
+        rate = 0.5 * sum(at / (d + BUILDS_UP_S * at) for at in points)
+        return way + (z - way) * exp(-(share * h * rate))
+
+    way, way1 = where(v < 0.0, -1.0, 1.0), where(v1 < 0.0, -1.0, 1.0)
+    z = slid(e.z, where(v > p.v_s, above, where(v < -p.v_s, below, 0.0)), way, v, v1)
+    time = h * maximum(1.0 - above - below, 0.0) / (d + BUILDS_UP_S * p.v_s)
+    x = time * p.v_s
+    decay = exp(-x)
+    whole = where(x > 1e-4, (1.0 - decay) / maximum(x, 1e-4), 1.0 - 0.5 * x)
+    late = where(x > 1e-2, (1.0 - whole) / maximum(x, 1e-2), 0.5 - x / 6.0)
+    z = decay * z + time * (clip(v, -p.v_s, p.v_s) * (whole - late) + clip(v1, -p.v_s, p.v_s) * late)
+    after = where((least > p.v_s) | (most < -p.v_s), 0.0, where(v1 > p.v_s, above, where(v1 < -p.v_s, below, 0.0)))
+    return where(e.d > 0.0, slid(z, after, way1, v, v1), e.z)
+
+
 @effect(
     place={"axis": "axis_switch"}, subsystem="axis", regime="low_speed",
     parameters=[
@@ -59,7 +87,10 @@ def _bristle_rate(s: Any, e: Any, p: Any) -> Scalar:
     reference="C. Canudas de Wit, H. Olsson, K. J. Åström, P. Lischinsky, A new model for control of systems with "
     "friction, IEEE Transactions on Automatic Control 40, 1995, g = S; beyond the standstill speed P. R. Dahl's, 1968",
     shows="after each reversal the friction comes back over a distance, not at once",
-    memory=[EffectMemory("z", _bristle_rate, start=lambda e, p: 0.0, scale=lambda e, p: 1.0, step_s=5.0 * BUILDS_UP_S)],
+    memory=[
+        EffectMemory("z", _bristle_rate, start=lambda e, p: 0.0, scale=lambda e, p: 1.0, step_s=5.0 * BUILDS_UP_S,
+                     step=_bristle_step),
+    ],
 )  # fmt: skip
 def presliding(s: Any, e: Any, p: Any) -> Scalar:
     """Friction that builds up over a small distance, as bristles bend, instead of jumping at a reversal."""
