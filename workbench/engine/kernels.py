@@ -124,7 +124,7 @@ def _integrated(
             kernel.constants(parameters[:, group]),
             *(_read(signal, group) for signal in signals),
             state,
-            np.empty_like(state),
+            np.empty(2 * state.size),
             np.empty(kernel.lanes),
             1.0 / _lanes(speed_scales, group),
             np.empty(HELD * kernel.lanes),

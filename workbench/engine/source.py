@@ -166,35 +166,36 @@ def bound(plant: Plant, effects: Effects, p: Any) -> Callable[..., Scalars]:
 
 
 def _adaptive_interval(
-    k: KernelText, states: Sequence[str], step: Mapping[str, Any], crossed: Collection[str] = ()
+    k: KernelText, states: Sequence[str], step: Mapping[str, Any], crossed: Collection[str] = (), local: bool = False
 ) -> None:
-    """Cross from sample k to k+1 in m equal steps, m doubled until the error is small enough. crossed: states that are
-    there already.
+    """Cross from sample k to k+1 in m equal steps, m doubled until the error of each is small enough. crossed: states
+    that are there already. local: only where it is too large are steps cut, for what meets and parts within moments.
 
     `step` holds the outputs of one step (`next`, `errors`), the names of what is `held`, t0 and the interval H first,
-    and lines for what it reads beside (`inputs`).
+    and lines for what it reads beside (`inputs`). work: (2 states, lanes), the end of a step and the interval's start.
     """
-    n = len(states)
-    L = k.lanes
-    k.add(2, "while True:")
-    k.add(3, f"for j in range({n * L}):", f"{INDENT}work[j] = state[j]")
-    k.add(3, f"for l in range({L}):", f"{INDENT}worst[l] = 0.0")
-    k.add(3, "largest = 0.0", "part = 1.0 / m", "for s in range(m):", f"{INDENT}for l in range({L}):")
-    k.load(5, "held", step["held"])
-    k.add(5, "h = H * part", "t = t0 + s * h", *step["inputs"])
-    k.load(5, "work", states)
-    results = k.block(5, [*step["next"], *step["errors"]])
+    L, count = k.lanes, len(states) * k.lanes
+    k.add(2, f"for j in range({count}):", f"{INDENT}work[{count} + j] = state[j]")
+    k.add(2, "s = 0", "over = 0.0", "while True:", f"{INDENT}part = 1.0 / m", f"{INDENT}for l in range({L}):")
+    k.load(4, "held", step["held"])
+    k.add(4, "h = H * part", "t = t0 + s * h", *step["inputs"])
+    k.load(4, "state", states)
+    results = k.block(4, [*step["next"], *step["errors"]])
     rows = [i for i, name in enumerate(states) if name not in crossed]
-    k.add(5, *(f"{k.at('work', i)} = {name}" for i, name in zip(rows, results, strict=False)))
-    k.add(5, "error = worst[l]")
+    k.add(4, *(f"{k.at('work', i)} = {name}" for i, name in zip(rows, results, strict=False)), "error = 0.0")
     for i, name in zip(rows, results[len(rows) :], strict=False):
-        k.add(5, f"e = abs({name}) * {k.at('inverse_scale', i)}", "error = select(e > error, e, error)")
-    k.add(5, "worst[l] = error")
-    k.add(4, f"for l in range({L}):", f"{INDENT}largest = max(largest, worst[l])")
-    k.add(4, "steps += 1", "if largest > tolerance and m < most:", f"{INDENT}break")
-    k.add(3, "if largest <= tolerance or m >= most:", f"{INDENT}break", "m *= 2")
-    k.add(2, f"for j in range({n * L}):", f"{INDENT}state[j] = (work[j] + {VANISHED}) - {VANISHED}")
-    k.add(2, "if m > 1 and largest < 0.1 * tolerance:", f"{INDENT}m //= 2")
+        k.add(4, f"e = abs({name}) * {k.at('inverse_scale', i)}", "error = select(e > error, e, error)")
+    k.add(4, "worst[l] = error")
+    k.add(3, "largest = 0.0", f"for l in range({L}):", f"{INDENT}largest = max(largest, worst[l])", "steps += 1")
+    k.add(3, "if largest <= tolerance or m >= most:", f"{INDENT}s += 1", f"{INDENT}for l in range({L}):")
+    k.add(5, *(f"{k.at('state', i)} = ({k.at('work', i)} + {VANISHED}) - {VANISHED}" for i in rows))
+    if local:
+        k.add(4, "if s % 2 == 0 and largest < 0.1 * tolerance:", f"{INDENT}m //= 2", f"{INDENT}s //= 2")
+    k.add(4, "over = max(over, largest)", "if s >= m:", f"{INDENT}break")
+    k.add(3, "if largest > tolerance and m < most:", f"{INDENT}m *= 2", f"{INDENT}s *= 2")
+    if not local:
+        k.add(4, "s = 0", "over = 0.0", f"for j in range({count}):", f"{INDENT}state[j] = work[{count} + j]")
+        k.add(2, "if m > 1 and over < 0.1 * tolerance:", f"{INDENT}m //= 2")
 
 
 @cache
@@ -303,7 +304,8 @@ def driven_kernel(plant: Plant, effects: Effects, lanes: int) -> Kernel:
         for name, value in zip(closed, k.block(3, list(closed.values())), strict=True):
             k.add(3, f"{k.at('state', states.index(name))} = {value}")
     if following:
-        _adaptive_interval(k, states, {"held": held, "inputs": (), "next": following, "errors": errors}, closed)
+        step = {"held": held, "inputs": (), "next": following, "errors": errors}
+        _adaptive_interval(k, states, step, closed, local=len(plant.speeds) == 1)
     k.add(1, "return steps")
     arrays = dict.fromkeys(("c", *measured, "state", "work", "worst", "inverse_scale", "held"), "a")
     return k.finish("driven", {**arrays, "tolerance": "f", "most": "i", "out": "a"})
