@@ -146,9 +146,9 @@ def diagnose(
     machine: to start from, in place of the campaign's. candidates: ids of the effects to weigh, the listed ones of the
     machine's kind without it. most_effects: that may be missing at once, 1 to 5. baseline: "tolerances" refits the base
     parameters with their tolerances as priors, "nominal" keeps them. validate: names of runs that no number is fitted
-    to; the result states them apart. quick: names and places within seconds; no pairs, no study. study: whether to
-    compute what changes in the control study, with the moves, limits, payloads and controller of scenario. band_hz:
-    band of the torque residual (−3 dB). The same seed gives the same answer. tell: receives the progress.
+    to; the result states them apart. quick: names and places within seconds; no pairs, study, next run or law. study:
+    whether to compute what changes in the control study, with the moves, limits, payloads and controller of scenario.
+    band_hz: band of the torque residual (−3 dB). The same seed gives the same answer. tell: receives the progress.
 
     The result's `corrected` machine goes into `replay`, `study` and the rest. It shows what is doubtful in the logs;
     `save(folder)` keeps it, `open_diagnosis(folder)` reads it back. InputError where the runs cannot be diagnosed.

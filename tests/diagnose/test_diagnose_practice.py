@@ -15,6 +15,7 @@ from tests.support.emps_campaign import emps_in
 from workbench.diagnose.diagnose import Diagnosis, diagnose
 from workbench.diagnose.isolation.next_run import APART
 from workbench.logs import read_campaign
+from workbench.view.diagnosis import next_run_sentence
 
 # What is marked as proof has a quicker counterpart: effects that are found again and unknown causes of simulated runs
 # in test_diagnose_laws.py, the table of campaign 33 in test_diagnose_unknown.py.
@@ -190,6 +191,18 @@ def test_what_is_stated_as_held_out_is_what_a_search_without_the_run_leaves_ther
     whole = diagnose(campaign, **known)  # type: ignore[arg-type]
     apart = diagnose(campaign, validate=("half_slow",), **known)  # type: ignore[arg-type]
     assert whole.shrink.by_run["half_slow"][1] == pytest.approx(apart.delivered.validated[0].after, rel=0.02)
+
+
+@pytest.mark.parametrize(("number", "word"), [("33", "unknown"), ("09", "named"), ("01", "no_gap")])
+def test_quick_gives_name_and_place_and_leaves_the_rest_unasked(shared_data: Path, number: str, word: str):
+    """A third of its time went into a law, a run, and other hypotheses on held-out runs, that change neither."""
+    found = diagnose(read_campaign(shared_data / "campaigns" / number), quick=True)
+    assert found.verdict.word == word and (found.where is None) == (word == "no_gap")
+    assert (found.unknown, found.next_run, found.consequences) == (None, None, None)
+    assert next_run_sentence(found) == found.why_no_consequences == "Not asked for."
+    assert "table" not in found.verdict.sentence and found.corrected.measured_correction is None
+    held_out = [row.effects for row in found.candidates if row.held_out_rms is not None]
+    assert held_out == [found.verdict.effects] * (word == "named")
 
 
 @pytest.mark.proof

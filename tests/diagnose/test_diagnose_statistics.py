@@ -387,7 +387,7 @@ def test_brief_events_have_to_be_likelier_where_all_that_is_left_counts(
     free = list(base_parameters(problem.machine, problem.runs).values())
     told = []
     for gain in (likely, more):
-        monkeypatch.setattr(unknown_cause, "event_gain", lambda problem, fit, gain=gain: gain)
+        monkeypatch.setattr(unknown_cause, "event_gain", lambda problem, fit, least, gain=gain: gain)
         near = fit_hypothesis(problem, (), free, np.zeros(len(free)), 60)
         told.append(signs_of(problem, near, Left(0.0, 0.0, False))["left"] > 1.0)
     assert told == [False, True]

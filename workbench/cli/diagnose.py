@@ -65,7 +65,7 @@ def diagnose(
     out: New folder for diagnosis.json, machine.yaml and the report.
     baseline: Base parameters: refitted within their tolerances, or held at their nominal values.
     candidates: Candidate effects, separated by commas; 'all' includes the unlisted ones.
-    quick: Single effects, no control study: a result within seconds.
+    quick: Names and places within seconds: single effects; no study, no next run, no law of an unknown cause.
     seed: Seed of random numbers; the same seed gives the same output.
     validate: Names of runs to keep for the end, separated by commas; nothing is fitted to them.
     machine: Another machine.yaml to start from.

@@ -18,16 +18,21 @@ OPEN = 0.01  # probability: beside a named answer, what has less is not worth re
 
 
 def candidates(
-    search: SearchResult, judged: Judged, keys: Mapping[str, Scalar], alike: Collection[Names] = ()
+    search: SearchResult,
+    judged: Judged,
+    keys: Mapping[str, Scalar],
+    alike: Collection[Names] = (),
+    most: int = SCORED,
 ) -> tuple[Candidate, ...]:
     """The answer and all other hypotheses weighed, the best first; then those with a linear fit only, then those whose
-    fit failed. alike: those that share the answer's probability; all of them are predicted on left-out runs, too."""
+    fit failed. alike: those that share the answer's probability. These, and `most` of the others with the answer, are
+    predicted on left-out runs, too."""
     problem, rows, folds = search.problem, list[Candidate](), folds_by_run(search.problem)
     without = held_out(problem, search.within_tolerances, folds).rms(problem.inputs)
     likely = {names for row in judged.ranking if row.probability > OPEN for names in (row.effects, *row.twins)}
     # A freer law that is alike may have the larger evidence.
     for k, hypothesis in enumerate(sorted(judged.weighed, key=lambda weighed: weighed.names != judged.names)):
-        scored = k < SCORED and (k == 0 or judged.word != "named" or hypothesis.names in likely)
+        scored = k < most and (k == 0 or judged.word != "named" or hypothesis.names in likely)
         scored = scored or hypothesis.names in alike
         unseen = held_out(problem, hypothesis.fit, folds).rms(problem.inputs) if scored else None
         gap, left = (max((rms or 0.0) ** 2 - problem.noise**2, 0.0) for rms in (without, unseen))

@@ -35,6 +35,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult, searched
 from workbench.diagnose.isolability import Isolability, isolability
 from workbench.diagnose.isolation.next_run import APART, LIKELY, NextRun, next_run
+from workbench.diagnose.location import places
 from workbench.diagnose.location.where import Where, where_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.progress import Progress, Stage, Tell
@@ -110,12 +111,14 @@ def sentence_of(
     tabled: bool = False,
     unlisted: Iterable[str] = (),
     gap: Gap | None = None,
+    looked_at: bool = True,
 ) -> str:
     """The first sentence of the report: the answer, its probability, and the reduction of the gap.
 
     tabled: whether the corrected machine contains a measured table of an unknown cause. unlisted: effects of the
     library that the corrected machine contains in its place, and that no answer may name unasked. gap: without a cause,
     and with one that base parameters can stand in for, the one that the refit moves improbably far is stated.
+    looked_at: whether the force of an unknown cause was measured at all.
     """
     unit, before, after = shrink.unit, figures(shrink.before, 2), figures(shrink.after, 2)
     noise = figures(shrink.noise, 2)
@@ -139,6 +142,8 @@ def sentence_of(
             head = (
                 f"No {which} as it was fitted explains the gap ({size}); {chance(sure)} that its cause is none of them"
             )
+        if not looked_at:
+            return f"{head}."
         return (
             f"{head}; "
             + (
@@ -185,7 +190,8 @@ def chance(probability: float) -> str:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown):
-    """The results of a diagnosis, in the order of its steps. corrected: the machine for replay and study."""
+    """The results of a diagnosis, in the order of its steps. corrected: the machine for replay and study. quick: only
+    names and places were asked for."""
 
     campaign: Campaign
     seed: int
@@ -207,6 +213,7 @@ class Diagnosis(Shown):
     judged: Judged = field(repr=False, compare=False)
     warnings: tuple[str, ...] = ()
     residual_tests: tuple[ResidualTest, ...] = ()
+    quick: bool = False
     replays: tuple[ReplayResult, ReplayResult] | None = field(default=None, repr=False, compare=False)
 
     def replayed(self) -> tuple[ReplayResult, ReplayResult]:
@@ -272,7 +279,8 @@ def diagnose(
     candidates: ids of the effects to weigh, None for the listed ones of the machine's kind. most_effects: largest
     number of effects at once; each further one is searched as long as it is worth its parameters. study:
     whether to compute the changes in the control study. scenario: a user's study, whose moves, limits, payloads and
-    controller these are computed with. quick: names and places within seconds: single effects, one search, no study.
+    controller these are computed with. quick: names and places within seconds: single effects, one search; no study,
+    no run that would decide, no law of an unknown cause, no other hypothesis on held-out runs.
     validate: names of runs that are kept for the end; no number is fitted to them. tell: receives the progress. The
     same seed gives the same answer. InputError if the runs cannot be diagnosed.
     """
@@ -319,14 +327,14 @@ def diagnose(
     where = where_of(problem, search.within_tolerances, fit, named, seed) if judged.word != "no_gap" else None
     say(Progress(Stage.SEPARATE))
     apart = isolability(problem, search)
-    more, as_good = asked_next(search, judged)
+    more, as_good = asked_next(search, judged, quick)
     also = tuple(dict.fromkeys(name for names in as_good for name in names if name not in judged.names))
-    rows = candidate_rows(search, judged, keys, as_good)
+    rows = candidate_rows(search, judged, keys, *([(), int(judged.word == "named")] if quick else [as_good]))
     say(Progress(Stage.SHRINK))
     unlisted = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.UNLISTED_EXPLAINS_MORE]
     fits = [search.fits[names] for names in unlisted if names in search.fits]
     unknown: Explained | None = None
-    if judged.word == "unknown":
+    if judged.word == "unknown" and not quick:
         from workbench.diagnose.unknown import explain, explained_machine
 
         unknown = explain(problem, search.within_tolerances, fits, where.subsystem if where else "")
@@ -373,6 +381,7 @@ def diagnose(
         changes, why_not = consequences_of(
             campaign.machine, corrected, refitted=refitted, runs=campaign.runs, scenario=scenario
         )
+    problem.kept.pop(places.KEPT, None)
     tabled, own = corrected.measured_correction is not None, tuple(unknown.effects) if unknown else ()
     without = beyond_noise(problem, shrink.before, shrink.noise)
     reasons = tuple(
@@ -381,7 +390,7 @@ def diagnose(
         else reason
         for reason in judged.reasons
     )
-    sentence = sentence_of(judged, shrink, remainder, also, tabled, own, gap)
+    sentence = sentence_of(judged, shrink, remainder, also, tabled, own, gap, not quick)
     verdict = Verdict(
         judged.word,
         judged.names,
@@ -415,6 +424,7 @@ def diagnose(
         judged=judged,
         warnings=tuple(warnings),
         residual_tests=residual_tests(replayed),
+        quick=quick,
         replays=(refitted_replay, replayed),
     )
 
@@ -455,18 +465,19 @@ def chosen_effects(campaign: Campaign, names: Sequence[str] | None) -> list[Effe
     return [known[name] for name in dict.fromkeys(names)]
 
 
-def asked_next(search: SearchResult, judged: Judged) -> tuple[NextRun | None, tuple[Names, ...]]:
+def asked_next(search: SearchResult, judged: Judged, quick: bool) -> tuple[NextRun | None, tuple[Names, ...]]:
     """The run that would decide what the campaign leaves open, None where nothing is; and what it cannot tell from the
-    answer."""
-    problem, kind = search.problem, search.problem.active.kind
+    answer. quick: only that, and no run that it does not take."""
+    problem, kind, more = search.problem, search.problem.active.kind, None
     as_good = alternatives(judged, kind)
     asked = open_hypotheses(judged, as_good)
     if judged.word != "unknown":  # what would be open where one of these held
         asked = list(dict.fromkeys([*asked, *(one for names in asked for one in alternatives(judged, kind, names))]))
-    evidence = {(): settings.calibration()["threshold"]} | {w.names: w.evidence for w in judged.weighed}
-    more = next_run(problem, search, asked, evidence)
-    if judged.word == "unknown" and more is None:
-        more = next_run(problem, search, unlisted_likely(judged), settled=APART)
+    if not quick:
+        evidence = {(): settings.calibration()["threshold"]} | {w.names: w.evidence for w in judged.weighed}
+        more = next_run(problem, search, asked, evidence)
+        if judged.word == "unknown" and more is None:
+            more = next_run(problem, search, unlisted_likely(judged), settled=APART)
     # Where nothing is open, only what the runs do not vary would tell the answer from its runners-up.
     if judged.word == "named" and len(asked) == 1 and variety(problem.bench):
         more = next_run(problem, search, [*asked, *runners_up(judged, kind)], settled=APART)

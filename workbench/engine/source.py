@@ -247,12 +247,12 @@ def _driven_step(
     states = [e.args[0] for e in (*q[1:], *y[1:])]
     closed = dict[str, Scalar]()
     if len(plant.speeds) == 1:  # nothing else moves
-        ends = [SimpleNamespace(**{plant.speeds[0]: v}) for v in (speed, speed + alpha * symbol("H"))]
+        s, s1 = (SimpleNamespace(**{plant.speeds[0]: v}) for v in (speed, speed + alpha * symbol("H")))
         kept, slopes = effects.with_memory(p, y[1:]), rest(t, (), y[1:], 0.0)
         for z, one in zip(y[1:], effects.memory, strict=True):
             apart = all(const_value(derivative(f, z)) == 0.0 for x, f in zip(y[1:], slopes, strict=True) if x is not z)
             if one.step is not None and apart:  # what hangs on it within the interval needs it there
-                closed[z.args[0]] = one.step(*ends, symbol("H"), kept)
+                closed[z.args[0]] = one.step(s, s1, symbol("H"), kept)
     others = [z for z in y[1:] if z.args[0] not in closed]
     if not (q[1:] or others):
         return states, needed, [], [], closed

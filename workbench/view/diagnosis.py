@@ -129,6 +129,8 @@ def next_run_sentence(d: Diagnosis) -> str:
     """The run that would decide between open hypotheses, or that none is open."""
     if d.next_run is not None:
         return d.next_run.why
+    if d.quick:
+        return "Not asked for."
     first = d.verdict.ranking[0]
     return said.no_next_run(first.verdict, first.probability, d.verdict.left.relevant)
 

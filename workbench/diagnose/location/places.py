@@ -267,15 +267,21 @@ def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
     return best
 
 
-def event_gain(problem: Problem, fit: Fitted) -> float:
+def event_gain(problem: Problem, fit: Fitted, least: float = -math.inf) -> float:
     """What brief events, whose choice is paid for, add to the logarithm of the likelihood of a fit of base parameters,
     alone and beside the likeliest law of one place, the less: an axis' own ripple, or a sensor that wanders, is no
     event, nor is what a wrong law leaves, nor are as many as are tried, alone and beside it: waves have them anywhere.
-    By the model error near standstill, too, that stays beside them: for that a single one there has passed.
+    By the model error near standstill, too, that stays beside them: for that a single one there has passed. least: of
+    events that add no more than that alone, it is not asked what they add beside a law.
     """
     survey, gains, few = survey_of(problem, fit), list[float](), False
-    port, law = max(evidence_of(Weigher(survey), Ports(survey).all()), key=lambda one: one[1].log)
-    for base in (survey.base, np.hstack([survey.base, law.size * port.columns])):
+    for beside_law in (False, True):
+        base = survey.base
+        if beside_law:
+            if gains[0] <= least:
+                return gains[0]
+            port, law = max(surveyed(problem, fit)[2], key=lambda one: one[1].log)
+            base = np.hstack([base, law.size * port.columns])
         tried = [_pulses_by(beside := replace(survey, base=base))]
         weigher, pulses = tried[0]
         if pulses is not None:
@@ -448,18 +454,39 @@ def placed(
 ) -> Placed:
     """The places where the residual of `fit`, the base parameters alone, may enter, with the best port and its part of
     the gap; probabilities sum to one. own: see `survey_of`; holds: see `weighed`."""
-    return weighed(survey_of(problem, fit, own), holds)
+    survey, weigher, ports = surveyed(problem, fit, own)
+    return weighed(survey, holds, weigher, ports)
 
 
-def weighed(survey: Survey, holds: Callable[[Array], bool] | None = None) -> Placed:
+Ported = list[tuple[Port, Evidence]]
+KEPT = "ports"  # under which a problem keeps the last ones weighed: their columns take much memory
+
+
+def surveyed(problem: Problem, fit: Fitted, own: int | None = None) -> tuple[Survey, Weigher, Ported]:
+    """The survey of a fit and its ports with their evidence: several steps ask for the same, one after the other."""
+    asked = fit, None if own == len(fit.z) else own, problem.errors.sizes
+    if KEPT not in problem.kept or problem.kept[KEPT][0] != asked:
+        survey = survey_of(problem, fit, own)
+        weigher = Weigher(survey)
+        problem.kept[KEPT] = asked, (survey, weigher, list(evidence_of(weigher, Ports(survey).all())))
+    found: tuple[Survey, Weigher, Ported] = problem.kept[KEPT][1]
+    return found
+
+
+def weighed(
+    survey: Survey,
+    holds: Callable[[Array], bool] | None = None,
+    weigher: Weigher | None = None,
+    ports: Ported | None = None,
+) -> Placed:
     """The probabilities of all ports on a survey. holds: whether a port that leaves this, (inputs,), may be the place;
     only such are compared, where there is one: by an error model that is not the machine's a port may win with what
-    lies beside the cause."""
-    weigher = Weigher(survey)
+    lies beside the cause. weigher, ports: where they are known."""
+    weigher = weigher or Weigher(survey)
     pulses = pulses_of(survey, weigher)
     brief = list(event_ports(survey, pulses)) if pulses is not None else []
     weighed: list[tuple[float, Port, Evidence]] = []
-    for port, evidence in evidence_of(weigher, (*Ports(survey).all(), *brief)):
+    for port, evidence in (*(ports or evidence_of(weigher, Ports(survey).all())), *evidence_of(weigher, brief)):
         price = pulses.choices if pulses is not None and port.regime == "event" else 0.0
         weighed.append((evidence.log - price + float(np.log(port.weight)), port, evidence))
     weighed.sort(key=lambda one: -one[0])

@@ -42,9 +42,10 @@ def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
         return {"left": settings.IMPACTS, "prior": 0.0}
     told = left_percent(problem, near, left) / own_percent(problem)
     of_input = left.percent_of_input / (100.0 * settings.MINOR)
-    events = max(once(problem, (near, "events"), lambda: event_gain(problem, near)), 0.0)
-    event_limit = settings.DECISIVE / (1.0 if kind_of(problem.machine).floor == "own" else settings.HALF)
-    return {"left": max(told, of_input, math.sqrt(events / event_limit)), **stretched(problem, near)}
+    limit = settings.DECISIVE / (1.0 if kind_of(problem.machine).floor == "own" else settings.HALF)
+    known = max(told, of_input)  # events that say less change nothing
+    events = once(problem, (near, "events", known), lambda: event_gain(problem, near, limit * known**2))
+    return {"left": max(known, math.sqrt(max(events, 0.0) / limit)), **stretched(problem, near)}
 
 
 def stretched(problem: Problem, fit: Fitted) -> dict[str, float]:
