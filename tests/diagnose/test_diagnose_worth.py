@@ -266,7 +266,7 @@ def test_what_adds_nothing_to_a_cause_that_is_not_to_be_named_is_not_asked_again
     ]
     asked: list[object] = []
 
-    def judged(search: object, barred: Any) -> object:
+    def judged(search: object, barred: Any, known: object) -> object:
         weighed = [w for w in kept if w.names not in barred]
         return SimpleNamespace(names=weighed[0].names, best=weighed[0], stands=True, weighed=weighed, mimics={})
 
@@ -350,7 +350,7 @@ def test_a_mimic_of_several_that_is_worth_nothing_leaves_its_parts_to_be_judged(
     the pair was no law, had five times the evidence, and the inertia behind it was not looked at."""
     kept = [SimpleNamespace(names=names, evidence=e, rival=False) for names, e in ((("a", "b"), 100.0), (("a",), 18.0))]
 
-    def judged(search: object, barred: Any) -> object:
+    def judged(search: object, barred: Any, known: object) -> object:
         weighed = [w for w in kept if w.names not in barred]
         pair = weighed[0] is kept[0]
         mimics = {kept[0].names: object()} if pair else {}

@@ -8,9 +8,10 @@ becomes probabilities: `answer.py`.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri, ndtri
@@ -49,7 +50,7 @@ from workbench.diagnose.hypotheses.held_out import (
     significance,
     weighed_both_ways,
 )
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Found, Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import (
     Hypothesis,
@@ -113,19 +114,19 @@ class Judged:
     mimics: Mapping[Names, Constancy] = field(default_factory=dict)
 
 
-def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
+def judge(search: SearchResult, barred: Collection[Names] = (), known: dict[Any, Any] | None = None) -> Judged:
     """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1.
 
     A cause is named where it is established, whatever else is left. barred: hypotheses that are not to be named,
-    whatever their evidence.
+    whatever their evidence. known: what was found of each fit with others barred.
     """
-    problem, near = search.problem, search.within_tolerances
+    problem, near, known = search.problem, search.within_tolerances, {} if known is None else known
     if problem.struck and lag_explains(problem, near, search.fits):
         problem = problem.without_impacts()
         search = replace(search, problem=problem)
     weighed = weigh(problem, search.base, near, search.fits, search.rivals)
     weighed = tuple(w for w in weighed if w.names not in barred)
-    best, mimics = established(problem, weighed, search.base, near)
+    best, mimics = established(problem, weighed, search.base, near, known)
     rival, said = unlisted(problem, near, weighed, best)
     numbers = settings.calibration()
     least = max(numbers["threshold"], -math.inf if best is None else best.evidence)
@@ -151,11 +152,11 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         inexact = rebounds(problem, best.names) or any(is_lag(problem, name) for name in best.names)
         if not inexact or share_of(problem, near, best.fit) < settings.MINOR:
             # A first search weighs by no model error of its own, and rebounds stretch one fit of a play: the least.
-            count, known = len(search.base.z), [(problem, best.fit)]
+            count, posed = len(search.base.z), [(problem, best.fit)]
             if best.score.sizes != problem.errors.sizes:
                 own = problem.with_model_error(best.score.sizes)
-                known.append((own, reweighed(own, best.fit, count)))
-            fits = [(p, one) for p, fit in known for one in weighed_both_ways(p, fit, count)]
+                posed.append((own, reweighed(own, best.fit, count)))
+            fits = [(p, one) for p, fit in posed for one in weighed_both_ways(p, fit, count)]
             if kind_of(problem.machine).floor == "own":  # what it leaves hangs together, and bends one of both
                 fits += [(p, unweighed(p, one)) for p, one in fits]
             ways = [stretched(*one) for one in fits]
@@ -164,7 +165,9 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
     left = beyond_noise(problem, held.rms(problem.inputs), floor)
     if not stands:  # nor is no gap what leaves much
-        signs = signs_of(problem, near, left)
+        if left not in known:  # of `near` it is the same each time
+            known[left] = signs_of(problem, near, left)
+        signs = known[left]
         rows = rank(counted, signs, numbers, groups)
     if rows[0].verdict == "unknown" and kind_of(problem.machine).floor == "sensors":
         rows = rank(counted, signs, none_missed(signs, stands, numbers), groups)
@@ -212,9 +215,9 @@ def judged_to_help(search: SearchResult) -> Judged:
     """The verdict. A cause is not named if held-out runs and tolerances speak against it, nor beside others if what it
     gains there is not significant, nor what only adds to such a one an effect that is worth nothing; nor does such a
     one speak for an unknown cause, but by the tolerances that it relieves."""
-    barred, deserving = list[Names](), set[Names]()
+    barred, deserving, known = list[Names](), set[Names](), dict[Any, Any]()
     while True:
-        judged = judge(search, barred)
+        judged = judge(search, barred, known)
         standing = judged.best.names if judged.best is not None and judged.stands else next(iter(judged.mimics), ())
         # A single mimic stays: what is about as good imitates the same cause. The parts of several may be one.
         asked = {judged.names, standing if judged.stands or len(standing) > 1 else ()} - {()} - deserving
@@ -296,7 +299,11 @@ def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
 
 
 def established(
-    problem: Problem, weighed: Sequence[Weighed], base: Fitted, near: Fitted
+    problem: Problem,
+    weighed: Sequence[Weighed],
+    base: Fitted,
+    near: Fitted,
+    known: dict[Any, Any] | None = None,
 ) -> tuple[Weighed | None, Mapping[Names, Constancy]]:
     """The best hypothesis all of whose effects hold as laws (`constancies`) and that a free law of one variable cannot
     do without (`free_law`), None if there is none; and the hypotheses above the threshold that are not established,
@@ -308,9 +315,19 @@ def established(
     the same cause.
     """
     mimics: dict[Names, Constancy] = {}
+    known = {} if known is None else known
+
+    def asked(find: Callable[..., Found], w: Weighed, *given: Any) -> Found:
+        """Of each fit once, whatever else is barred."""
+        if (find, w.fit, w.evidence, problem.struck) not in known:
+            known[find, w.fit, w.evidence, problem.struck] = find(problem, *given)
+        found: Found = known[find, w.fit, w.evidence, problem.struck]
+        return found
+
     listed = [w for w in weighed if not w.rival]
     able = [w for w in listed if w.evidence > settings.calibration()["threshold"]]
-    no_laws = {w.names: why for w in able if (why := _against(problem, w, near)) is not None}
+    objections = {w.names: asked(_against, w, w, near) for w in able}
+    no_laws = {names: why for names, why in objections.items() if why is not None}
     laws = [w for w in able if w.names not in no_laws]
     imitated = False
     for w in laws:
@@ -318,15 +335,16 @@ def established(
         as_good = not imitated and w.evidence > laws[0].evidence - settings.DECISIVE
         if not (part or as_good):
             continue
-        why = next((one for one in constancies(problem, base, near, w.fit) if one.broken), None)
+        held = asked(constancies, w, base, near, w.fit)
+        why = next((one for one in held if one.broken), None)
         if why is None:
-            evidence, variable = worth(problem, base, w)
+            evidence, variable = asked(worth, w, base, w)
             # Of several effects, a play that is not heard is asked of beside the others (`deserved`).
-            asked = rebounds(problem, w.names) and (problem.struck or len(w.names) == 1)
+            rebounding = rebounds(problem, w.names) and (problem.struck or len(w.names) == 1)
             most = max(evidence, w.evidence) if problem.struck else evidence
             own = any(t.effect in w.names and not t.fitted for t in kind_of(problem.machine).nuisances)
             least = settings.calibration()["threshold"] if own else 0.0  # every machine has laws of its own, too
-            if evidence > least and most > (settings.IMPACTS if asked else 0.0):
+            if evidence > least and most > (settings.IMPACTS if rebounding else 0.0):
                 return w, mimics | no_laws
             why = Constancy(w.names[-1], variable, 0.0, free=True)
         # Beside what leaves base values far off, the next about as good may bring them back: it imitates nothing.
