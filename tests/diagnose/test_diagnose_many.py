@@ -99,6 +99,29 @@ def test_several_campaigns_go_on_where_they_were_interrupted(workbench, folder, 
     assert refused.status == 2 and f"{answer}: is damaged" in refused.err
 
 
+def test_each_campaign_is_read_when_its_turn_comes_and_a_missing_one_ends_it_at_once(
+    workbench: Commands, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """All were read, and held, before the first one was diagnosed."""
+    shutil.copytree(folder, tmp_path / "twin")
+    done = workbench("diagnose", folder, tmp_path / "none", *QUICK)
+    assert (done.status, done.out) == (2, "") and "none: is not there" in " ".join(done.err.split())
+    order, load = list[str](), diagnose_module.load_campaign
+
+    def loaded(path: Path, *more: object) -> object:
+        order.append(f"read {path.name}")
+        return load(path, *more)  # type: ignore[arg-type]
+
+    def answered(name: str, *more: object) -> object:
+        order.append(f"answer {name}")
+        return diagnose_module.Answered(name, "friction_viscous")
+
+    monkeypatch.setattr(diagnose_module, "load_campaign", loaded)
+    monkeypatch.setattr(diagnose_module, "answered", answered)
+    assert workbench("diagnose", folder, tmp_path / "twin", "--quick").status == 0
+    assert order == ["read lifts", "answer lifts", "read twin", "answer twin"]
+
+
 def test_two_campaigns_of_one_name_are_refused(workbench: Commands, folder: Path, tmp_path: Path):
     shutil.copytree(folder, tmp_path / "lifts")
     done = workbench("diagnose", folder, tmp_path / "lifts", *QUICK)

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -92,6 +93,8 @@ def diagnose(
         return
     if candidates is not None:
         options["candidates"] = chosen_candidates(candidates, load_campaign(campaigns[0], runs, machine).machine)
+    if missing := [path for path in campaigns if not path.exists()]:  # before any long work
+        raise InputError("is not there", file=missing[0])
     names = [path.resolve().name for path in campaigns]
     if repeated := [name for name in names if names.count(name) > 1]:
         raise InputError(f"two campaigns are called '{repeated[0]}'; their results would share a folder")
@@ -155,29 +158,34 @@ def diagnose_each(
 ) -> list[Answered]:
     """The answers in the order of the campaigns. campaigns: name -> what reads it. out: a folder with one of each.
 
-    A campaign that cannot be read or diagnosed is a row that says why; the others go on. One that `out` has the answer
-    of, to the same question, is not diagnosed again. InputError where a folder holds anything else.
+    Each is read when its turn comes. A campaign that cannot be read or diagnosed is a row that says why; the others go
+    on. One that `out` has the answer of, to the same question, is not diagnosed again. InputError where a folder holds
+    anything else, before any long work.
     """
     asked = (__version__, dict(options), out is not None, tuple(effects))
-    read: dict[str, Campaign] = {}
     rows: dict[str, Answered] = {}
     questions: dict[str, str] = {}
-    for name, reader in campaigns.items():
+
+    def read(name: str) -> Campaign | None:
         try:
-            campaign = reader()
+            campaign = campaigns[name]()
         except InputError as error:
             rows[name] = Answered(name, "refused", trouble=one_line(str(error), 300))
-            continue
+            tell(f"{len(rows)}/{len(campaigns)} {name}: {rows[name].trouble}")
+            return None
         questions[name] = question_of(campaign, asked)
-        kept = _kept(out / name, questions[name]) if out is not None else None
-        if kept is None:
-            read[name] = campaign
-        else:
-            rows[name] = kept
+        return campaign
+
+    for name, folder in [(name, out / name) for name in campaigns] if out is not None else []:
+        if not (folder / ANSWER).exists():
+            check_free(folder)
+        elif read(name) is not None:
+            rows[name] = kept = _kept(folder, questions[name])
             tell(f"{len(rows)}/{len(campaigns)} {name}: {kept.cause}; kept from before")
     begun, before = time.monotonic(), len(rows)
+    waiting = ((name, found) for name in campaigns if name not in rows and (found := read(name)) is not None)
     try:
-        for name, row in _answers(read, asked, cluster):
+        for name, row in _answers(waiting, asked, cluster):
             rows[name] = row
             if out is not None and row.files:
                 said = {"question": questions[name]} | {key: getattr(row, key) for key in KEPT}
@@ -210,11 +218,8 @@ def question_of(campaign: Campaign, asked: tuple[Any, ...]) -> str:
     return digest.hexdigest()
 
 
-def _kept(folder: Path, question: str) -> Answered | None:
-    """The line of an answer that the folder holds; None if it is free. InputError if it holds anything else."""
-    if not (folder / ANSWER).exists():
-        check_free(folder)
-        return None
+def _kept(folder: Path, question: str) -> Answered:
+    """The line of an answer that the folder holds. InputError if it is that of another question, or damaged."""
     try:
         said = json.loads(read_input(folder / ANSWER, "json"))
         if said["question"] == question:
@@ -227,15 +232,22 @@ def _kept(folder: Path, question: str) -> Answered | None:
 
 
 def _answers(
-    campaigns: Mapping[str, Campaign], asked: tuple[Any, ...], cluster: str | None
+    campaigns: Iterator[tuple[str, Campaign]], asked: tuple[Any, ...], cluster: str | None
 ) -> Iterator[tuple[str, Answered]]:
     if cluster is None:
-        yield from ((name, answered(name, campaign, *asked)) for name, campaign in campaigns.items())
-    elif campaigns:
+        yield from ((name, answered(name, campaign, *asked)) for name, campaign in campaigns)
+    elif (first := next(campaigns, None)) is not None:
         from workbench.study.cluster import client_on, each_on
 
+        held = dict[str, Campaign]()
+
+        def names() -> Iterator[str]:
+            for name, campaign in chain([first], campaigns):
+                held[name] = campaign
+                yield name
+
         with client_on(cluster) as client:
-            yield from each_on(client, cluster, list(campaigns), lambda name: (answered, name, campaigns[name], *asked))
+            yield from each_on(client, cluster, names(), lambda name: (answered, name, held.pop(name), *asked))
 
 
 def answered(

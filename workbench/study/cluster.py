@@ -12,7 +12,7 @@ import re
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ def spread_on(cluster: str) -> Iterator[Spread]:
 
 
 def each_on(
-    client: Any, cluster: str, items: Sequence[Item], task: Callable[[Item], tuple[Any, ...]]
+    client: Any, cluster: str, items: Iterable[Item], task: Callable[[Item], tuple[Any, ...]]
 ) -> Iterator[tuple[Item, Any]]:
     """Each item with its result, as they come; task: of an item, the function that a worker calls and its arguments.
 
