@@ -191,8 +191,8 @@ class Search(Fits):
             if size == 1:
                 self._joint(result, least)
             self._finish(result.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
-            if least == 0.0:
-                self._step_play(size + 1)
+            if least == 0.0 and size == 1:
+                self._step_play(2)
             if size == 1:
                 self._drop(result.base)
             self._offer_standstill(result.base)
@@ -405,7 +405,8 @@ class Search(Fits):
                 fit, still = self.fits[names], self._still.get(names)
                 if fit is still:
                     break
-                z, self._still[names] = stepped(self.problem, fit, PLAY, self.count, everywhere=still is None), fit
+                first, self._still[names] = size == 1 and still is None, fit
+                z = stepped(self.problem, fit, PLAY, self.count, everywhere=first)
                 if np.any(z != fit.z):
                     self._try(names, lambda fit=fit, z=z: self._again(replace(fit, z=z)))  # type: ignore[misc]
 
