@@ -210,7 +210,7 @@ def test_a_play_that_a_log_cannot_show_says_what_impacts_would_or_is_asked_besid
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
     problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs))
     w = cast(Any, SimpleNamespace(names=names, rival=False, evidence=3000.0, fit=None))
-    assert (judge.established(problem, [w], cast(Any, None), cast(Any, None))[0] is w) == stands
+    assert (judge.established(problem, [w], cast(Any, None), cast(Any, None), {})[0] is w) == stands
 
 
 @pytest.mark.parametrize(("struck", "plain", "named"), [(True, 2.0, True), (True, 1.0, False), (False, 2.0, False)])

@@ -15,8 +15,8 @@ law, so f is on both sides:
 Beside the cause, B is that of the fit with it, or that of the fit without, whichever scores better: friction near
 standstill turns over elsewhere in each, and a law that does without a cause may not live on that. A cause that is a
 function of w itself, as a level of friction is of the speed, would else be given up to a law that can be all of it.
-A level each way is no law of w at all, but what friction or an offset is declared as: of a machine that leaves itself
-laws of its own, f is without it.
+A level each way is no law of w at all, but what friction or an offset is declared as, and a slope over the
+acceleration is an inertia: of a machine that leaves itself laws of its own, f is without what such a cause takes.
 
 Beside other causes f is one more that was chosen of many, and pays for that as a listed one does. So whatever the form
 of what an inexact law of theirs leaves, the next cause is credited with what it gains beside that alone.
@@ -65,14 +65,14 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     alone, beside = (Projection.of(sized, fit) for fit in (less, cause.fit))
     added = [(name,) for name in cause.names if name not in less.effects]
     own, _ = np.linalg.qr(alone.clean(parts_of(problem, cause.fit, added).T))
-    level = kind_of(problem.machine).floor == "own" and _is_level(problem, alone, own)
+    declared = kind_of(problem.machine).floor == "own" and _is_declared(problem, alone, own, len(cause.names) == 1)
     least = (np.inf, "")
     nothing, only = (float(one.residual @ one.residual) for one in (alone, beside))
     regimes = {problem.effect(name).regime for (name,) in added}
     bends = regimes <= BENDING
     for label, regime, shape, roots in _laws(problem, base):
         rows = np.column_stack([alone.clean(shape), alone.residual])
-        if level:
+        if declared:
             rows[:, :-1] -= own @ (own.T @ rows[:, :-1])
         there, here = np.column_stack([beside.clean(shape), beside.residual]), rows - own @ (own.T @ rows)
         one, both = _alone_and_beside((rows, there, here), roots, rms, its)
@@ -96,12 +96,14 @@ def _alone_and_beside(each: Sequence[Array], roots: list[Array], rms: float, pri
     return alone, min(beside)
 
 
-def _is_level(problem: Problem, alone: Projection, own: Array) -> bool:
-    """Whether what causes explain, (rows, k) orthonormal, is mostly a level each way."""
-    ahead = forward(problem)
-    ways = np.pad(np.stack([ahead, ~ahead], axis=1).astype(float), ((0, problem.samples - problem.inputs), (0, 0)))
-    levels, _ = np.linalg.qr(alone.clean(ways))
-    return float(np.sum((levels.T @ own) ** 2)) > settings.HALF * own.shape[1]
+def _is_declared(problem: Problem, alone: Projection, own: Array, single: bool) -> bool:
+    """Whether what each of the causes explains, (rows, k) orthonormal, is mostly a level each way, and for a single one
+    a slope over the acceleration: what a machine's friction, offset and inertia are declared as. Beside others a slope
+    may be what an inexact law of theirs leaves, as a load that swings leaves beside a lag."""
+    ahead, slopes = forward(problem), [v.at for v in variables(problem) if v.regime == "acceleration"]
+    shape = np.stack([ahead, ~ahead, *(slopes if single else ())], axis=1).astype(float)
+    base, _ = np.linalg.qr(alone.clean(np.pad(shape, ((0, problem.samples - problem.inputs), (0, 0)))))
+    return float(np.min(np.linalg.eigvalsh(own.T @ base @ base.T @ own))) > settings.HALF
 
 
 def _laws(problem: Problem, base: Fitted) -> Iterator[tuple[str, str, Array, list[Array]]]:

@@ -125,8 +125,9 @@ def judge(search: SearchResult, barred: Collection[Names] = (), known: dict[Any,
         problem = problem.without_impacts()
         search = replace(search, problem=problem)
     weighed = weigh(problem, search.base, near, search.fits, search.rivals)
+    every = {w.names: w.evidence for w in weighed}
     weighed = tuple(w for w in weighed if w.names not in barred)
-    best, mimics = established(problem, weighed, search.base, near, known)
+    best, mimics = established(problem, weighed, search.base, near, every, known)
     rival, said = unlisted(problem, near, weighed, best)
     numbers = settings.calibration()
     least = max(numbers["threshold"], -math.inf if best is None else best.evidence)
@@ -303,6 +304,7 @@ def established(
     weighed: Sequence[Weighed],
     base: Fitted,
     near: Fitted,
+    every: Mapping[Names, float],
     known: dict[Any, Any] | None = None,
 ) -> tuple[Weighed | None, Mapping[Names, Constancy]]:
     """The best hypothesis all of whose effects hold as laws (`constancies`) and that a free law of one variable cannot
@@ -312,7 +314,7 @@ def established(
     base, near: the fits without effects, the latter within the tolerances. A hypothesis that leaves more than `near`,
     by more than chance, whose effects undo each other, or that sits on a bound is not established either: the next
     about as good is looked at. Behind a mimic only what it is made of is, for whatever else is about as good imitates
-    the same cause.
+    the same cause; but for what adds to it, where a free law does without it. every: evidence of all hypotheses.
     """
     mimics: dict[Names, Constancy] = {}
     known = {} if known is None else known
@@ -329,11 +331,12 @@ def established(
     objections = {w.names: asked(_against, w, w, near) for w in able}
     no_laws = {names: why for names, why in objections.items() if why is not None}
     laws = [w for w in able if w.names not in no_laws]
-    imitated = False
+    imitated, passed = False, list[Names]()
     for w in laws:
         part = any(set(w.names) < set(names) for names in mimics) and w.evidence > settings.HALF * laws[0].evidence
         as_good = not imitated and w.evidence > laws[0].evidence - settings.DECISIVE
-        if not (part or as_good):
+        if not (part or as_good or _beside(w, mimics, every)):
+            passed.append(w.names)
             continue
         held = asked(constancies, w, base, near, w.fit)
         why = next((one for one in held if one.broken), None)
@@ -342,10 +345,8 @@ def established(
             # Of several effects, a play that is not heard is asked of beside the others (`deserved`).
             rebounding = rebounds(problem, w.names) and (problem.struck or len(w.names) == 1)
             most = max(evidence, w.evidence) if problem.struck else evidence
-            own = any(t.effect in w.names and not t.fitted for t in kind_of(problem.machine).nuisances)
-            least = settings.calibration()["threshold"] if own else 0.0  # every machine has laws of its own, too
-            if evidence > least and most > (settings.IMPACTS if rebounding else 0.0):
-                return w, mimics | no_laws
+            if evidence > 0.0 and most > (settings.IMPACTS if rebounding else 0.0):
+                return w, {names: next(iter(mimics.values())) for names in passed} | mimics | no_laws
             why = Constancy(w.names[-1], variable, 0.0, free=True)
         # Beside what leaves base values far off, the next about as good may bring them back: it imitates nothing.
         imitated = imitated or stretched(problem, w.fit)["prior"] <= 1.0
@@ -354,6 +355,13 @@ def established(
     if able:  # none holds: what was not looked at is no better
         return None, {w.names: mimics.get(w.names, next(iter(mimics.values()))) for w in able}
     return next(iter(listed), None), mimics
+
+
+def _beside(w: Weighed, mimics: Mapping[Names, Constancy], every: Mapping[Names, float]) -> bool:
+    """Whether a hypothesis explains something else than what free laws do without: to each of those it adds more than
+    HALF of its evidence. every: evidence of all hypotheses."""
+    together = [every.get(tuple(sorted({*w.names, *names})), -math.inf) - every.get(names, 0.0) for names in mimics]
+    return all(why.free for why in mimics.values()) and min(together, default=-math.inf) > settings.HALF * w.evidence
 
 
 def reweighed(problem: Problem, fit: Fitted, base: int) -> Fitted:
