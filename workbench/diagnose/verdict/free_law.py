@@ -12,6 +12,9 @@ law, so f is on both sides:
 
     worth = score(f alone) - score(f beside the cause) - cost of the cause's parameters
 
+and less what one gains by chance, the threshold, of a machine that leaves itself laws of its own; not beside a law of
+the cause's own variable, which can be all of it.
+
 Beside the cause, B is that of the fit with it, or that of the fit without, whichever scores better: friction near
 standstill turns over elsewhere in each, and a law that does without a cause may not live on that. A cause that is a
 function of w itself, as a level of friction is of the speed, would else be given up to a law that can be all of it.
@@ -65,7 +68,9 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     alone, beside = (Projection.of(sized, fit) for fit in (less, cause.fit))
     added = [(name,) for name in cause.names if name not in less.effects]
     own, _ = np.linalg.qr(alone.clean(parts_of(problem, cause.fit, added).T))
-    declared = kind_of(problem.machine).floor == "own" and _is_declared(problem, alone, own, len(cause.names) == 1)
+    leaves_laws = kind_of(problem.machine).floor == "own"
+    declared = leaves_laws and _is_declared(problem, alone, own, len(cause.names) == 1)
+    chance = settings.calibration()["threshold"] if leaves_laws and not less.effects else 0.0
     least = (np.inf, "")
     nothing, only = (float(one.residual @ one.residual) for one in (alone, beside))
     regimes = {problem.effect(name).regime for (name,) in added}
@@ -76,7 +81,7 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
             rows[:, :-1] -= own @ (own.T @ rows[:, :-1])
         there, here = np.column_stack([beside.clean(shape), beside.residual]), rows - own @ (own.T @ rows)
         one, both = _alone_and_beside((rows, there, here), roots, rms, its)
-        least = min(least, (one - both - paid, label))
+        least = min(least, (one - both - paid - (0.0 if regime in regimes else chance), label))
         if bends and regime not in regimes:
             one, both = _alone_and_beside((rows, there, here), roots[:1], rms, its)
             if one < only and one - both < settings.HALF * (nothing - only):
