@@ -19,7 +19,7 @@ from workbench.blind.measures import INSIDE_90
 from workbench.blind.recording import cut
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.hypotheses import evidence
-from workbench.diagnose.hypotheses.evidence import lag_explains, smooths
+from workbench.diagnose.hypotheses.evidence import Weighed, lag_explains, smooths
 from workbench.diagnose.hypotheses.fit import estimates
 from workbench.diagnose.hypotheses.free_parameters import (
     LOG_TIMING,
@@ -208,8 +208,8 @@ def test_a_play_that_a_log_cannot_show_says_what_impacts_would_or_is_asked_besid
     for name, value in as_it_is.items():
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
-    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs))
-    w = cast(Any, SimpleNamespace(names=names, rival=False, evidence=3000.0, fit=None))
+    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs, kept={}))
+    w = Weighed(names, cast(Any, None), 0.0, 3000.0, cast(Any, None))
     assert (judge.established(problem, [w], cast(Any, None), cast(Any, None), {})[0] is w) == stands
 
 

@@ -165,9 +165,9 @@ def test_what_brings_base_values_back_is_no_imitation_of_what_leaves_them_off(
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     monkeypatch.setattr(judge, "worth", lambda _, base, w: (90.0 if "inertia_error" in w.names else -1.0, "position"))
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
-    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs))
+    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs, kept={}))
     ripple, inertia = (
-        cast(Any, SimpleNamespace(names=(name,), rival=False, evidence=evidence, fit=None))
+        Weighed((name,), cast(Any, None), 0.0, evidence, cast(Any, None))
         for name, evidence in (("torque_ripple", 100.0), ("inertia_error", 97.0))
     )
     assert (judge.established(problem, [ripple, inertia], cast(Any, None), cast(Any, None), {})[0] is inertia) == found
@@ -183,9 +183,9 @@ def test_what_adds_to_a_law_that_is_none_is_no_imitation_of_it(
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     monkeypatch.setattr(judge, "worth", lambda _, base, w: (-1.0 if "inertia_error" not in w.names else 30.0, "runs"))
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
-    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs))
+    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs, kept={}))
     drift, play, inertia = (
-        cast(Any, SimpleNamespace(names=(name,), rival=False, evidence=evidence, fit=None))
+        Weighed((name,), cast(Any, None), 0.0, evidence, cast(Any, None))
         for name, evidence in (("friction_thermal_drift", 86.0), ("backlash", 35.6), ("inertia_error", 33.7))
     )
     every = {drift.names: 86.0, ("backlash", *drift.names): 29.1}
@@ -296,7 +296,7 @@ def test_what_adds_nothing_to_a_cause_that_is_not_to_be_named_is_not_asked_again
     ]
     asked: list[object] = []
 
-    def judged(search: object, barred: Any, known: object) -> object:
+    def judged(search: object, barred: Any) -> object:
         weighed = [w for w in kept if w.names not in barred]
         return SimpleNamespace(names=weighed[0].names, best=weighed[0], stands=True, weighed=weighed, mimics={})
 
@@ -380,7 +380,7 @@ def test_a_mimic_of_several_that_is_worth_nothing_leaves_its_parts_to_be_judged(
     the pair was no law, had five times the evidence, and the inertia behind it was not looked at."""
     kept = [SimpleNamespace(names=names, evidence=e, rival=False) for names, e in ((("a", "b"), 100.0), (("a",), 18.0))]
 
-    def judged(search: object, barred: Any, known: object) -> object:
+    def judged(search: object, barred: Any) -> object:
         weighed = [w for w in kept if w.names not in barred]
         pair = weighed[0] is kept[0]
         mimics = {kept[0].names: object()} if pair else {}

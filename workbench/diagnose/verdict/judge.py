@@ -50,7 +50,7 @@ from workbench.diagnose.hypotheses.held_out import (
     significance,
     weighed_both_ways,
 )
-from workbench.diagnose.hypotheses.problem import Found, Problem
+from workbench.diagnose.hypotheses.problem import Found, Problem, once
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.verdict.answer import (
     Hypothesis,
@@ -114,20 +114,20 @@ class Judged:
     mimics: Mapping[Names, Constancy] = field(default_factory=dict)
 
 
-def judge(search: SearchResult, barred: Collection[Names] = (), known: dict[Any, Any] | None = None) -> Judged:
+def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     """The answer, and the ranking of every hypothesis weighed; probabilities sum to 1.
 
     A cause is named where it is established, whatever else is left. barred: hypotheses that are not to be named,
-    whatever their evidence. known: what was found of each fit with others barred.
+    whatever their evidence.
     """
-    problem, near, known = search.problem, search.within_tolerances, {} if known is None else known
+    problem, near = search.problem, search.within_tolerances
     if problem.struck and lag_explains(problem, near, search.fits):
-        problem = problem.without_impacts()
+        problem = once(problem, "without impacts", problem.without_impacts)
         search = replace(search, problem=problem)
     weighed = weigh(problem, search.base, near, search.fits, search.rivals)
     every = {w.names: w.evidence for w in weighed}
     weighed = tuple(w for w in weighed if w.names not in barred)
-    best, mimics = established(problem, weighed, search.base, near, every, known)
+    best, mimics = established(problem, weighed, search.base, near, every)
     rival, said = unlisted(problem, near, weighed, best)
     numbers = settings.calibration()
     least = max(numbers["threshold"], -math.inf if best is None else best.evidence)
@@ -166,9 +166,7 @@ def judge(search: SearchResult, barred: Collection[Names] = (), known: dict[Any,
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
     left = beyond_noise(problem, held.rms(problem.inputs), floor)
     if not stands:  # nor is no gap what leaves much
-        if left not in known:  # of `near` it is the same each time
-            known[left] = signs_of(problem, near, left)
-        signs = known[left]
+        signs = once(problem, (near, left, "signs"), lambda: signs_of(problem, near, left))
         rows = rank(counted, signs, numbers, groups)
     if rows[0].verdict == "unknown" and kind_of(problem.machine).floor == "sensors":
         rows = rank(counted, signs, none_missed(signs, stands, numbers), groups)
@@ -216,9 +214,9 @@ def judged_to_help(search: SearchResult) -> Judged:
     """The verdict. A cause is not named if held-out runs and tolerances speak against it, nor beside others if what it
     gains there is not significant, nor what only adds to such a one an effect that is worth nothing; nor does such a
     one speak for an unknown cause, but by the tolerances that it relieves."""
-    barred, deserving, known = list[Names](), set[Names](), dict[Any, Any]()
+    barred, deserving = list[Names](), set[Names]()
     while True:
-        judged = judge(search, barred, known)
+        judged = judge(search, barred)
         standing = judged.best.names if judged.best is not None and judged.stands else next(iter(judged.mimics), ())
         # A single mimic stays: what is about as good imitates the same cause. The parts of several may be one.
         asked = {judged.names, standing if judged.stands or len(standing) > 1 else ()} - {()} - deserving
@@ -300,12 +298,7 @@ def without(search: SearchResult, fit: Fitted, name: str) -> Fitted:
 
 
 def established(
-    problem: Problem,
-    weighed: Sequence[Weighed],
-    base: Fitted,
-    near: Fitted,
-    every: Mapping[Names, float],
-    known: dict[Any, Any] | None = None,
+    problem: Problem, weighed: Sequence[Weighed], base: Fitted, near: Fitted, every: Mapping[Names, float]
 ) -> tuple[Weighed | None, Mapping[Names, Constancy]]:
     """The best hypothesis all of whose effects hold as laws (`constancies`) and that a free law of one variable cannot
     do without (`free_law`), None if there is none; and the hypotheses above the threshold that are not established,
@@ -317,14 +310,10 @@ def established(
     the same cause; but for what adds to it, where a free law does without it. every: evidence of all hypotheses.
     """
     mimics: dict[Names, Constancy] = {}
-    known = {} if known is None else known
 
     def asked(find: Callable[..., Found], w: Weighed, *given: Any) -> Found:
-        """Of each fit once, whatever else is barred."""
-        if (find, w.fit, w.evidence, problem.struck) not in known:
-            known[find, w.fit, w.evidence, problem.struck] = find(problem, *given)
-        found: Found = known[find, w.fit, w.evidence, problem.struck]
-        return found
+        """Once of each fit, whatever else is barred."""
+        return once(problem, (find, w.names, *given), lambda: find(problem, *given))
 
     listed = [w for w in weighed if not w.rival]
     able = [w for w in listed if w.evidence > settings.calibration()["threshold"]]
