@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from workbench.core.names import listed
 from workbench.core.numbers import figures
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
@@ -564,7 +565,7 @@ def _why(question: Question, best: Offer) -> str:
     *others, last = names[1:]
     rivals = f"{', '.join(others)} and {'over' if question.favoured else 'from'} {last}" if others else last
     load = f"a run with {best.planned.payload_kg:g} kg" if kind_of(problem.machine).payload else "a run"
-    signals = f" and with {' and '.join(best.signals)} logged" if best.signals else ""
+    signals = f" and with {listed(best.signals)} logged" if best.signals else ""
     least = least_of(problem)
     begin = f"The campaign sets {names[0]} apart from {rivals} by {now:.1f} standard deviations"
     if now < 0.05:
@@ -577,7 +578,7 @@ def _why(question: Question, best: Offer) -> str:
         )
     run, nothing = f"{load}, {best.planned.words}{signals},", best.separation < 0.05
     by, chance = f"{best.separation:.1f} standard deviations", best.chance
-    decides = f"decide with a probability of {100.0 * chance:.0f} %"
+    decides = f"decide with a probability of {f'{100.0 * chance:.0f}' if chance < 0.995 else 'over 99'} %"
     if best.decides:
         return f"{begin}; {run} would do so by {by}, and {decides}."
     if now >= APART:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.core.names import listed
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.problem import Problem
@@ -159,7 +160,7 @@ def planned_as(problem: Problem, seen: Seen, design: Design, longest_s: float, t
     speeds = sorted({abs(s.speed_m_s) for s in steps if s.speed_m_s})
     count = sum(1 for s in steps if s.speed_m_s)
     how = f"designed, {FASTER}" if max(speeds, default=0.0) > 1.001 * seen.speed else "designed"
-    said = f"{how}: {count} leg{'s' if count > 1 else ''} at {' and '.join(f'{v:.2g}' for v in speeds)} {unit}"
+    said = f"{how}: {count} leg{'s' if count > 1 else ''} at {listed([f'{v:.2g}' for v in speeds])} {unit}"
     try:
         planned = _planned(problem, seen, top, steps, design.payload_kg, begin, said)
     except InputError:
