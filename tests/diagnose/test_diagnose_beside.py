@@ -131,6 +131,8 @@ def test_one_direction_of_a_real_axis_half_without_friction_is_one_cause(shared_
         # Its own ripple stood beside it, at 0.93: there, a freer law had paid less than alone.
         ((10114, 4), "axis_rates", "friction_viscous_asymmetric"),
         ((11162, 3), "axis_encoder", "friction_coulomb_asymmetric+friction_viscous"),
+        # Its own ripple bent the base values beside the inertia, twelve tolerances of the log's timing for one.
+        ((10172, 5), "axis_position", "inertia_error"),
     ],
 )
 def test_a_cause_of_an_axis_is_named_whatever_the_machine_leaves_besides(

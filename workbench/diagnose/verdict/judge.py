@@ -157,6 +157,9 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
             if best.score.sizes != problem.errors.sizes:
                 own = problem.with_model_error(best.score.sizes)
                 posed.append((own, reweighed(own, best.fit, count)))
+            for prior in kind_of(problem.machine).nuisances:  # what every machine has a little of may bend them, too
+                beside = search.fits.get(tuple(sorted({*best.names, prior.effect})))
+                posed += [(problem, beside)] if beside is not None and not prior.fitted else []
             fits = [(p, one) for p, fit in posed for one in weighed_both_ways(p, fit, count)]
             if kind_of(problem.machine).floor == "own":  # what it leaves hangs together, and bends one of both
                 fits += [(p, unweighed(p, one)) for p, one in fits]
