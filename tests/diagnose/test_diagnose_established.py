@@ -17,7 +17,6 @@ from tests.support.simulated_campaign import simulated_campaign, true_machine
 from workbench.blind.measures import INSIDE_90
 from workbench.core.run import Array
 from workbench.diagnose.candidates import candidates
-from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.gap import delivered_of
 from workbench.diagnose.hypotheses import evidence as evidence_module
 from workbench.diagnose.hypotheses import held_out as held_out_module
@@ -161,21 +160,21 @@ def test_an_unknown_cause_of_a_hoist_is_sure_by_what_is_left_and_not_by_base_val
     assert least < judged.ranking[0].probability <= most
 
 
-def test_a_cause_whose_amount_may_as_well_be_none_is_no_surer_than_a_half(
+def test_a_cause_whose_amount_may_as_well_be_none_is_not_named(
     bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
 ):
-    """The friction of four runs of a real axis fell by 0.72 ± 0.54 of itself, at 0.99."""
-    campaign, search = bump
+    """The friction of four runs of a real axis fell by 0.72 ± 0.54 of itself, at 0.99, on the untouched machine and in
+    the place of unlisted effects; true drifts have 8 to 18 standard errors."""
+    search = bump[1]
     fit = search.fits[TRUE,]
-    assert judge.may_be_none(search.problem, fit) == ()
+    assert not judge.may_be_none(search.problem, fit)
     widened = search.problem.with_model_error((1000.0, 1.0))
     (peak, *_) = estimates(widened, fit)[TRUE]
     assert abs(float(np.mean(peak.value))) < INSIDE_90 * float(np.mean(peak.std_error))
-    assert judge.may_be_none(widened, fit) == (TRUE,)
-    monkeypatch.setattr("workbench.diagnose.diagnose.may_be_none", lambda problem, fit: fit.effects)
-    d = diagnose(campaign, quick=True)
-    assert d.verdict.effects == (TRUE,) and d.verdict.probability == pytest.approx(0.5)
-    assert any(TRUE in warning and "may as well be none" in warning for warning in d.warnings)
+    assert judge.may_be_none(widened, fit)
+    assert judged_to_help(search).names == (TRUE,)
+    monkeypatch.setattr(judge, "may_be_none", lambda problem, fit: True)
+    assert judged_to_help(search).word == "unknown"
 
 
 @pytest.mark.parametrize(("times", "word"), [(0.9, "named"), (1.1, "unknown")])

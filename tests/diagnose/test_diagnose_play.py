@@ -114,6 +114,7 @@ def test_a_play_is_named_where_plain_least_squares_foretells_left_out_runs(
     plain: list[float], named: bool, monkeypatch: pytest.MonkeyPatch
 ):
     """It left 34 of 61 N in left-out runs; a whitened residual, which holds little of a play, gained 0.8 deviations."""
+    monkeypatch.setattr(judge, "may_be_none", lambda *_: False)
     monkeypatch.setattr(judge, "weighed_both_ways", lambda problem, fit, base: [fit, *plain])
     monkeypatch.setattr(judge, "significance", lambda problem, near, fit, **_: 0.8)
     monkeypatch.setattr(judge, "folds_by_run", lambda problem: None)
@@ -226,6 +227,7 @@ def test_a_play_that_impacts_tell_of_is_told_beside_another_cause_as_it_is_alone
     }
     problem = SimpleNamespace(**{**vars(AXIS), "struck": struck})
     search = SimpleNamespace(problem=problem, base=fits[play,], within_tolerances=fits[play,], fits=fits)
+    monkeypatch.setattr(judge, "may_be_none", lambda *_: False)
     monkeypatch.setattr(judge, "significance", lambda problem, rest, *_, **__: 9.0 if play in rest.effects else 0.3)
     monkeypatch.setattr(judge, "worth", lambda *_: (40.0, "speed"))
     monkeypatch.setattr(judge, "only_late", lambda *_: False)

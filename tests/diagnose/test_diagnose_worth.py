@@ -242,6 +242,7 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
         return worths[names if less is None else less.effects], "speed"
 
     late: list[str] = []
+    monkeypatch.setattr(judge, "may_be_none", lambda *_: False)
     monkeypatch.setattr(judge, "significance", lambda *fits, by_runs_alone=False: 9.0)
     monkeypatch.setattr(judge, "worth", worth)
     monkeypatch.setattr(judge, "only_late", lambda problem, less, fit, name, base: name in late)
@@ -340,6 +341,7 @@ def test_a_value_speaks_against_a_cause_where_the_data_would_carry_it_over_its_b
 def test_what_every_machine_has_a_little_of_is_no_cause_where_most_of_the_gap_stays(monkeypatch: pytest.MonkeyPatch):
     """An untouched servo bench had a ripple of its own named, of 5.2 waves a turn in four of its runs and of 6.0 in
     others, that took 18 and 12 % of what it leaves on held-out runs."""
+    monkeypatch.setattr(judge, "may_be_none", lambda *_: False)
     monkeypatch.setattr(judge, "significance", lambda *fits, by_runs_alone=False: 9.0)
     for folds in ("folds_by_run", "folds_by_motion"):
         monkeypatch.setattr(judge, folds, lambda _: None)
@@ -407,6 +409,7 @@ def test_no_cause_is_named_for_what_left_out_runs_gain_by_chance_or_lose(
 ):
     """A dead band of a hoist's log came as a drift of friction that left-out runs gained 0.8 deviations by; a bent
     sensor of a motor bench as an offset that they lost 2.3 by."""
+    monkeypatch.setattr(judge, "may_be_none", lambda *_: False)
     monkeypatch.setattr(
         judge, "significance", lambda *fits, by_runs_alone=False: by_runs if by_runs_alone else deviations
     )

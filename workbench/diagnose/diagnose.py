@@ -59,7 +59,6 @@ from workbench.diagnose.verdict.judge import (
     alternatives,
     judged_to_help,
     leaves_off,
-    may_be_none,
     runners_up,
     steps,
     unlisted_likely,
@@ -357,12 +356,10 @@ def diagnose(
     warnings = (*warnings, *differing(delivered))
     held = fit or (unknown.fitted if unknown else search.within_tolerances)
     remainder = remainder_of(problem, held, len(search.base.z), shrink, seed)
-    idle = may_be_none(problem, fit) if fit is not None else ()
-    warnings += tuple(f"{name}: by the 90 % interval of its amount it may as well be none" for name in idle)
     if off and fit is not None:
         key, count, _ = worst_tolerance(keys, fit)
         warnings += (f"with the play {key} stays {abs(count):.1f} tolerances off: another cause may stand beside it",)
-    if judged.word == "named" and (also or leaves_most(remainder) or shrink.ci95[0] <= 1.0 or idle or off):
+    if judged.word == "named" and (also or leaves_most(remainder) or shrink.ci95[0] <= 1.0 or off):
         judged = replace(judged, ranking=shared(judged.ranking, also))
     say(Progress(Stage.CONSEQUENCES))
     changes, why_not = None, "Not asked for."

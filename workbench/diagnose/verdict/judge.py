@@ -241,7 +241,8 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     with a free law of one variable in its place (`worth`); a play that impacts tell of is chosen from none. A delay
     beside others has to take something, too, of what the log's timing leaves (`takes_nothing`): a machine's own lags
     may be some sampling steps; and what every machine has, MINOR of what the others leave on held-out runs, and on
-    parts of a motion that all repeat; a ripple, which no base value holds, as much as then stays."""
+    parts of a motion that all repeat; a ripple, which no base value holds, as much as then stays. No amount may as well
+    be none (`may_be_none`)."""
     problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
@@ -273,10 +274,11 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
             if significance(problem, near, w.fit, by_runs_alone=by_runs_alone) <= enough:
                 return False
     least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
-    return all(
+    enough = all(
         significance(problem, rest, w.fit) > least or (problem.struck and PLAY not in rest.effects and told(rest))
         for rest in sorted(less, key=lambda rest: rest.objective)
     )
+    return enough and not may_be_none(problem, w.fit)
 
 
 def only_late(problem: Problem, less: Fitted, fit: Fitted, name: str, base: int) -> bool:
@@ -388,16 +390,18 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     return Constancy(last, BOUND, 1.0) if _on_bound(problem, w, len(near.z)) else None
 
 
-def may_be_none(problem: Problem, fit: Fitted) -> Names:
-    """The effects of a fit all of whose amounts may as well be where they vanish, at SIGNIFICANT each way: what a trade
-    of an amount for a time constant leaves open is no sure cause, whatever both take together."""
-    least, unsure = -float(ndtri(SIGNIFICANT)), []
+def may_be_none(problem: Problem, fit: Fitted) -> bool:
+    """Whether all amounts of an effect may as well be where they vanish, at SIGNIFICANT each way: what a trade of an
+    amount for a time constant leaves open is no cause, whatever both take together. A machine's own slow change of
+    friction is one."""
+    least = -float(ndtri(SIGNIFICANT))
     for name, values in estimates(problem, fit).items():
         off = {r.name: r.vanishes_at for r in ranges_of(problem.effect(name), problem.machine, problem.runs)}
         amounts = [(one, at) for one in values if (at := off[one.name]) is not None]
         small = [np.all(np.abs(np.array(one.value) - at) < least * np.array(one.std_error)) for one, at in amounts]
-        unsure += [name] if amounts and all(small) else []
-    return tuple(unsure)
+        if amounts and all(small):
+            return True
+    return False
 
 
 def leaves_off(problem: Problem, fit: Fitted, base: int) -> bool:
