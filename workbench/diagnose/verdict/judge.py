@@ -278,7 +278,7 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
         significance(problem, rest, w.fit) > least or (problem.struck and PLAY not in rest.effects and told(rest))
         for rest in sorted(less, key=lambda rest: rest.objective)
     )
-    return enough and not may_be_none(problem, w.fit)
+    return enough and not may_be_none(problem, w.fit, least)
 
 
 def only_late(problem: Problem, less: Fitted, fit: Fitted, name: str, base: int) -> bool:
@@ -390,11 +390,10 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     return Constancy(last, BOUND, 1.0) if _on_bound(problem, w, len(near.z)) else None
 
 
-def may_be_none(problem: Problem, fit: Fitted) -> bool:
-    """Whether all amounts of an effect may as well be where they vanish, at SIGNIFICANT each way: what a trade of an
+def may_be_none(problem: Problem, fit: Fitted, least: float) -> bool:
+    """Whether all amounts of an effect are within `least` standard errors of where they vanish: what a trade of an
     amount for a time constant leaves open is no cause, whatever both take together. A machine's own slow change of
     friction is one."""
-    least = -float(ndtri(SIGNIFICANT))
     for name, values in estimates(problem, fit).items():
         off = {r.name: r.vanishes_at for r in ranges_of(problem.effect(name), problem.machine, problem.runs)}
         amounts = [(one, at) for one in values if (at := off[one.name]) is not None]
