@@ -627,3 +627,18 @@ def test_the_run_that_a_closer_value_would_let_decide_is_named(
         three = [fits[0], *(replace(fits[1], effects=(name,)) for name in "ab")]
         asked = Question(heavier.problem, three, [], None if favoured else odds((0.0, 0.0), (1.0, 1.0)), (0.0, 0.0))
         assert words in advising._why(asked, best)
+
+
+@pytest.mark.parametrize(
+    ("chance", "said"),
+    [(0.999, "would decide with a probability of over 99 %."), (0.3, "no run on the menu decides. The best, a")],
+)
+def test_a_run_that_a_law_s_price_lets_decide_is_not_said_to_set_it_apart_by_nothing(
+    heavier: SearchResult, chance: float, said: str
+):
+    """Of a friction level and a freer law of it: "would do so by 0.0 standard deviations, and decide with a
+    probability of 83 %", or that no run would, at 61 %."""
+    fits = [heavier.fits[name,] for name in ("torque_offset", "carriage_mass_error")]
+    best = advising.Offer(menu(heavier.problem)[0], (), 0.0, 0.0, chance=chance)
+    why = advising._why(Question(heavier.problem, fits, [], odds((0.0, 0.0), (1.0, 1.0)), (0.0, 0.0)), best)
+    assert said in why and "0.0 standard deviations" not in why

@@ -577,16 +577,18 @@ def _why(question: Question, best: Offer) -> str:
             f"{figures(least, 2)} of the noise, count for nothing"
         )
     run, nothing = f"{load}, {best.planned.words}{signals},", best.separation < 0.05
-    by, chance = f"{best.separation:.1f} standard deviations", best.chance
+    chance = best.chance
     decides = f"decide with a probability of {f'{100.0 * chance:.0f}' if chance < 0.995 else 'over 99'} %"
+    # A freer law can be the simpler one: what decides between them is its price.
+    by = "" if nothing else f"set them apart by {best.separation:.1f} standard deviations, and "
     if best.decides:
-        return f"{begin}; {run} would do so by {by}, and {decides}."
+        return f"{begin}; {run} would {by}{decides}."
     if now >= APART:
         return (
             f"{begin} of the noise: what the model may be off leaves them open, and a run is likely to do so, too. The "
-            f"best, {run} would set them apart by {by}, and {decides}."
+            f"best, {run} would {by}{decides}."
         )
-    closer = _closer(problem, fits, question.known, best.shown, run=run if nothing else "that run")
-    if nothing:
+    closer = _closer(problem, fits, question.known, best.shown, run=run if nothing and chance < 0.005 else "that run")
+    if nothing and chance < 0.005:
         return f"{begin}, and no run on the menu would. {closer}"
-    return f"{begin}; no run on the menu decides. The best, {run} would set them apart by {by}, and {decides}. {closer}"
+    return f"{begin}; no run on the menu decides. The best, {run} would {by}{decides}. {closer}"
