@@ -67,7 +67,7 @@ def test_a_filter_whose_lag_a_late_motion_undoes_is_no_filter(
     lag.effects, lag.setting = ("torque_filter",), setting
     fits = {("backlash",): play, ("torque_filter",): lag}
     assert not lag_explains(problem, cast(Any, near), cast(Any, fits))
-    monkeypatch.setattr(evidence, "strength", lambda *args: 0.1 if args[4:] else 1.0)  # behind a lag few stay
+    monkeypatch.setattr(evidence, "impact_strength", lambda *args: 0.1 if args[4:] else 1.0)  # behind a lag few stay
     assert lag_explains(problem, cast(Any, near), cast(Any, fits)) != smoother
 
 
@@ -107,6 +107,19 @@ def test_a_play_that_only_plain_least_squares_fits_is_named(
     make_campaign(tmp_path / "play", (8910, case), draw((8910, case), family, "singles", ["backlash"]))
     found = diagnose(read_campaign(tmp_path / "play"), band_hz=band_hz, study=False)
     assert found.verdict.effects == ("backlash",)
+
+
+@pytest.mark.parametrize(("struck", "none"), [(True, False), (False, True)])
+def test_impacts_and_no_standard_error_tell_of_a_play_that_is_heard(
+    struck: bool, none: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """An axis' play has 0.19 ± 0.08 of its load behind it, and strikes in each run: among many causes 2.2 standard
+    errors are not significant, and what is known of a play never is by much more than three."""
+    share = SimpleNamespace(name="load_share", value=0.188, std_error=0.085)
+    monkeypatch.setattr(judge, "estimates", lambda problem, fit: {"backlash": (share,)})
+    monkeypatch.setattr(judge, "ranges_of", lambda *_: [SimpleNamespace(name="load_share", vanishes_at=0.0)])
+    problem = SimpleNamespace(struck=struck, effect=lambda name: None, machine=None, runs=())
+    assert judge.may_be_none(cast(Any, problem), cast(Any, None), 2.5) == none
 
 
 @pytest.mark.parametrize(("plain", "named"), [([10.0], True), ([0.7], False), ([], False)])

@@ -108,7 +108,7 @@ def repeated_impacts(runs: Sequence[Run], inertia: float, position: str, speed: 
     inertia: kg or kg m²; position, speed, driven (the input): names of the signals. An impact that comes
     once is an event, not a play's.
     """
-    motions = [run[speed] if speed in run else np.gradient(run[position], run.time_s) for run in runs]
+    motions = [_speed(run, position, speed) for run in runs]
     fastest = max(float(np.percentile(np.abs(v), 98.0)) for v in motions)
     impacts, plain = [], []
     for run, v in zip(runs, motions, strict=True):
@@ -126,7 +126,7 @@ def repeated_impacts(runs: Sequence[Run], inertia: float, position: str, speed: 
     return tuple(np.zeros(0) for _ in runs)
 
 
-def strength(
+def impact_strength(
     machine: Any, runs: Sequence[Run], impacts: Sequence[Array], late_s: float = 0.0, lag_s: float = 0.0
 ) -> float:
     """By how much the speed jumps at impacts of each run beyond what the input makes of the machine's inertia, rms, if
@@ -135,14 +135,14 @@ def strength(
     inertia = kind.rigid(machine, 0.0).inertia
     for run, struck in zip(runs, impacts, strict=True):
         t, force = run.time_s, run[kind.plant.input]
-        speed = np.interp(t + late_s, t, _speed(run, kind.plant))
+        speed = np.interp(t + late_s, t, _speed(run, kind.plant.positions[0], kind.plant.speeds[0]))
         times, jump, _ = _jumps(run, inertia * speed - lag_s * force, force, 1)
         jumps += [np.max(np.abs(jump[np.abs(times - at) <= WINDOW_S]), initial=0.0) / inertia for at in struck]
     return float(np.sqrt(np.mean(np.square(jumps))))
 
 
-def _speed(run: Run, plant: Plant) -> Array:
-    return run[plant.speeds[0]] if plant.speeds[0] in run else np.gradient(run[plant.positions[0]], run.time_s)
+def _speed(run: Run, position: str, speed: str) -> Array:
+    return run[speed] if speed in run else np.gradient(run[position], run.time_s)
 
 
 def bridged(time_s: Array, acceleration: Array, impacts: Array) -> Array:

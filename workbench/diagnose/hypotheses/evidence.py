@@ -31,7 +31,7 @@ from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.effects import effects_for, find, ranges_of
 from workbench.machines import kind_of, with_values
 from workbench.simulate.model_error import Sizes
-from workbench.simulate.motion import PLAY, strength
+from workbench.simulate.motion import PLAY, impact_strength
 
 MOST = 500.0  # independent samples that a parameter pays for
 FILTER = "torque_filter"
@@ -112,9 +112,8 @@ def lag_explains(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -
         return near.rms(problem.inputs) ** 2 - left**2
 
     lags = [names for names in fits if len(names) == 1 and is_lag(problem, names[0])]
-    lags = [names for names in lags if not smooths(problem, fits[names])]
-    lags = [names for names in lags if not heard(problem, fits[names], settings.MINOR)]
-    lag = taken(lags)
+    silent = [one for one in lags if not smooths(problem, fits[one]) and not heard(problem, fits[one], settings.MINOR)]
+    lag = taken(silent)
     return lag > 0.0 and lag > (1.0 - settings.FORETOLD) * taken([names for names in fits if PLAY in names])
 
 
@@ -124,8 +123,8 @@ def heard(problem: Problem, fit: Fitted, least: float, part: float = 1.0) -> boo
     kind, impacts = kind_of(problem.machine), problem.bench.impacts
     values = {key: float(np.mean(fit.setting[at])) for key, at in kind.symbols.items() if at in fit.setting}
     fitted, (lag_s, late_s) = with_values(problem.machine, values), lags_of(problem, fit)
-    stays = strength(fitted, problem.runs, impacts, part * late_s, part * lag_s)
-    return stays > least * strength(problem.machine, problem.runs, impacts)
+    stays = impact_strength(fitted, problem.runs, impacts, part * late_s, part * lag_s)
+    return stays > least * impact_strength(problem.machine, problem.runs, impacts)
 
 
 def lags_of(problem: Problem, fit: Fitted) -> tuple[float, float]:

@@ -105,7 +105,7 @@ class Scalar(FreeParameter):
         value = self.origin * math.exp(x) if self.logarithmic else self.origin + x
         return {self.symbol: min(max(value, self.least), self.most)}
 
-    def beside(self, setting: Setting) -> Setting:
+    def as_share(self, setting: Setting) -> Setting:
         """The value beside those that it is a share of."""
         if self.per is None:
             return {}
@@ -182,7 +182,7 @@ def setting_of(free: Sequence[FreeParameter], z: Array) -> dict[str, float | tup
         at += size
     for parameter in free:
         if isinstance(parameter, Scalar):
-            setting |= parameter.beside(setting)
+            setting |= parameter.as_share(setting)
     return setting
 
 

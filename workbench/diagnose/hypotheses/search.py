@@ -191,9 +191,9 @@ class Search(Fits):
             if size == 1:
                 self._joint(result, least)
             self._finish(result.base, [names for names in self.fits if len(names) == size + 1], PAIR_IN_REACH)
-            if least == 0.0 and size == 1:
-                self._step_play(2)
             if size == 1:
+                if least == 0.0:
+                    self._step_play(2)
                 self._drop(result.base)
             self._offer_standstill(result.base)
             self._fit_simpler_laws(result, size + 1)

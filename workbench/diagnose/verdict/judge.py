@@ -157,9 +157,9 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
             if best.score.sizes != problem.errors.sizes:
                 own = problem.with_model_error(best.score.sizes)
                 posed.append((own, reweighed(own, best.fit, count)))
-            for prior in kind_of(problem.machine).nuisances:  # what every machine has a little of may bend them, too
-                beside = search.fits.get(tuple(sorted({*best.names, prior.effect})))
-                posed += [(problem, beside)] if beside is not None and not prior.fitted else []
+            own_laws = [prior.effect for prior in kind_of(problem.machine).nuisances if not prior.fitted]
+            with_own = [tuple(sorted({*best.names, name})) for name in own_laws]  # these may bend them, too
+            posed += [(problem, search.fits[names]) for names in with_own if names in search.fits]
             fits = [(p, one) for p, fit in posed for one in weighed_both_ways(p, fit, count)]
             if kind_of(problem.machine).floor == "own":  # what it leaves hangs together, and bends one of both
                 fits += [(p, unweighed(p, one)) for p, one in fits]
@@ -329,7 +329,7 @@ def established(
     for w in laws:
         part = any(set(w.names) < set(names) for names in mimics) and w.evidence > settings.HALF * laws[0].evidence
         as_good = not imitated and w.evidence > laws[0].evidence - settings.DECISIVE
-        if not (part or as_good or _beside(w, mimics, every)):
+        if not (part or as_good or _adds_to_free_laws(w, mimics, every)):
             passed.append(w.names)
             continue
         held = asked(constancies, w, base, near, w.fit)
@@ -351,7 +351,7 @@ def established(
     return next(iter(listed), None), mimics
 
 
-def _beside(w: Weighed, mimics: Mapping[Names, Constancy], every: Mapping[Names, float]) -> bool:
+def _adds_to_free_laws(w: Weighed, mimics: Mapping[Names, Constancy], every: Mapping[Names, float]) -> bool:
     """Whether a hypothesis explains something else than what free laws do without: to each of those it adds more than
     HALF of its evidence. every: evidence of all hypotheses."""
     together = [every.get(tuple(sorted({*w.names, *names})), -math.inf) - every.get(names, 0.0) for names in mimics]
@@ -393,12 +393,12 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
 def may_be_none(problem: Problem, fit: Fitted, least: float) -> bool:
     """Whether all amounts of an effect are within `least` standard errors of where they vanish: what a trade of an
     amount for a time constant leaves open is no cause, whatever both take together. A machine's own slow change of
-    friction is one."""
+    friction is one. Of a play that is heard impacts tell: no standard error of its values is below a third of them."""
     for name, values in estimates(problem, fit).items():
         off = {r.name: r.vanishes_at for r in ranges_of(problem.effect(name), problem.machine, problem.runs)}
         amounts = [(one, at) for one in values if (at := off[one.name]) is not None]
         small = [np.all(np.abs(np.array(one.value) - at) < least * np.array(one.std_error)) for one, at in amounts]
-        if amounts and all(small):
+        if amounts and all(small) and not (name == PLAY and problem.struck):
             return True
     return False
 
