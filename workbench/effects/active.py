@@ -236,9 +236,9 @@ def compiled(kind: str, effects: tuple[Effect, ...]) -> Effects:
     pieces: dict[str, list[Callable[[Any, Any], Scalar]]] = {}
     for effect in effects:
         for place, function in {effect.place_on(kind): effect.function, **effect.beside}.items():
-            pieces.setdefault(place, []).append(partial(_piece, effect, function, kind))
+            pieces.setdefault(place, []).append(partial(_piece, effect, function, kind, effects))
     symbols = [effect.symbol(parameter, kind) for effect in effects for parameter in effect.parameters]
-    memory = [_memory(effect, state, kind) for effect in effects for state in effect.memory]
+    memory = [_memory(effect, state, kind, effects) for effect in effects for state in effect.memory]
     return Effects(pieces, (*symbols, *RUN_SYMBOLS), memory)
 
 
@@ -255,21 +255,38 @@ def joined(first: Effects, second: Effects) -> Effects:
     )
 
 
-def _piece(effect: Effect, function: Callable[[Any, Any, Any], Any], kind: str, s: Any, p: Any) -> Scalar:
-    return function(s, effect.own(p, kind), p)
+def _piece(
+    effect: Effect, function: Callable[[Any, Any, Any], Any], kind: str, effects: tuple[Effect, ...], s: Any, p: Any
+) -> Scalar:
+    return function(_rubbed(effect, kind, effects, s, p), effect.own(p, kind), p)
+
+
+def _rubbed(effect: Effect, kind: str, effects: tuple[Effect, ...], s: Any, p: Any) -> Any:
+    """The signals of an effect that keeps a state, and `rubbing`: what all effects that only take energy, at its place,
+    add under other signals than the place's own, as where a part moves by itself."""
+    if not effect.memory:
+        return s
+    place = effect.place_on(kind)
+    others = [other for other in effects if other.dissipative and other.listed and other.place_on(kind) == place]
+
+    def rubbing(**signals: Scalar) -> Scalar:
+        at = SimpleNamespace(**signals)
+        return sum((other.function(at, other.own(p, kind), p) for other in others), 0.0)
+
+    return SimpleNamespace(**vars(s), rubbing=rubbing)
 
 
 def _step(step: Callable[..., Scalar], own: Callable[[Any], Any], s: Any, s1: Any, h: Scalar, p: Any) -> Scalar:
     return step(s, s1, h, own(p), p)
 
 
-def _memory(effect: Effect, memory: EffectMemory, kind: str) -> Memory:
+def _memory(effect: Effect, memory: EffectMemory, kind: str, effects: tuple[Effect, ...]) -> Memory:
     def own(p: Any) -> SimpleNamespace:
         return effect.own(p, kind)
 
     return Memory(
         effect.memory_symbol(memory),
-        rate=lambda s, p: memory.rate(s, own(p), p),
+        rate=lambda s, p: memory.rate(_rubbed(effect, kind, effects, s, p), own(p), p),
         start=lambda p: memory.start(own(p), p),
         scale=lambda p: memory.scale(own(p), p),
         step=memory.step and partial(_step, memory.step, own),

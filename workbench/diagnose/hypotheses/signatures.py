@@ -20,7 +20,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     effect_parameters,
     setting_of,
 )
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import STEP, Problem
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.identify.fit import bounded
 from workbench.machines import kind_of
@@ -83,12 +83,16 @@ def signatures_of(
     """Every effect's signatures around the setting `base`. shapes_of: an effect's shapes, None to try all.
 
     An amount that has `tries` starts from each of them: a long delay does not look like a short one. That of a play
-    does where impacts come again.
+    does where impacts come again. Beside a play what rubs is tried as little as base values are for their derivatives:
+    more of it moves the instants at which teeth meet, and no base value takes that back.
     """
+    played = kind_of(problem.machine).bridged_impacts and any(symbol.startswith(f"{PLAY}__") for symbol in base)
     planned: list[tuple[Effect, dict[str, float], tuple[Ranged, ...], Ranged | None, list[dict[str, float]]]] = []
     for effect in effects:
         ranges = ranges_of(effect, problem.machine, problem.runs)
         amounts = tuple(r for r in ranges if r.vanishes_at is not None)
+        if played and effect.dissipative:
+            amounts = tuple(replace(r, start=_off(r) + STEP * (r.start - _off(r))) for r in amounts)
         phases = [r for r in ranges if r.scan == "phase"]
         wave = phases[0] if phases and len(amounts) == 1 else None
         shapes = [r for r in ranges if r.vanishes_at is None and r is not wave]
@@ -308,10 +312,12 @@ def stepped_aside(problem: Problem, at: Fitted, taken: Array, delay: bool = Fals
     return np.clip(z, lowest, highest)
 
 
-def stepped(problem: Problem, fit: Fitted, name: str, base: int, everywhere: bool = False) -> Array:
+def stepped(
+    problem: Problem, fit: Fitted, name: str, base: int, also: Sequence[Setting] = (), everywhere: bool = False
+) -> Array:
     """z of the best point found around a fit by a pattern search of an effect's values, all else refitted linearly
-    beside each. everywhere: from the best of what is tried first. base: how many of the first z are the base
-    parameters'.
+    beside each. also: from these values, where they are better; everywhere: from the best of what is tried first. base:
+    how many of the first z are the base parameters'.
 
     The teeth of a play meet between two samples: a small change of its law moves no sample at all, a larger one several
     (R. Hooke, T. A. Jeeves, Direct search solution of numerical and statistical problems, J. ACM 8, 1961); what is
@@ -334,7 +340,8 @@ def stepped(problem: Problem, fit: Fitted, name: str, base: int, everywhere: boo
 
     ranges = {r.symbol: r for r in ranges_of(problem.effect(name), problem.machine, problem.runs)}
     tries = [ranges[k.symbol].tries[:: 2 if k.amount else 1] for k in own] if everywhere else [()]
-    first = [np.array([k.z_of(x) for k, x in zip(own, point, strict=True)]) for point in product(*tries)]
+    points = [*product(*tries), *([float(np.mean(one[k.symbol])) for k in own] for one in also)]
+    first = [np.array([k.z_of(x) for k, x in zip(own, point, strict=True)]) for point in points]
     best = best_of([fit.z[mine], *first])
     # Along each value, and along all at once.
     moves = [

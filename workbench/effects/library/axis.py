@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from workbench.effects.declare import INEXACT, EffectMemory, Parameter, amount, effect
-from workbench.machines.kinds.axis import friction
+from workbench.machines.kinds.axis import friction, switch
 from workbench.symbolic.expr import Scalar, absolute, clip, exp, maximum, minimum, sin, where
 
 CONTACT = 2.0 * math.pi * 100.0  # rad/s, of the teeth on their flank: beyond what a diagnosis compares
@@ -142,9 +142,10 @@ def _lead_rate(s: Any, e: Any, p: Any) -> Scalar:
 
 
 def _behind_rate(s: Any, e: Any, p: Any) -> Scalar:
-    """The acceleration of what lies behind the play."""
-    v = _speed(s)
-    resisting = e.rub * friction(e.w, p) + _load_behind(_position(s) - e.q, e, p)
+    """The acceleration of what lies behind the play, where effects that rub the axis rub it, too."""
+    v, x, own = _speed(s), _position(s), friction(e.w, p)
+    rubs = own - s.rubbing(t=s.t, v=e.w, x=x, switch=switch(e.w, p), load=p.G * sin(x) + p.C, friction=own)
+    resisting = e.rub * rubs + _load_behind(x - e.q, e, p)
     rate = where(s.t < SETTLES_S, (v - e.w) * CONTACT, (_through(v, e, p) - resisting) / p.M)
     return where(e.share > 0.0, rate, 0.0)
 
@@ -153,9 +154,9 @@ def _inertia(p: Any) -> float:
     return float(p.M)
 
 
-def _stops(p: Any) -> float:
-    """The deceleration of what lies behind a play, by the whole axis' friction."""
-    return float((p.F_f + p.F_b) / p.M)
+def _lightness(p: Any) -> float:
+    """By which friction stops what lies behind a play."""
+    return 1.0 / float(p.M)
 
 
 def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
@@ -173,13 +174,14 @@ def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
         Parameter("play", "play_{m}", "from flank to flank", "length", 1e-4, 0.1, 0.03, 0.003,
                   domain="positive", tries=PLAYS, simplified=lambda e: FORETOLD * e.play),
         Parameter("rub", "friction_over_load_share", "the friction behind the play, over the share of it", "1",
-                  0.0, 3.0, 2.0, 0.0, domain="not_negative", tries=(0.0, 0.4, 0.8, 1.2),
-                  simplified=lambda e: FORETOLD, per=_stops),
+                  0.0, 3.0, 2.0, 0.0, domain="not_negative", tries=(0.0, 0.7, 1.0, 1.4),
+                  simplified=lambda e: FORETOLD, per=_lightness),
     ],
-    reads={"friction": "the axis' friction, {n}", "x": "position, {m}", "q": "its memory: motor before load, {m}",
-           "w": "its memory: the load's speed, {m}/s"},
+    reads={"friction": "the axis' friction, {n}, without that of effects", "x": "position, {m}",
+           "q": "its memory: motor before load, {m}", "w": "its memory: the load's speed, {m}/s"},
     equation="within the play M → (1 − share) M and F = share (rub friction + load/share);  q' = v − w;  "
-    "M w' = T − rub friction(w) − load/share;  T: pushes beyond ±play/2, critically damped at 100 Hz",
+    "M w' = T − rub friction(w) − load/share;  T: pushes beyond ±play/2, critically damped at 100 Hz;  friction: all "
+    "that rubs the axis, effects too",
     reference="M. Nordin, P.-O. Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38, 2002",
     shows="after each reversal the motor moves without the load briefly; the impact at its end is left out",
     memory=[
@@ -191,4 +193,5 @@ def _less_inertia(s: Any, e: Any, p: Any) -> Scalar:
 )  # fmt: skip
 def backlash(s: Any, e: Any, p: Any) -> Scalar:
     """Play in the drive: within it the motor moves without the inertia, friction and load that lie behind."""
-    return where(e.share > 0.0, e.share * _within(e) * (e.rub * s.friction + _load_behind(s.x, e, p)), 0.0)
+    rubs = s.friction - s.rubbing(**{name: value for name, value in vars(s).items() if name != "rubbing"})
+    return where(e.share > 0.0, e.share * _within(e) * (e.rub * rubs + _load_behind(s.x, e, p)), 0.0)
