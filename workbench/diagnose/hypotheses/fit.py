@@ -197,9 +197,9 @@ def parts_of(problem: Problem, fit: Fitted, groups: Sequence[Names]) -> Array:
 
 
 def uncorrelated(problem: Problem, fit: Fitted) -> ErrorModel:
-    """The errors of plain least squares: all of a fit's residual is independent, and tolerances weigh beside it as they
-    did."""
-    white = problem.errors.white
+    """The errors of plain least squares: all of a fit's residual is independent, that beside impacts, too, and
+    tolerances weigh beside it as they did."""
+    white = problem.row_noise / math.sqrt(problem.share) if problem.struck else problem.errors.white
     if np.any(fit.residual):
         white = white * float(np.linalg.norm(fit.residual / white)) / math.sqrt(fit.chi2)
     return replace(problem.errors, white=white, sizes=(0.0, 0.0))

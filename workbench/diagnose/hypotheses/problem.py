@@ -122,8 +122,19 @@ class Problem:
         return find(name, self.active.kind)
 
     def errors_of_rows(self) -> ErrorModel:
-        tension = 0.5 * self.noise if self.has_tension else None
-        return error_model(self.bench, self.rows, self.row_noise, self.share, self.noise, self.pulled, tension)
+        """Rows beside an impact of a play count less: where its teeth meet some milliseconds off what a law foretells,
+        all of the input is in the residual for as long."""
+        tension, noise = 0.5 * self.noise if self.has_tension else None, self.row_noise
+        if self.struck:
+            input_rms = rms(np.concatenate([u[at] for u, at in zip(self.bench.measured, self.rows, strict=True)]))
+            noise = np.hypot(noise, input_rms * np.exp(-self._apart_s() / GUARD_S))
+        return error_model(self.bench, self.rows, noise, self.share, self.noise, self.pulled, tension)
+
+    def _apart_s(self) -> Array:
+        """(inputs,) the time from each row to the nearest impact of its run."""
+        runs = zip(self.bench.runs, self.rows, self.bench.impacts, strict=True)
+        apart = [np.abs(run.time_s[at][:, None] - np.append(hits, math.inf)) for run, at, hits in runs]
+        return np.concatenate([np.min(one, axis=1) for one in apart])
 
     def noisier(self, noise: float | Array) -> Problem:
         """The same campaign with further noise, rms in the band, of all samples or of each one, (inputs,), independent
@@ -200,6 +211,7 @@ class Problem:
         """The same campaign, where something else explains what looked like impacts, as the kinks of a late signal."""
         beside = copy(self)
         beside.deaf = True
+        beside.errors = beside.errors_of_rows().sized(self.errors.sizes)
         return beside
 
     @property
