@@ -394,19 +394,21 @@ class Search(Fits):
 
     def _step_play(self, size: int = 1) -> None:
         """The fits of a play and so many effects in all, the LEADERS best, continued from the best point that steps of
-        the play's values lead to: beside another cause that may lie elsewhere."""
-        singles = [fit.objective for names, fit in self.fits.items() if len(names) == 1]
-        played = {names: fit.objective for names, fit in self.fits.items() if len(names) == size and PLAY in names}
-        # One among others, that nobody hears: its steps are not worth their time.
-        if not self.problem.struck and (size > 1 or any(played.get((PLAY,), math.inf) > other for other in singles)):
+        the play's values lead to: of the best fit from all that are tried of them, of the others also from there, for
+        beside another cause they may lie elsewhere."""
+        tried = {names: fit.objective for names, fit in self.fits.items() if len(names) == size}
+        played = sorted((names for names in tried if PLAY in names), key=lambda names: tried[names])
+        # One that nobody hears, and that is not the best: its steps are not worth their time.
+        if not played or (not self.problem.struck and tried[played[0]] > min(tried.values())):
             return
-        for names in sorted(played, key=lambda names: played[names])[:LEADERS]:
+        for names in played[:LEADERS]:
             for _ in range(ROUNDS_OF_PLAY if size == 1 else 1):
-                fit, still = self.fits[names], self._still.get(names)
+                fit, still, best = self.fits[names], self._still.get(names), self.fits[played[0]]
                 if fit is still:
                     break
-                first, self._still[names] = size == 1 and still is None, fit
-                z = stepped(self.problem, fit, PLAY, self.count, everywhere=first)
+                first, self._still[names] = names == played[0] and still is None, fit
+                also = [] if fit is best else [best.setting]
+                z = stepped(self.problem, fit, PLAY, self.count, also, everywhere=first)
                 if np.any(z != fit.z):
                     self._try(names, lambda fit=fit, z=z: self._again(replace(fit, z=z)))  # type: ignore[misc]
 
