@@ -23,6 +23,7 @@ from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import sentence_of
 from workbench.diagnose.gap import folds_of, shrink_of, stretch_of, worst_tolerance
+from workbench.diagnose.hypotheses import evidence
 from workbench.diagnose.hypotheses import held_out as held_out_module
 from workbench.diagnose.hypotheses.evidence import Score, Weighed, inexact, nested
 from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
@@ -582,3 +583,21 @@ def test_what_a_play_may_be_off_is_a_share_of_what_it_explains_itself(monkeypatc
     assert found[1] == pytest.approx(found[0], rel=0.3)
     nothing = problem.errors.whiten(problem.residuals([{}])[0])
     assert 0.0 < found[0] < LAW**2 * float(nothing @ nothing)
+
+
+def test_a_cause_beside_a_play_counts_with_all_the_tolerances_that_it_relieves(monkeypatch: pytest.MonkeyPatch):
+    """A friction level took off 24 of 27 of them beside a play whose law explains 2,400, of which 54 may be off: it was
+    worth nothing."""
+    names = {"inexact": 54.0, "cost": 6.0, "price": 5.7, "only_mends": False}
+    for name, value in names.items():
+        monkeypatch.setattr(evidence, name, lambda *_, value=value: value)
+    monkeypatch.setattr(evidence, "beyond_model_error", lambda *_: 24.0)
+    monkeypatch.setattr(evidence, "beyond_nuisance", lambda problem, fit, name, worth: worth)
+    problem = cast(Any, types.SimpleNamespace(struck=True))
+    alone, both = (
+        types.SimpleNamespace(effects=some, prior=p, z=())
+        for some, p in ((("backlash",), 27.0), (("backlash", "friction_coulomb"), 3.0))
+    )
+    first = Weighed(("backlash",), cast(Any, alone), 0.0, 0.0, Score(0.0, (1.0, 1.0), 1.0))
+    added = evidence._added(problem, cast(Any, alone), first, cast(Any, both), Score(-24.0, (1.0, 1.0), 1.0))
+    assert added == pytest.approx(24.0 - 6.0 - 5.7)

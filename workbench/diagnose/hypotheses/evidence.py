@@ -266,11 +266,8 @@ def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: S
     prior = first.fit.prior - fit.prior
     (last,) = set(fit.effects) - set(first.names)
     least = inexact(problem, first, len(near.z))
-    if problem.struck and PLAY in first.names:  # what its law does not foretell stretches tolerances too
-        added = beyond(gain, least)
-    else:
-        data = beyond(gain - prior, least)
-        added = prior + (min(data, 0.0) if only_mends(problem, last) else data)
+    data = beyond(gain - prior, least)
+    added = prior + (min(data, 0.0) if only_mends(problem, last) else data)
     evidence = added - cost(problem, len(fit.z) - len(first.fit.z))
     evidence = beyond_nuisance(problem, fit, last, evidence) - price(problem)
     return of_impacts(problem, {last}, evidence) if last == PLAY else evidence

@@ -238,7 +238,8 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
     does, and the runs by themselves not significantly worse; or a play so by plain least squares (`weighed_both_ways`);
     and with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than
-    with a free law of one variable in its place (`worth`); a play that impacts tell of is chosen from none. A delay
+    with a free law of one variable in its place (`worth`); a play that impacts tell of, which is chosen from none, not
+    significantly worse than without it, for its flights are short and their ends foretold by no law. A delay
     beside others has to take something, too, of what the log's timing leaves (`takes_nothing`): a machine's own lags
     may be some sampling steps; and what every machine has, MINOR of what the others leave on held-out runs, and on
     parts of a motion that all repeat; a ripple, which no base value holds, as much as then stays. No amount may as well
@@ -265,17 +266,18 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     by_chance = -float(ndtri(SIGNIFICANT))
     _, *plain = weighed_both_ways(problem, w.fit, len(base.z))
 
-    def told(before: Fitted) -> bool:
+    def told(before: Fitted, least: float) -> bool:
         both = ((held_out(problem, one, folds_by_run(problem)) for one in (before, after)) for after in plain)
-        return any(foretold(problem, *two) > by_chance for two in both)
+        return any(foretold(problem, *two) > least for two in both)
 
-    if not told(near):
+    if not told(near, by_chance):
         for by_runs_alone, enough in ((False, by_chance), (True, -by_chance)):
             if significance(problem, near, w.fit, by_runs_alone=by_runs_alone) <= enough:
                 return False
     least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
     enough = all(
-        significance(problem, rest, w.fit) > least or (problem.struck and PLAY not in rest.effects and told(rest))
+        significance(problem, rest, w.fit) > least
+        or (problem.struck and PLAY not in rest.effects and told(rest, -by_chance))
         for rest in sorted(less, key=lambda rest: rest.objective)
     )
     return enough and not may_be_none(problem, w.fit, least)
