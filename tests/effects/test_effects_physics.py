@@ -324,7 +324,7 @@ def driven_force(machine: Axis, effects: dict[str, dict[str, float]], t: Array, 
 
 
 def driven_through_play(
-    t: Array, v: Array, play: float, shares: tuple[float, float], more: Chosen | None = None, **values: float
+    t: Array, v: Array, play: float, shares: tuple[float, float], more: Chosen | None = None, /, **values: float
 ) -> Array:
     """Force and the motor's lead over what lies behind the play, (n, 2), of a linear axis that moves so. more: effects
     beside the play."""
