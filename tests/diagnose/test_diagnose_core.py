@@ -263,6 +263,23 @@ def test_where_every_sample_counts_it_does_for_each_setting(hoist: Problem):
     assert rms(hoist.residuals([{}])[0] - alone[0]) > 3.0 * max(off)  # the thinned samples do not show it
 
 
+def test_what_a_quick_search_estimates_on_an_axis_is_simulated_at_few_samples_but_for_quick_waves(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    posed = Problem(linear_axis(), axis_runs(linear_axis()), 1.0).quick()
+    ripple = {"torque_ripple__amplitude_n": 3.0, "torque_ripple__phase_rad": 0.0}
+    effects = [{"friction_quadratic__drag_n_s2_per_m2": 20.0}, {"F_f": 25.0}]
+    settings = [*effects, *({**ripple, "torque_ripple__waves_per_m": waves} for waves in (3.0, 400.0))]
+    exact, seen = posed.differences({}, settings)[1], list[tuple[int, bool]]()
+    simulated = Problem._simulated
+    monkeypatch.setattr(
+        Problem, "_simulated", lambda self, s, thin: (seen.append((len(s), thin)), simulated(self, s, thin))[1]
+    )
+    for rough, whole in zip(posed.linear({}, settings), exact, strict=True):
+        assert rms(rough - whole) < 0.03 * rms(whole)
+    assert (5, True) in seen and (2, False) in seen
+
+
 def test_where_longer_steps_break_down_every_sample_is_simulated(hoist: Problem, monkeypatch: pytest.MonkeyPatch):
     exact, simulated = hoist.exact(), Problem._simulated
     broken = math.nan

@@ -286,6 +286,24 @@ def test_the_low_pass_at_some_samples_is_the_low_pass_there(band, summed):
     assert at(series) == pytest.approx(lowpass(TIME, series, band)[rows], abs=1e-7 * np.max(np.abs(series)))
 
 
+@pytest.mark.parametrize("band", [1.7, 60.0])
+def test_between_two_samples_the_low_pass_is_straight(band):
+    rows = np.array([0.25, 3.5, *(np.arange(80, 7400, 9) / 2.0), 3990.75, 3998.5])
+    series = np.cumsum(np.random.default_rng(3).normal(size=(len(TIME), 3)), axis=0)
+    smooth = lowpass(TIME, series, band)
+    between = np.stack([np.interp(rows, np.arange(len(TIME)), column) for column in smooth.T], axis=1)
+    assert LowpassAt(TIME, band, rows)(series) == pytest.approx(between, abs=1e-7 * np.max(np.abs(series)))
+
+
+def test_machines_replayed_side_by_side_move_as_each_does_alone():
+    runs = axis_runs(LINEAR.example())[:2]
+    light, heavy = (with_values(LINEAR.example(), {"mass_kg": mass}) for mass in (90.0, 110.0))
+    benches = [InverseSimulation(light, runs[:1]), InverseSimulation(heavy, runs[1:])]
+    alone = [states for bench in benches for states in simulate_replays(bench)]
+    for one, other in zip(alone, simulate_replays(*benches), strict=True):
+        assert one == pytest.approx(other, rel=1e-4, abs=1e-4 * float(np.max(np.abs(one))))
+
+
 def test_irregular_samples_are_filtered_at_their_own_times():
     rng = np.random.default_rng(2)
     time = np.sort(rng.uniform(0.0, 40.0, 8000))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -75,7 +76,7 @@ class Run(Shown):
     def duration_s(self) -> float:
         return float(self.time_s[-1] - self.time_s[0])
 
-    @property
+    @cached_property
     def sample_time_s(self) -> float:
         """The median step of time."""
         return float(np.median(np.diff(self.time_s)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -302,7 +303,7 @@ def shrink_of(
     before, after = folds.before.rms(problem.inputs), folds.after.rms(problem.inputs)
     plain = _machines(problem, keys, (), folds.before.settings)
     better = unknown.machines if unknown is not None else _machines(problem, keys, names, folds.after.settings)
-    speed = _speed(problem, plain), _speed(problem, better)
+    speed = [_speed(problem, each) for each in ([plain] if better == plain else [plain, better])]
     sentences, cut = [], [problem.runs[j].name for j in in_parts(problem)]
     if (few := counting(problem)) <= 2:
         only, each = ("One run", "it") if few == 1 else ("Two runs", "each")
@@ -323,7 +324,7 @@ def shrink_of(
         factor=before / max(after, 1e-12),
         ci95=_interval(problem, folds, seed),
         speed_rmse_percent_before=speed[0],
-        speed_rmse_percent_after=speed[1],
+        speed_rmse_percent_after=speed[-1],
         by_run=_by_run(problem, folds),
         sentences=tuple(sentences),
         model_error=model_error_rms(problem.with_model_error((1.0, 1.0))),
@@ -359,12 +360,11 @@ def _machines(
     problem: Problem, keys: Mapping[str, Scalar], names: Names, settings: Sequence[Setting]
 ) -> list[Hoist | Axis | None]:
     """For each run the machine that was fitted to the other runs; None if the fit is not a valid machine."""
-    machines: list[Hoist | Axis | None] = []
-    for j in range(len(problem.runs)):
-        try:
-            machines.append(machine_of(problem, keys, names, for_run(settings[j], j)))
-        except InputError:
-            machines.append(None)
+    machines: list[Hoist | Axis | None] = [None] * len(problem.runs)
+    for j in range(len(machines)):
+        with suppress(InputError):
+            own = {k: v[j] if isinstance(v, tuple) else v for k, v in settings[j].items()}
+            machines[j] = machine_of(problem, keys, names, own)
     return machines
 
 
@@ -372,18 +372,11 @@ def _speed(problem: Problem, machines: Sequence[Hoist | Axis | None]) -> float:
     """The rms speed error of the held-out runs in open-loop replay, per cent of the campaign's speed scale; NaN if no
     run can be replayed. Runs of which nothing counts have none."""
     squares: list[tuple[float, float]] = []
-    for j, run in enumerate(problem.runs):
-        if not len(problem.rows[j]) or (machine := machines[j]) is None:
-            continue
-        bench = InverseSimulation(machine, [run], problem.band_hz)
-        (states,) = simulate_replays(bench)
+    each = zip(problem.runs, machines, problem.rows, strict=False)
+    benches = [InverseSimulation(m, [run], problem.band_hz) for run, m, rows in each if len(rows) and m is not None]
+    for bench, states in zip(benches, simulate_replays(*benches), strict=True):
         error = 100.0 * rms(states[:, len(bench.plant.positions)] - bench.motions[0].speed) / problem.bench.scale
         if math.isfinite(error):
-            squares.append((error**2, len(run.time_s) * run.sample_time_s))
+            squares.append((error**2, len(bench.runs[0].time_s) * bench.runs[0].sample_time_s))
     total = sum(time for _, time in squares)
     return math.sqrt(sum(square * time for square, time in squares) / total) if total else math.nan
-
-
-def for_run(setting: Setting, j: int) -> dict[str, float]:
-    """The setting with the values of run j."""
-    return {k: v[j] if isinstance(v, tuple) else v for k, v in setting.items()}

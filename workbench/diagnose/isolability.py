@@ -15,7 +15,7 @@ from workbench.diagnose.hypotheses.free_parameters import Names
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import calibration
-from workbench.diagnose.hypotheses.signatures import Projection, Signature, columns_signed, linear_gain
+from workbench.diagnose.hypotheses.signatures import Projection, Signature
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,12 @@ def isolability(problem: Problem, search: SearchResult) -> Isolability:
 def best_signatures(projection: Projection, signatures: Iterable[Signature], n: float) -> dict[str, Projected]:
     """Effect -> its signature at the shape that fits the data best."""
     best: dict[str, Projected] = {}
-    for signature in signatures:
-        columns = projection.clean(signature.columns)
-        if not np.any(np.abs(signature.columns) > 0.0):  # such as a place that no run has passed
-            continue
-        data, prior, _ = linear_gain(columns, projection.residual, columns_signed(signature), projection.priors)
-        worth = data + prior - (columns.shape[1] + len(signature.at)) * math.log(max(n, 2.0))
+    shown = [one for one in signatures if np.any(np.abs(one.columns) > 0.0)]  # not a place that no run has passed
+    for signature, (data, prior, _) in zip(shown, projection.gains(shown), strict=True):
+        worth = data + prior - (signature.columns.shape[1] + len(signature.at)) * math.log(max(n, 2.0))
         name = signature.effect.id
         if name not in best or worth > best[name].merit:
-            best[name] = Projected(signature, columns, data + prior, worth)
+            best[name] = Projected(signature, projection.clean(signature.columns), data + prior, worth)
     return best
 
 

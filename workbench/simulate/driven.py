@@ -12,7 +12,7 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from operator import attrgetter
 from types import SimpleNamespace
 
@@ -93,13 +93,8 @@ class InverseSimulation:
             self._logged.append(motion)
         self.every = [max(1, int(thin / (self.band_hz * run.sample_time_s))) for run in self.runs]
         self.times = [run.time_s[::n] for run, n in zip(self.runs, self.every, strict=True)]
-        self._smooth = [self._logged[j] if n == 1 else self._smoothed(j) for j, n in enumerate(self.every)]
         # The motion behind the log: what a late speed sensor shows is brought forward.
         self.motions = [self._behind_log(j) for j in range(len(self.runs))]
-        self._thinned = [
-            m if n == 1 else self._behind_log(j, thin=True)
-            for j, (m, n) in enumerate(zip(self.motions, self.every, strict=True))
-        ]
         self.symbols = tuple(vars(self.base[0]))
         self.row_of = {symbol: row for row, symbol in enumerate(self.symbols)}
         self.table = np.array([[vars(p)[symbol] for symbol in self.symbols] for p in self.base], dtype=float)
@@ -117,6 +112,15 @@ class InverseSimulation:
         ]
         self.judged = [self._judged(j) for j in range(len(self.runs))]
         self.noise = [noise_rms(r.time_s, u, self.band_hz) for r, u in zip(self.runs, self.inputs, strict=True)]
+
+    @cached_property
+    def speeds(self) -> list[Array]:
+        """(n,) of each run, of the driven coordinate in the band."""
+        return [lowpass(run.time_s, m.speed, self.band_hz) for run, m in zip(self.runs, self.motions, strict=True)]
+
+    @cached_property
+    def _smooth(self) -> list[Motion]:
+        return [self._logged[j] if n == 1 else self._smoothed(j) for j, n in enumerate(self.every)]
 
     def predict(self, values: Sequence[Sequence[SimpleNamespace]]) -> list[list[tuple[Array, Array]]]:
         """The true input that each run's motion requires, for sets of parameters; not low-passed.
@@ -236,8 +240,8 @@ class InverseSimulation:
 
     def _motion_behind(self, j: int, key: tuple[float, ...], thin: bool) -> Motion:
         own = tuple(getattr(self.base[j], name) for name in self._late)
-        if key == own:
-            return self._thinned[j] if thin else self.motions[j]
+        if key == own and not (thin and self.every[j] > 1):
+            return self.motions[j]
         if (j, thin, key) not in self._behind:
             self._behind[j, thin, key] = self._behind_log(j, dict(zip(self._late, key, strict=True)), thin)
             while len(self._behind) > MOTIONS_KEPT * len(self.runs):

@@ -3,8 +3,8 @@ leaves to compare them in.
 
 `LowpassAt` is the same filter, computed only where it is looked at. Far from the ends a filtered sample is a weighted
 sum of its neighbours, the same for every sample: the impulse response of `lowpass` on its circle, cut off where what is
-left out is below `REST`. Samples evenly apart share one matrix of shifted weights, so that a block of them is one
-product of matrices. Near the ends the series is continued as `lowpass` does it, and then treated alike.
+left out is below `REST`. A block of them is one product with a matrix of shifted weights, which blocks of samples as
+far apart share. Near the ends the series is continued as `lowpass` does it, and then treated alike.
 """
 
 from __future__ import annotations
@@ -164,13 +164,13 @@ REST = 1e-7  # of the weights' sum: what the gain still is at half the sampling 
 BLOCK = 32  # samples of one product, at most
 DEAR = 8.0  # what an operation of a transform takes, of a product's
 
-Blocks = list[tuple[int, int, int]]  # the first of its rows, how many, and where their sums begin
+Blocks = list[tuple[int, Array, int]]  # the first of its rows, their weights, and where the sums begin
 
 
 class LowpassAt:
-    """`lowpass` of series at the times `time_s`, at the samples `rows`, which rise."""
+    """`lowpass` of series at the times `time_s`, at the samples `rows`, which rise; straight between two samples."""
 
-    def __init__(self, time_s: Array, band_hz: float, rows: np.ndarray) -> None:
+    def __init__(self, time_s: Array, band_hz: float, rows: Array) -> None:
         self.time_s, self.band_hz, self.rows = time_s, band_hz, rows
         step, _, regular = grid_of(time_s)
         self.summed = regular and len(rows) > 1 and 2.0 * band_hz * step < 1.0
@@ -180,61 +180,70 @@ class LowpassAt:
     def __call__(self, values: Array) -> Array:
         """values: (n, k) -> (rows, k)."""
         if not self.summed:
-            return lowpass(self.time_s, values, self.band_hz)[self.rows]
+            smooth, at = lowpass(self.time_s, values, self.band_hz), np.asarray(self.rows, dtype=int)
+            part = (self.rows - at)[:, None]
+            return np.asarray((1.0 - part) * smooth[at] + part * smooth[np.minimum(at + 1, len(smooth) - 1)])
         out = np.empty((len(self.rows), values.shape[1]))
         self._sum(values, self._inner, out)
         for indices, blocks, lines in self._ends:
             if blocks:
                 series, line = self._continued(values, indices, lines)
                 self._sum(series, blocks, out)
-                first, last = blocks[0][0], blocks[-1][0] + blocks[-1][1]
+                first, last = blocks[0][0], blocks[-1][0] + len(blocks[-1][1])
                 out[first:last] += line
         return out
 
-    def _sum(self, series: Array, blocks: Blocks, out: Array) -> None:
-        width = 2 * self._reach + 1
-        for first, many, begin in blocks:
-            length = width + (many - 1) * self._stride
-            np.matmul(self._shifted[:many, :length], series[begin : begin + length], out=out[first : first + many])
+    @staticmethod
+    def _sum(series: Array, blocks: Blocks, out: Array) -> None:
+        for first, weights, begin in blocks:
+            many, length = weights.shape
+            np.matmul(weights, series[begin : begin + length], out=out[first : first + many])
 
     def _prepare(self, circle: Circle) -> None:
         response = np.fft.irfft(circle.gain, circle.size)
         left_out = 2.0 * np.cumsum(np.abs(response[circle.size // 2 : 0 : -1]))[::-1]  # beyond 0, 1, 2, ... samples
-        reach = self._reach = int(np.count_nonzero(left_out > REST))
-        gaps = np.diff(self.rows)
-        stride = self._stride = int(np.median(gaps))
-        many = max(1, min(BLOCK, 2 * reach // stride))
-        width = 2 * reach + 1
-        sums = 2.0 * len(self.rows) * (width + many * stride)
+        reach = int(np.count_nonzero(left_out > REST))
+        stride = float(np.median(np.diff(self.rows)))
+        self._many, self._longest = max(1, min(BLOCK, int(2 * reach / stride))), BLOCK * stride
+        sums = 2.0 * len(self.rows) * (2 * reach + 1 + self._many * stride)
         transforms = 5.0 * circle.size * math.log2(circle.size)
         if 4 * reach > circle.samples or sums > DEAR * transforms:
             self.summed = False
             return
-        weights = np.concatenate([response[reach:0:-1], response[: reach + 1]])
-        self._shifted = np.zeros((many, width + (many - 1) * stride))
-        for i in range(many):
-            self._shifted[i, i * stride : i * stride + width] = weights
+        self._weights = np.concatenate([response[reach:0:-1], response[: reach + 1]])
+        self._made: dict[bytes, Array] = {}  # rows as far apart share their weights
         m, pad = circle.samples, circle.pad
         low = int(np.searchsorted(self.rows, reach))
-        high = int(np.searchsorted(self.rows, m - reach))
+        high = int(np.searchsorted(self.rows, m - reach - 1))
         self._inner = self._blocks(low, high, reach)
-        before = np.arange(pad - reach, pad + 2 * reach)  # on the circle
-        after = np.arange(pad + m - 2 * reach, pad + m + reach)
+        before = np.arange(pad - reach, pad + 2 * reach + 1)  # on the circle
+        after = np.arange(pad + m - 2 * reach - 1, pad + m + reach + 1)
         self._ends = []
-        for indices, first, last, begin in ((before, 0, low, 0), (after, high, len(self.rows), m - reach)):
+        for indices, first, last, begin in ((before, 0, low, 0), (after, high, len(self.rows), m - reach - 1)):
             at = (self.rows[first:last] + pad) / (circle.padded - 1)
             self._ends.append((_Sources(circle, indices), self._blocks(first, last, begin), at))
 
     def _blocks(self, first: int, last: int, shift: int) -> Blocks:
-        """Of rows first to last: evenly apart, each sum beginning at its row less the shift."""
-        blocks, most, i = [], len(self._shifted), first
+        """Of rows first to last, each sum beginning at its row less the shift."""
+        blocks, i = Blocks(), first
         while i < last:
-            k = i + 1
-            while k < last and k - i < most and self.rows[k] - self.rows[k - 1] == self._stride:
-                k += 1
-            blocks.append((i, k - i, int(self.rows[i]) - shift))
-            i = k
+            near = np.searchsorted(self.rows, self.rows[i] + self._longest)
+            rows = self.rows[i : min(i + self._many, last, int(near))]
+            begin = int(rows[0])
+            if (key := (rows - begin).tobytes()) not in self._made:
+                self._made[key] = self._of(rows - begin)
+            blocks.append((i, self._made[key], begin - shift))
+            i += len(rows)
         return blocks
+
+    def _of(self, rows: Array) -> Array:
+        """(rows, samples) the weights of samples from `reach` before the first row on."""
+        weights = np.zeros((len(rows), len(self._weights) + int(rows[-1]) + 1))
+        for own, row in zip(weights, rows, strict=True):
+            before, part = own[int(row) :], row % 1.0
+            before[: len(self._weights)] = (1.0 - part) * self._weights
+            before[1 : len(self._weights) + 1] += part * self._weights
+        return weights
 
     @staticmethod
     def _continued(values: Array, sources: _Sources, at: Array) -> tuple[Array, Array]:

@@ -25,7 +25,6 @@ from scipy.linalg.lapack import dtbtrs
 from workbench.core.run import Array
 from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
-from workbench.simulate.lowpass import lowpass
 
 SPREAD = 0.7  # standard deviation of the logarithm of a campaign's own size over the default
 STEP = 2.0  # of both sizes, from one tried to the next
@@ -160,8 +159,7 @@ def model_error_of(bench: InverseSimulation, rows: list[np.ndarray]) -> tuple[Ar
     friction = friction_level(bench)
     largest = max(float(np.max(np.abs(u))) for u in bench.measured)
     moving, standstill = [], []
-    for run, motion, measured, at in zip(bench.runs, bench.motions, bench.measured, rows, strict=True):
-        speed = lowpass(run.time_s, motion.speed, bench.band_hz)
+    for run, speed, measured, at in zip(bench.runs, bench.speeds, bench.measured, rows, strict=True):
         inertia = kind.rigid(bench.machine, run.payload_kg).inertia
         load = share.load * (np.full(len(speed), largest) if share.of_largest else np.abs(measured))
         accelerating = share.inertia * inertia * np.gradient(speed, run.time_s)

@@ -63,13 +63,11 @@ def white_noise(values: Array, time_s: Array) -> float:
 
 def _off(values: Array, time_s: Array) -> Array:
     """(n - ORDER,) What each sample is off its neighbours, white noise of size 1 making it of size 1."""
-    n = ORDER + 1
-    t = np.lib.stride_tricks.sliding_window_view(time_s, n)
-    y = np.lib.stride_tricks.sliding_window_view(values, n)
-    apart = t[:, :, None] - t[:, None, :] + np.eye(n)
-    weights = 1.0 / np.prod(apart, axis=2)  # of the divided difference
-    weights /= np.linalg.norm(weights, axis=1)[:, None]
-    return np.abs(np.sum(weights * (y - y[:, :1]), axis=1))
+    t, y = (list(sliding_window_view(series, ORDER + 1).T) for series in (time_s, values))
+    # of the divided difference
+    weights = [1.0 / math.prod(one - other for other in t if other is not one) for one in t]
+    off = sum(weight * (one - y[0]) for weight, one in zip(weights, y, strict=True))
+    return np.abs(off) / np.sqrt(sum(weight**2 for weight in weights))
 
 
 def _typical(off: Array, which: np.ndarray, values: Array) -> float:

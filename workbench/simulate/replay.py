@@ -106,20 +106,24 @@ def replay_runs(
     )
 
 
-def simulate_replays(bench: InverseSimulation) -> list[Array]:
-    """States (n, states), positions first, of every run under its measured input, from its first sample."""
-    m, given = len(bench.runs), bench.true_inputs()
-    n = max(len(run.time_s) for run in bench.runs)
-    times = np.empty((n, m))
-    inputs = np.empty((n, m))
-    for j, run in enumerate(bench.runs):
-        k = len(run.time_s)
-        times[:k, j], inputs[:k, j] = run.time_s, given[j]
-        if k < n:  # a shorter run goes on beside the longest, unlooked at
-            times[k:, j] = run.time_s[-1] + run.sample_time_s * np.arange(1, n - k + 1)
-            inputs[k:, j] = inputs[k - 1, j]
-    out = _replayed(bench, bench.base, times, inputs, bench.starts())
-    return [out[: len(run.time_s), : 2 * len(bench.plant.positions), j] for j, run in enumerate(bench.runs)]
+def simulate_replays(*benches: InverseSimulation) -> list[Array]:
+    """States (n, states), positions first, of every run under its measured input, from its first sample; machines with
+    the same effects side by side."""
+    if len({bench.model.effects for bench in benches}) != 1:
+        return [states for bench in benches for states in simulate_replays(bench)]
+    given = [each for bench in benches for each in zip(bench.runs, bench.true_inputs(), strict=True)]
+    n = max(len(run.time_s) for run, _ in given)
+    times, inputs = np.empty((2, n, len(given)))
+    for j, (run, true) in enumerate(given):  # a shorter run goes on beside the longest, unlooked at
+        more = np.arange(1, n - len(true) + 1)
+        times[:, j] = np.append(run.time_s, run.time_s[-1] + run.sample_time_s * more)
+        inputs[:, j] = np.pad(true, (0, len(more)), mode="edge")
+    starts = np.hstack([bench.starts() for bench in benches])
+    scales = np.hstack([bench.model.scales(bench.scale, bench.base) for bench in benches])
+    plant, model = benches[0].plant, benches[0].model
+    table = model.table([values for bench in benches for values in bench.base])
+    out = kernels.replay(plant, table, times, inputs, starts, scales, effects=model.effects)
+    return [out[: len(run.time_s), : 2 * len(plant.positions), j] for j, (run, _) in enumerate(given)]
 
 
 def _replayed(bench: InverseSimulation, values: Values, times: Array, inputs: Array, start: Array) -> Array:

@@ -29,9 +29,10 @@ from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
 from workbench.simulate.model_error import ErrorModel, Sizes, error_model
 from workbench.simulate.motion import GUARD_S, beside, impacts_of
 
-# Periods of the band from one sample that a search simulates to the next, by `Kind.floor`: what that changes is below
-# what a hoist's sensors leave. An axis logs its reversals so finely that a fit without them stays beside the best.
-THIN = {"sensors": 0.07, "own": 0.0}
+# Periods of the band from one sample that a search simulates to the next: what that changes is below what a hoist's
+# sensors leave. An axis logs its reversals so finely that a fit without them stays beside the best: there only what is
+# tried linearly is simulated so, where little is asked.
+THIN = 0.07
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the model error, which hangs together
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
@@ -72,13 +73,16 @@ class Problem:
         self.machine, self.runs = machine, tuple(runs)
         self.active = searchable(machine, runs)
         self.bench = InverseSimulation(
-            machine, runs, band_hz, self.active, parts(machine, runs), impacts_of(machine, runs), THIN[kind.floor]
+            machine, runs, band_hz, self.active, parts(machine, runs), impacts_of(machine, runs), THIN
         )
+        self.fine = kind.floor == "own"
         self._idle = idle_sensors(machine, runs)
         ranges = [r for effect in effects_for(kind.name).values() for r in ranges_of(effect, machine, runs)]
         self._turning = {r.symbol for r in ranges if r.scan == "order"}
         way = max(float(np.max(np.abs(motion.position))) for motion in self.bench.motions)
         angles = {"order": way, "waves": 2.0 * math.pi * way, "frequency": max(run.duration_s for run in runs)}
+        gone = [np.max(np.abs(v)) * (t[1] - t[0]) for v, t in zip(self.bench.speeds, self.bench.times, strict=True)]
+        self._gone = float(max(gone)) / max(way, 1e-300)  # of all of the way, from one thin sample to the next
         # symbol -> rad that a wave turns over all of the way, or of the time, by 1 of the value
         self._wave_angles = {r.symbol: angles[r.scan] for r in ranges if r.scan in angles}
         self._smooth: dict[tuple[int, bool], tuple[np.ndarray, LowpassAt]] = {}
@@ -87,6 +91,7 @@ class Problem:
         spacing = []
         bench = self.bench
         for run, at_speed, impacts_s, every in zip(bench.runs, bench.moving, bench.impacts, bench.every, strict=True):
+            every = 1 if self.fine else every
             moving = (at_speed & ~beside(run.time_s, impacts_s, GUARD_S))[::every]
             step = every * run.sample_time_s
             stride = max(1, int(1.0 / (SAMPLES_PER_PERIOD * self.band_hz * step)))
@@ -111,10 +116,10 @@ class Problem:
         counted = [j for j, rows in enumerate(self.rows) if len(rows)] or range(len(self.runs))
         self.noise = self.input_noise = max(rms(np.array([self.bench.noise[j] for j in counted])), 1e-12)
         self.row_noise, self.run_noise = np.full(self.inputs, self.noise), np.array(self.bench.noise)
-        self.thin = max(self.bench.every) > 1 or any(map(len, self.bench.impacts))
+        self.thin = (max(self.bench.every) > 1 and not self.fine) or any(map(len, self.bench.impacts))
         self.evaluations = 0
         self.kept: dict[Any, Any] = {}  # as held-out fits, by fit and folds: several steps ask for the same
-        self.deaf = False
+        self.deaf = self.rough = False
         self.errors = self.errors_of_rows()
 
     def effect(self, name: str) -> Effect:
@@ -139,9 +144,7 @@ class Problem:
     def noisier(self, noise: float | Array) -> Problem:
         """The same campaign with further noise, rms in the band, of all samples or of each one, (inputs,), independent
         of its own."""
-        beside = copy(self)
-        beside.row_noise = np.hypot(self.row_noise, noise)
-        beside.noise = math.hypot(self.noise, rms(noise))
+        beside = self._with(row_noise=np.hypot(self.row_noise, noise), noise=math.hypot(self.noise, rms(noise)))
         beside.errors = beside.errors_of_rows().sized(self.errors.sizes)
         return beside
 
@@ -150,9 +153,12 @@ class Problem:
         return self.weighed_by(self.errors.sized(sizes))
 
     def weighed_by(self, errors: ErrorModel) -> Problem:
-        weighed = copy(self)
-        weighed.errors = errors
-        return weighed
+        return self._with(errors=errors)
+
+    def _with(self, **changed: Any) -> Problem:
+        beside = copy(self)
+        vars(beside).update(changed)
+        return beside
 
     def moving_after(self, late_s: float) -> Problem:
         """The same campaign without the samples whose motion has ended in a log that shows it late_s too late: there
@@ -164,8 +170,7 @@ class Problem:
             kept.append(moving[np.minimum(then, len(run.time_s) - 1)])
         if self.has_tension or not all(np.count_nonzero(some) > LEAST_KEPT * len(some) for some in kept):
             return self
-        beside = copy(self)
-        beside.rows = [at[some] for at, some in zip(self.rows, kept, strict=True)]
+        beside = self._with(rows=[at[some] for at, some in zip(self.rows, kept, strict=True)])
         beside.run_lengths = tuple(len(at) for at in beside.rows)
         beside.inputs = sum(beside.run_lengths)
         beside.run_of_row = np.repeat(np.arange(len(self.runs)), beside.run_lengths)
@@ -175,18 +180,30 @@ class Problem:
 
     def exact(self) -> Problem:
         """The same campaign, simulated at every sample of the logs."""
-        beside = copy(self)
-        beside.thin, beside.kept = False, {}
-        return beside
+        return self._with(thin=False, kept={})
 
     def coarse(self, settings: Iterable[Setting]) -> Problem:
         """The same campaign simulated thin, itself where that would not do: a wave of the motor's turn passes between
         the samples."""
-        if max(self.bench.every) == 1 or any(key in self._turning for setting in settings for key in setting):
+        if self.fine or max(self.bench.every) == 1 or any(key in self._turning for s in settings for key in s):
             return self
-        beside = copy(self)
-        beside.thin = True
-        return beside
+        return self._with(thin=True)
+
+    def quick(self) -> Problem:
+        """The same campaign, of which `linear` asks little."""
+        return self._with(rough=self.fine)
+
+    def linear(self, base: Setting, others: Sequence[Setting]) -> Array:
+        """What each other setting adds to the residuals at `base`, for an estimate, (others, samples): where little is
+        asked simulated thin, but for a wave that turns by more than a half from one of those samples to the next."""
+        if not self.rough:
+            return self.differences(base, others)[1]
+        angles = [[np.max(s[key]) * angle for key, angle in self._wave_angles.items() if key in s] for s in others]
+        change = self._with(thin=True, fine=False).differences(base, others)[1]
+        change[[max(turned, default=0.0) * self._gone >= math.pi for turned in angles]] = math.nan
+        if exact := np.flatnonzero(~np.all(np.isfinite(change), axis=1)).tolist():
+            change[exact] = self.differences(base, [others[i] for i in exact])[1]
+        return change
 
     def _time_s(self, j: int, thin: bool) -> Array:
         """The simulated times of run j."""
@@ -209,8 +226,7 @@ class Problem:
 
     def without_impacts(self) -> Problem:
         """The same campaign, where something else explains what looked like impacts, as the kinks of a late signal."""
-        beside = copy(self)
-        beside.deaf = True
+        beside = self._with(deaf=True)
         beside.errors = beside.errors_of_rows().sized(self.errors.sizes)
         return beside
 
@@ -268,7 +284,7 @@ class Problem:
         known: the residual of the first one."""
         self.evaluations += 1
         if self.thin or len(settings) == 1 or self.coarse(settings) is self:
-            found = self._simulated(settings, self.thin)
+            found = self._simulated(settings, self.thin and not self.fine)
         else:
             found = self._simulated(settings, thin=True)
             if not np.all(np.isfinite(found)):  # longer steps have broken down
@@ -306,7 +322,7 @@ class Problem:
         """The low-pass of run j at its rows."""
         known = self._smooth.get((j, thin))
         if known is None or known[0] is not self.rows[j]:
-            at = self.rows[j] // self.bench.every[j] if thin else self.rows[j]
+            at = self.rows[j] / self.bench.every[j] if thin else self.rows[j]
             known = self._smooth[j, thin] = self.rows[j], LowpassAt(self._time_s(j, thin), self.band_hz, at)
         return known[1]
 

@@ -124,6 +124,7 @@ def searched(
     found with refits of the leading ones, and all are searched once more with them. quick: single effects only, and no
     second search.
     """
+    problem = problem.quick() if quick else problem
     search = Search(problem, effects, tell, rivals, base)
     late_s = search.late_s()
     if late_s > 0.0:

@@ -115,7 +115,7 @@ def signatures_of(
     settings = [{**base, **lane} for *_, lanes in planned for lane in lanes]
     if not settings:
         return []
-    _, change = problem.differences(base, settings)
+    change = problem.linear(base, settings)
     signatures, row = [], 0
     for effect, at, amounts, wave, lanes in planned:
         columns = -change[row : row + len(lanes)].T  # what the prediction gains

@@ -165,7 +165,9 @@ def planned_as(problem: Problem, seen: Seen, design: Design, longest_s: float, t
         planned = _planned(problem, seen, top, steps, design.payload_kg, begin, said)
     except InputError:
         return None
-    way = planned.start_position + np.cumsum(_speed_of(problem, planned.run)) * planned.run.sample_time_s
+    run, kind = planned.run, kind_of(problem.machine)
+    step = kind.transmission_of(problem.machine) * run.sample_time_s
+    way = planned.start_position + np.cumsum(run[kind.plant.speeds[0]]) * step
     inside = seen.low - 0.02 * span <= np.min(way) and np.max(way) <= seen.high + 0.02 * span
     return planned if inside and planned.duration_s <= longest_s else None
 
@@ -176,11 +178,6 @@ def from_moves(
     """The run of moves as diagnosis.json holds them."""
     seen = seen_in(problem)
     return _planned(problem, seen, speed, [Step(**move) for move in moves], payload_kg, start, "as stated")
-
-
-def _speed_of(problem: Problem, run: Run) -> Array:
-    kind = kind_of(problem.machine)
-    return run[kind.plant.speeds[0]] * kind.transmission_of(problem.machine)
 
 
 def seen_in(problem: Problem) -> Seen:

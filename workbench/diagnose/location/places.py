@@ -15,7 +15,7 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.location.ports import SENSOR, Port, Ports
-from workbench.diagnose.location.survey import Course, Survey, at_rows, since_reversal, survey_of
+from workbench.diagnose.location.survey import Survey, at_rows, since_reversal, survey_of
 from workbench.simulate.model_error import SPREAD, ErrorModel
 
 
@@ -320,13 +320,13 @@ def robust_left(survey: Survey) -> Array:
 
 @dataclass(frozen=True)
 class _Shape:
-    """Pulses of one run and width, of a force or of the speed that is shown. columns: (n, k) sparse, one at each of the
+    """Pulses of one run and width, of a force or of the speed that is shown. rows: (k, n) sparse, one at each of the
     moments `middle`; energy: (k,) the sum of the squares of each."""
 
     run: int
     middle: Array
     half: float
-    columns: csr_array
+    rows: csr_array
     energy: Array
 
 
@@ -351,7 +351,7 @@ def _shapes(survey: Survey, times: list[Array], widths: Array) -> list[_Shape]:
             bump = csr_array((values, (rows, which)), shape=(len(t), len(middle)))
             for columns in (bump, csr_array(gradient @ bump.multiply(rate[:, None]))):
                 energy = np.maximum(np.asarray(columns.power(2).sum(axis=0)).ravel(), 1e-12)
-                found.append(_Shape(j, middle, (0.5 + BESIDE) * float(width), columns, energy))
+                found.append(_Shape(j, middle, (0.5 + BESIDE) * float(width), csr_array(columns.T), energy))
     return found
 
 
@@ -359,7 +359,7 @@ def _strongest(shapes: list[_Shape], left: Array, begins: Array) -> Pulse | None
     """The smooth pulse, of a force or of the speed that is shown, that takes most of the squares."""
     best, most = None, 0.0
     for shape in shapes:
-        gain = (shape.columns.T @ left[begins[shape.run] : begins[shape.run + 1]]) ** 2 / shape.energy
+        gain = (shape.rows @ left[begins[shape.run] : begins[shape.run + 1]]) ** 2 / shape.energy
         k = int(np.argmax(gain))
         if gain[k] > most:
             most, middle = float(gain[k]), float(shape.middle[k])
@@ -400,7 +400,8 @@ def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:
     shapes = _hats(survey, pulses.pulses)
 
     def rows(of: str) -> Array:
-        return at_rows(survey, [x * _carrier(c, of)[:, None] for c, x in zip(survey.runs, shapes, strict=True)])
+        carried = ({"way": c.way[:, None], "mass": np.array(c.mass), "free": np.ones(1)}[of] for c in survey.runs)
+        return at_rows(survey, [x * carrier for carrier, x in zip(carried, shapes, strict=True)])
 
     def port(subsystem: str, of: str, pull: float, weight: float, positive: bool = False) -> Port:
         columns = _scaled(survey, rows(of), pull, subsystem == SENSOR)
@@ -423,12 +424,6 @@ def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:
     yield port("payload", "free", 1.0, 0.7)
     yield port("platform", "mass", 1.0, 0.7)
     yield slip
-
-
-def _carrier(c: Course, of: str) -> Array:
-    if of == "way":
-        return c.way
-    return np.full(len(c.time), c.mass) if of == "mass" else np.ones(len(c.time))
 
 
 SHOWN = 0.005  # probability

@@ -122,7 +122,7 @@ class Ports:
             return np.clip((t[:, None] - knots[:-1]) / (knots[1] - knots[0]), 0.0, 1.0)
 
         most = max(steps(c).shape[1] for c in self.survey.runs)
-        return lambda c: _padded(steps(c), most)
+        return lambda c: np.pad(x := steps(c), ((0, 0), (0, most - x.shape[1])))
 
     def waves(
         self, subsystem: str, regime: str, over: str, frequencies: Array, at: Of, carrier: Of, pull: float,
@@ -354,10 +354,6 @@ def times(carrier: Of, of: Of) -> Of:
 
 def _columns(x: Array) -> Array:
     return x[:, None] if x.ndim == 1 else x
-
-
-def _padded(x: Array, most: int) -> Array:
-    return np.hstack([x, np.zeros((len(x), most - x.shape[1]))])
 
 
 def _root(knots: Array, length: float) -> Array:

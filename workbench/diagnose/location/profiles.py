@@ -65,19 +65,15 @@ def variables(problem: Problem, gap: Array | None = None) -> list[Variable]:
 
     gap: (inputs,) measured less predicted input; with it the predicted one is among them.
     """
-    candidates = [_direction(problem)]
-    if kind_of(problem.machine).payload:
-        candidates.append(_payload(problem))
+    candidates = [_direction(problem), *([_payload(problem)] if kind_of(problem.machine).payload else [])]
     candidates += [_speed(problem), _acceleration(problem), _since_start(problem), *_turns(problem), _position(problem)]
-    candidates += [_run_time(problem), _campaign_time(problem)]
-    if gap is not None:
-        candidates.append(_input(problem, gap))
+    candidates += [_run_time(problem), _campaign_time(problem), *([] if gap is None else [_input(problem, gap)])]
     return [variable for variable in candidates if np.ptp(variable.at) > 0.0]
 
 
 def forward(problem: Problem) -> np.ndarray:
     """(inputs,) bool: hoisting or forward."""
-    return of_rows(problem, lambda b, j: _smooth_speed(b, j)) > 0.0
+    return of_rows(problem, lambda b, j: b.speeds[j]) > 0.0
 
 
 def of_rows(problem: Problem, of_run: Callable[[InverseSimulation, int], Array]) -> Array:
@@ -97,10 +93,6 @@ def spacing(problem: Problem) -> Array:
     return np.repeat(np.multiply(steps, strides), problem.run_lengths)
 
 
-def _smooth_speed(bench: InverseSimulation, j: int) -> Array:
-    return lowpass(bench.runs[j].time_s, bench.motions[j].speed, bench.band_hz)
-
-
 def _direction(problem: Problem) -> Variable:
     at = np.where(forward(problem), 1.0, -1.0)
     return Variable("direction", "direction", "1", "all", at, np.array([-1.5, 0.0, 1.5]), straight=True)
@@ -117,7 +109,7 @@ def _payload(problem: Problem) -> Variable:
 
 def _speed(problem: Problem) -> Variable:
     kind = kind_of(problem.machine)
-    at = np.abs(of_rows(problem, _smooth_speed)) * kind.transmission_of(problem.machine)
+    at = np.abs(of_rows(problem, lambda b, j: b.speeds[j])) * kind.transmission_of(problem.machine)
     edges = float(np.max(at)) * np.array(SPEED_EDGES)
     return Variable("speed", f"speed of the {kind.moved.noun}", kind.moved.speed_unit, "speed", at, edges)
 
@@ -281,10 +273,11 @@ def _drawn(
     gone = np.bincount(units, weight * (gap**2 - left**2))
     there = np.bincount(units, weight * (gap**2 - problem.noise**2))
     kept = np.flatnonzero(np.bincount(units))
-    draw = np.random.default_rng(seed).choice(kept, (DRAWS, len(kept)))
-    ratios = [_ratio(float(gone[d].sum()), float(there[d].sum())) for d in draw]
-    low, high = np.quantile(ratios, [0.05, 0.95])
-    return _ratio(float(gone.sum()), float(there.sum())), (float(low), float(high))
+    draw = np.vstack([kept, np.random.default_rng(seed).choice(kept, (DRAWS, len(kept)))])
+    gone, there = (np.sum(each[draw], axis=1) for each in (gone, there))
+    share, *drawn = np.where(there > 0.0, np.clip(gone / np.where(there > 0.0, there, 1.0), 0.0, 1.0), 0.0)
+    low, high = np.quantile(drawn, [0.05, 0.95])
+    return float(share), (float(low), float(high))
 
 
 def pieces(problem: Problem) -> np.ndarray:
@@ -296,10 +289,6 @@ def pieces(problem: Problem) -> np.ndarray:
             gone = (at[mine] - at[mine].min()) / max(float(np.ptp(at[mine])), 1e-9)
             piece[mine] = j * BLOCKS + np.minimum((gone * BLOCKS).astype(int), BLOCKS - 1)
     return piece
-
-
-def _ratio(gone: float, there: float) -> float:
-    return min(max(gone / there, 0.0), 1.0) if there > 0.0 else 0.0
 
 
 def profile_of(problem: Problem, gap: Array, explained: Explained, regime: str) -> Profile:

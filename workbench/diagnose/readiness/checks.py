@@ -66,7 +66,7 @@ def _going(bench: InverseSimulation) -> list[int]:
 def moves(bench: InverseSimulation, j: int) -> bool:
     """Whether run j moves: faster than at rest, and beyond the noise of its motion."""
     run, motion = bench.runs[j], bench.motions[j]
-    speed = lowpass(run.time_s, motion.speed, bench.band_hz)[bench.inside[j]]
+    speed = bench.speeds[j][bench.inside[j]]
     noise = noise_rms(run.time_s, motion.speed, bench.band_hz)
     return bool(bench.moving[j].any()) and float(np.max(np.abs(speed))) > ABOVE_NOISE * noise
 
@@ -432,7 +432,7 @@ def variety(bench: InverseSimulation) -> tuple[str, ...]:
                 f"All runs carry about {bench.runs[going[0]].payload_kg:g} kg: what grows with the load (gearbox "
                 "efficiency, load-dependent friction, payload and torque scale) cannot be told from what does not."
             )
-    speeds = [lowpass(bench.runs[j].time_s, bench.motions[j].speed, bench.band_hz) for j in going]
+    speeds = [bench.speeds[j] for j in going]
     ahead = float(np.mean(np.concatenate([s[bench.moving[j]] for j, s in zip(going, speeds, strict=True)]) > 0.0))
     if not ONE_WAY < ahead < 1.0 - ONE_WAY:
         way, other = kind.directions.one_way[ahead <= 0.5]

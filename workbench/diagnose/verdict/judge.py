@@ -264,16 +264,16 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
             if stays > (1.0 - least) * gap:
                 return False
     by_chance = -float(ndtri(SIGNIFICANT))
-    _, *plain = weighed_both_ways(problem, w.fit, len(base.z))
 
-    def told(before: Fitted, least: float) -> bool:
+    def told(before: Fitted, least: float) -> bool:  # what takes a fit of its own is asked last
+        _, *plain = weighed_both_ways(problem, w.fit, len(base.z))
         both = ((held_out(problem, one, folds_by_run(problem)) for one in (before, after)) for after in plain)
         return any(foretold(problem, *two) > least for two in both)
 
-    if not told(near, by_chance):
-        for by_runs_alone, enough in ((False, by_chance), (True, -by_chance)):
-            if significance(problem, near, w.fit, by_runs_alone=by_runs_alone) <= enough:
-                return False
+    asked = ((False, by_chance), (True, -by_chance))
+    alone = (significance(problem, near, w.fit, by_runs_alone=by_runs) > enough for by_runs, enough in asked)
+    if not (all(alone) or told(near, by_chance)):
+        return False
     least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
     enough = all(
         significance(problem, rest, w.fit) > least
@@ -408,7 +408,7 @@ def may_be_none(problem: Problem, fit: Fitted, least: float) -> bool:
 def leaves_off(problem: Problem, fit: Fitted, base: int) -> bool:
     """Whether a play leaves base values further off nominal than chance does, whichever way it is fitted: its rebounds
     may bend them, and so does a cause beside it. base: how many of the first z are the base parameters'."""
-    if PLAY not in fit.effects:
+    if PLAY not in fit.effects or stretched(problem, fit)["prior"] <= 1.0:  # without a fit of its own
         return False
     return min(stretched(problem, one)["prior"] for one in weighed_both_ways(problem, fit, base)) > 1.0
 
