@@ -36,7 +36,8 @@ from workbench.blind.run import run
 from workbench.blind.score import open_and_score
 from workbench.blind.seal import key_of
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.settings import CALIBRATION, calibration
+from workbench.diagnose.hypotheses.evidence import price
+from workbench.diagnose.hypotheses.settings import CALIBRATION, THRESHOLD, calibration
 from workbench.diagnose.verdict.answer import Hypothesis, logistic_argument, none_missed, rank
 
 Row = Mapping[str, Any]
@@ -73,8 +74,9 @@ def main() -> None:
         judged = opened(test)
         print("\n".join(by_family(judged, [_anew(row, numbers) for row in judged])))
     if given.write:
-        made_by = f"what decides: set by hand; {', '.join(STATED)}: python -m benchmarks.calibrate, {len(rows)} answers"
-        CALIBRATION.write_text(json.dumps({"made_by": made_by, "numbers": numbers}, indent=1) + "\n", encoding="utf-8")
+        made_by = f"python -m benchmarks.calibrate, {len(rows)} answers"
+        kept = {"made_by": made_by, "numbers": {name: numbers[name] for name in STATED}}
+        CALIBRATION.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
 
 
 def made(folder: Path, count: int, processes: int, *, first: int | None = None) -> None:
@@ -83,7 +85,7 @@ def made(folder: Path, count: int, processes: int, *, first: int | None = None) 
     sealed = folder / SEALED
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / ANSWERED_WITH).exists():
-        (folder / ANSWERED_WITH).write_text(json.dumps(dict(calibration()), indent=1) + "\n", encoding="utf-8")
+        (folder / ANSWERED_WITH).write_text(json.dumps(calibration(), indent=1) + "\n", encoding="utf-8")
     if not sealed.exists():
         make(Asked(cases=count, seed=SEED), sealed, processes=processes, tell=print)
     run(sealed, processes=processes, count=first, tell=print)
@@ -158,10 +160,10 @@ def _anew(row: Row, numbers: Mapping[str, float]) -> dict[str, Any]:
 def _ranked(row: Row, numbers: Mapping[str, float]) -> tuple[Hypothesis, ...]:
     twins = [[tuple(names) for names in group] for group in row.get("twins") or ()]
     counted = [(tuple(names), float(merit)) for names, merit in row["counted"]]
-    stands = any(names and merit > numbers["threshold"] for names, merit in counted)
+    stands = any(names and merit > THRESHOLD for names, merit in counted)
     if row["word"] == "unknown" and kind_of(row) == "hoist":
         numbers = none_missed(row["evidence"], stands, numbers)
-    return rank(counted, row["evidence"], numbers, twins)
+    return rank(counted, row["evidence"], numbers, price(kind_of(row)), twins)
 
 
 def fitted(rows: Sequence[Row]) -> dict[str, float]:

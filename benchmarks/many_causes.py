@@ -89,7 +89,7 @@ def answer(folder: Path, order: Order) -> dict[str, Any]:
     judged = judged_to_help(search)
     return {
         "family": order.family, "true": sorted(order.names), "word": judged.word, "named": list(judged.names),
-        "alike": list(alike(judged, search.problem.active.kind)), "twins": [list(n) for n in judged.ranking[0].twins],
+        "alike": list(alike(search, judged)), "twins": [list(n) for n in judged.ranking[0].twins],
         "probability": judged.ranking[0].probability, "cpu_s": time.process_time() - begun,
     }  # fmt: skip
 

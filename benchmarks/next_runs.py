@@ -39,8 +39,7 @@ from workbench.blind.seal import Order
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.diagnose.diagnose import Diagnosis, diagnose, open_hypotheses
-from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.evidence import score_of
+from workbench.diagnose.hypotheses.evidence import price, score_of
 from workbench.diagnose.hypotheses.fit import Fitted, covariance, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     GAIN,
@@ -170,7 +169,9 @@ def _asked(folder: Path, kept: Kept, draws: int, order: Order) -> dict[str, Any]
     row |= {"now": more.now, "decides": more.decides, "why": more.why}
     if draws and (asks := open_fits(first)):
         weighed = {w.names: w.evidence for w in first.judged.weighed}
-        worth = np.array([weighed.get(tuple(sorted(fit.effects)), settings.calibration()["threshold"]) for fit in asks])
+        worth = np.array(
+            [weighed.get(tuple(sorted(fit.effects)), price(first.search.problem.active.kind)) for fit in asks]
+        )
         likely = np.exp(0.5 * (worth - np.max(worth)))
         row |= {"likely": list(likely / np.sum(likely)), "asked": [fit.effects for fit in asks], "simulated": {
             name: [end for k in range(len(asks)) for n in range(draws)
@@ -280,7 +281,7 @@ def rejudged(search: SearchResult, fits: Sequence[Fitted], run: Run) -> tuple[Se
 def still_open(search: SearchResult, judged: Judged) -> bool:
     """Whether a diagnosis would ask for a further run."""
     problem, kind = search.problem, search.problem.active.kind
-    if len(open_hypotheses(judged, alternatives(judged, kind))) > 1:
+    if len(open_hypotheses(judged, alternatives(search, judged))) > 1:
         return True
     if judged.word != "named" or not variety(problem.bench):
         return False

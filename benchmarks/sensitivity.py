@@ -39,11 +39,8 @@ CALIBRATION = "calibration.json"
 SHARE = "missed_"  # how names begin that are shares, 1 at most
 # Why calibration.json has each number.
 REASONS = {
-    "threshold": "merit that a machine without a gap does not reach, nor a freer law over a simpler one by chance",
-    "elsewhere": "of the logarithm of the number of hypotheses: of many, one looks good by chance",
     "missed_no_gap": "of answers of no gap, as stated: so many have a listed cause that is too small to see",
     "missed_unknown": "of unknown causes, as stated: so many are a listed one that the fits miss",
-    "unknown_bias": "log odds of an unknown cause where nothing speaks for one",
 }
 
 
@@ -74,9 +71,9 @@ def _times(value: Any, factor: float) -> Any:
 
 def numbers() -> list[Number]:
     """In the order of the code; the calibration's first."""
-    from workbench.diagnose.hypotheses.settings import calibration
+    from workbench.diagnose.hypotheses.settings import stated
 
-    listed = [Number(CALIBRATION, name, value, REASONS[name]) for name, value in calibration().items()]
+    listed = [Number(CALIBRATION, name, value, REASONS[name]) for name, value in stated().items()]
     for place in PLACES:
         path = ROOT / place
         for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
@@ -121,11 +118,11 @@ def _comment(lines: Sequence[str], at: int) -> str:
 
 @contextmanager
 def changed(number: Number, factor: float) -> Iterator[None]:
-    """The number at `factor` of itself."""
+    """The number at `factor` of itself, and what its module derives from it."""
     if number.place == CALIBRATION:
-        from workbench.diagnose.hypotheses.settings import calibration
+        from workbench.diagnose.hypotheses.settings import stated
 
-        kept: Any = calibration()
+        kept = stated()
         kept[number.name] = number.times(factor)
         try:
             yield
@@ -133,7 +130,12 @@ def changed(number: Number, factor: float) -> Iterator[None]:
             kept[number.name] = number.value
         return
     module = importlib.import_module(number.place)  # no other module has imported the number by name
-    with patch.object(module, number.name, number.times(factor)):
+    now = {number.name: number.times(factor)}
+    for node in ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and any(n.id in now for n in ast.walk(node.value) if isinstance(n, ast.Name)):
+            exec(compile(ast.Module([node], []), number.place, "exec"), scope := {**vars(module), **now})
+            now |= {target.id: scope[target.id] for target in node.targets if isinstance(target, ast.Name)}
+    with patch.multiple(module, **now):
         yield
 
 
@@ -150,7 +152,7 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
         diagnosis = whole.diagnose(read_campaign(campaigns / name), study=False)
     except InputError:
         return {}
-    search, kind = diagnosis.search, diagnosis.search.problem.active.kind
+    search = diagnosis.search
     weigh = judge.deserved
     harms: dict[Names, bool] = {}
 
@@ -166,7 +168,7 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
         return {
             "word": judged.word,
             "names": list(judged.names),
-            "alike": list(judge.alike(judged, kind)),
+            "alike": list(judge.alike(search, judged)),
             "ranking": [[first.verdict, list(first.effects), first.probability]],
             "twins": [[list(names) for names in group] for group in judged.groups],
         }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -157,7 +158,7 @@ def the(name: str, place: str = "settings") -> Number:
 
 def test_every_number_of_the_verdict_has_a_reason_and_a_line_on_the_page():
     listed = numbers()
-    assert {"threshold", "LAW", "HALF", "SAME"} <= {number.name for number in listed}
+    assert {"missed_no_gap", "LAW", "HALF", "SIGNIFICANT"} <= {number.name for number in listed}
     assert [number.key for number in listed if not number.reason] == []
     page = PAGE.read_text(encoding="utf-8")
     command = "python -m benchmarks.sensitivity FOLDERS --out ANSWERS --page benchmarks/verdict_numbers.md"
@@ -169,7 +170,20 @@ def test_a_changed_number_is_another_one_wherever_the_diagnosis_reads_it_and_com
     with changed(the("LAW"), 0.5):
         assert evidence.settings.LAW == judge.settings.LAW == pytest.approx(0.5 * kept)
     assert evidence.settings.LAW == judge.settings.LAW == kept
-    threshold = settings.calibration()["threshold"]
-    with changed(the("threshold", "json"), 2.0):
-        assert settings.calibration()["threshold"] == 2.0 * threshold
-    assert settings.calibration()["threshold"] == threshold
+    missed = settings.calibration()["missed_unknown"]
+    with changed(the("missed_unknown", "json"), 2.0):
+        assert settings.calibration()["missed_unknown"] == 2.0 * missed
+    assert settings.calibration()["missed_unknown"] == missed
+
+
+def test_what_is_derived_from_a_changed_number_is_changed_with_it():
+    """Evidence of chance is that of the probability of chance, wherever it is asked for."""
+    kept = (settings.THRESHOLD, settings.DECISIVE, settings.NUISANCE, settings.SAME)
+    with changed(the("SIGNIFICANT"), 0.2):
+        assert pytest.approx(-2.0 * math.log(0.01)) == settings.THRESHOLD
+        assert judge.settings.DECISIVE == 2.0 * settings.THRESHOLD
+        assert pytest.approx(0.02) == settings.SAME
+        assert pytest.approx(3.891, abs=1e-3) == settings.NUISANCE
+        assert settings.calibration()["unknown_bias"] == pytest.approx(math.log(0.01 / 0.99))
+    assert kept == (settings.THRESHOLD, settings.DECISIVE, settings.NUISANCE, settings.SAME)
+    assert kept == pytest.approx((5.9915, 11.983, 3.0233, 0.1), rel=1e-4)

@@ -18,7 +18,7 @@ from tests.support.searched_campaign import simulated_search
 from workbench.core.numbers import figures
 from workbench.core.run import Run
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.evidence import weigh
+from workbench.diagnose.hypotheses.evidence import price, weigh
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import TENSION_GAIN, Scalar, base_parameters, bounds_of
 from workbench.diagnose.hypotheses.problem import Problem
@@ -397,12 +397,12 @@ def test_a_freer_law_pays_for_its_freedom_once_however_long_a_run_is(tmp_path: P
     search = simulated_search(tmp_path / "viscous", truth, names)[1]
     weighed = {w.names: w.evidence for w in weigh(search.problem, search.base, search.within_tolerances, search.fits)}
     fits = [search.fits[name,] for name in names]
-    asked = Odds.of(search, fits, {(): settings.calibration()["threshold"]} | weighed)
+    asked = Odds.of(search, fits, {(): price(search.problem.active.kind)} | weighed)
     simple, freer, _ = asked.lost
-    assert freer - simple < 0.5 * settings.calibration()["threshold"]  # of a law's model error, and of nothing else
+    assert freer - simple < 0.5 * settings.THRESHOLD  # of a law's model error, and of nothing else
     as_judged = [weighed[name,] for name in names]
     assert asked._freely(asked.evidence)[:2] == pytest.approx(as_judged, abs=1e-6)
-    assert as_judged[0] - as_judged[1] > settings.calibration()["threshold"]
+    assert as_judged[0] - as_judged[1] > settings.THRESHOLD
 
 
 def test_a_run_decides_where_nothing_but_what_a_freer_law_explains_by_chance_is_left_open():

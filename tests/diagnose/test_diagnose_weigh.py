@@ -48,6 +48,7 @@ from workbench.diagnose.hypotheses.held_out import (
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.hypotheses.settings import LAW, calibration
+from workbench.diagnose.verdict import judge
 from workbench.diagnose.verdict.answer import Hypothesis, none_missed, rank
 from workbench.diagnose.verdict.judge import Judged, alike, alternatives, groups_of, runners_up
 from workbench.effects import effects_for, find, ranges_of
@@ -57,7 +58,7 @@ from workbench.references import Limits, Step, plan_motion
 TORQUE = "torque_motor_nm"
 AS_DECIDED = {"missed_no_gap": 0.0, "missed_unknown": 0.0}  # and so stated
 NUMBERS = {
-    **calibration(), "threshold": 6.0, "unknown_bias": -6.0, **AS_DECIDED
+    **calibration(), "unknown_bias": -6.0, **AS_DECIDED
 }  # fmt: skip
 
 
@@ -301,6 +302,15 @@ def test_what_left_out_rows_lose_by_is_told_whatever_the_tolerances_gain(monkeyp
     assert told_by(left, form, 20.0, monkeypatch, 6.0, by_runs_alone=True) < -1.645
 
 
+def test_some_samples_in_which_friction_turns_over_elsewhere_do_not_outweigh_the_runs(monkeypatch: pytest.MonkeyPatch):
+    """Six of 7,500 held-out samples of an axis hid viscous friction that left 0.6 for 1.6 N in each run: unknown."""
+    form = np.full((5, 400), 0.5)
+    left = np.random.default_rng(8).normal(size=form.shape)
+    assert told_by(left, form, 20.0, monkeypatch, 0.0) > 8.0
+    left[4, 100:106], form[4, 100:106] = -12.0, 9.0
+    assert told_by(left, form, 20.0, monkeypatch, 0.0) > 8.0
+
+
 def test_rows_of_white_noise_count_as_they_are(monkeypatch: pytest.MonkeyPatch):
     """An effect of energy 25 is 2.5 deviations off by the rows alone, and a tolerance that it relieves adds to it; one
     that takes nothing and relieves nothing is as rarely significant as by chance."""
@@ -354,7 +364,7 @@ merits = st.lists(st.floats(-20.0, 500.0), max_size=8)
 
 @given(merits, st.floats(0.0, 3.0), st.booleans())
 def test_probabilities_sum_to_one_and_the_answer_stands_first(values: list[float], open_left: float, rival: bool):
-    rows = rank(named(values, rival), {**NO_EVIDENCE, "left": open_left}, NUMBERS)
+    rows = rank(named(values, rival), {**NO_EVIDENCE, "left": open_left}, NUMBERS, 6.0)
     assert sum(row.probability for row in rows) == pytest.approx(1.0)
     assert all(row.probability >= 0.0 for row in rows)
     total = {w: sum(r.probability for r in rows if r.verdict == w) for w in ("named", "no_gap", "unknown")}
@@ -370,35 +380,35 @@ def named(values: Sequence[float], rival: bool = False) -> list[tuple[Names, flo
 @given(st.lists(st.floats(-20.0, 500.0), min_size=1, max_size=8), st.floats(0.0, 100.0))
 def test_a_larger_merit_is_never_less_likely(values: list[float], more: float):
     def of_first(rows: Sequence[float]) -> float:
-        return next(r.probability for r in rank(named(rows), NO_EVIDENCE, NUMBERS) if r.effects == ("e0",))
+        return next(r.probability for r in rank(named(rows), NO_EVIDENCE, NUMBERS, 6.0) if r.effects == ("e0",))
 
     assert of_first([values[0] + more, *values[1:]]) >= of_first(values) - 1e-12
 
 
-@pytest.mark.parametrize("numbers", [NUMBERS, dict(calibration())])
+@pytest.mark.parametrize("numbers", [NUMBERS, calibration()])
 def test_a_large_merit_without_evidence_against_it_is_named(numbers: dict[str, float]):
-    rows = rank(named([20.0, 400.0, -5.0]), NO_EVIDENCE, numbers)
+    rows = rank(named([20.0, 400.0, -5.0]), NO_EVIDENCE, numbers, 6.0)
     assert (rows[0].verdict, rows[0].effects) == ("named", ("e1",))
     assert rows[0].probability > 0.75
 
 
-@pytest.mark.parametrize("numbers", [NUMBERS, dict(calibration())])
+@pytest.mark.parametrize("numbers", [NUMBERS, calibration()])
 def test_structure_that_the_best_leaves_makes_the_cause_unknown(numbers: dict[str, float]):
     left = {**NO_EVIDENCE, "left": 2.0}
-    rows = rank(named([400.0]), left, numbers)
+    rows = rank(named([400.0]), left, numbers, 6.0)
     assert (rows[0].verdict, rows[0].effects) == ("unknown", ())
 
 
 def test_an_unknown_cause_is_surer_of_a_machine_that_leaves_nothing_itself():
     """Of 22 hoists whose answer was unknown all had an unlisted cause, and 0.64 was stated."""
     left, numbers = {**NO_EVIDENCE, "left": 2.0}, calibration()
-    alone, other = (rank(named([20.0]), left, these)[0] for these in (none_missed(left, False, numbers), numbers))
+    alone, other = (rank(named([20.0]), left, these, 6.0)[0] for these in (none_missed(left, False, numbers), numbers))
     assert alone.verdict == other.verdict == "unknown"
     assert other.probability < 0.7 < 0.9 < alone.probability
 
 
 def test_what_may_not_be_named_speaks_for_an_unknown_cause():
-    rows = rank([((), 400.0), (("known",), 300.0)], NO_EVIDENCE, NUMBERS)
+    rows = rank([((), 400.0), (("known",), 300.0)], NO_EVIDENCE, NUMBERS, 6.0)
     assert rows[0].verdict == "unknown"
     assert rows[0].probability > 0.9
 
@@ -408,9 +418,9 @@ def test_what_is_stated_sums_to_one_changes_no_answer_and_makes_no_other_likelie
     values: list[float], open_left: float, rival: bool
 ):
     told, evidence = named(values, rival), {**NO_EVIDENCE, "left": open_left}
-    stated = rank(told, evidence, dict(calibration()))
+    stated = rank(told, evidence, calibration(), 6.0)
     assert sum(row.probability for row in stated) == pytest.approx(1.0)
-    decided = rank(told, evidence, {**calibration(), **AS_DECIDED})
+    decided = rank(told, evidence, {**calibration(), **AS_DECIDED}, 6.0)
     assert (stated[0].verdict, stated[0].effects) == (decided[0].verdict, decided[0].effects)
     assert {row.effects for row in stated} == {row.effects for row in decided}
     if stated[0].verdict == "named":
@@ -419,6 +429,11 @@ def test_what_is_stated_sums_to_one_changes_no_answer_and_makes_no_other_likelie
     else:  # an unknown cause of 33 % once stood beside 42 % for no gap
         assert stated[0].probability == pytest.approx(max(row.probability for row in stated))
     assert [row.probability for row in stated[1:]] == sorted((row.probability for row in stated[1:]), reverse=True)
+
+
+def search_of(problem: Problem, fit: Fitted) -> SearchResult:
+    base = types.SimpleNamespace(z=fit.z[: len(base_parameters(problem.machine, problem.runs))])
+    return cast(SearchResult, types.SimpleNamespace(problem=problem, base=base))
 
 
 def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):
@@ -436,44 +451,68 @@ def test_what_predicts_the_same_input_is_a_twin(tight: tuple[Problem, Fitted]):
     own = {"word": "named", "names": ("torque_offset",), "groups": ((("torque_offset",), ("carriage_mass_error",)),)}
     said = [weighed(("torque_offset",), 4337.5), weighed(("carriage_mass_error",), 4282.6)]
     judged = cast(Judged, types.SimpleNamespace(**own, weighed=said))
-    assert alternatives(judged, "hoist") == (("carriage_mass_error",),)
+    assert alternatives(search_of(problem, fit), judged) == (("carriage_mass_error",),)
     pairs = [weighed(("a", "e"), 50.0), weighed(("b", "e"), 50.0), weighed(("b", "c"), 50.0), *told]
     assert groups_of(problem, pairs)[0] == (("a", "e"), ("b", "e"))
     assert groups_of(problem, [weighed(("a",), -1.0), weighed(("b",), -1.0)]) == ()
 
 
 def test_what_is_alike_may_stand_in_for_one_effect_of_several(tight: tuple[Problem, Fitted]):
+    fit, search = tight[1], search_of(*tight)
+
     def judged(names: Names, merits: Mapping[Any, float], worse_prior: float = 0.0) -> Judged:
         weighed = [
-            Weighed(n, replace(tight[1], prior=worse_prior * (n != names)), 0.0, m, Score(0.0, (1.0, 1.0), 1.0))
+            Weighed(n, replace(fit, prior=worse_prior * (n != names)), 0.0, m, Score(0.0, (1.0, 1.0), 1.0))
             for n, m in merits.items()
         ]
         return cast(Judged, types.SimpleNamespace(word="named", names=names, weighed=weighed, groups=()))
 
     viscous, offset, mass = "friction_viscous", "torque_offset", "carriage_mass_error"
     pair = {(viscous, offset): 100.0, (mass, viscous): 95.0, ("heave", viscous): 80.0, (offset, "heave"): 40.0}
-    assert alternatives(judged((viscous, offset), pair), "hoist") == ((mass, viscous),)
-    assert alike(judged((viscous, offset), pair), "hoist") == (mass,)
-    assert alike(judged((viscous, offset), pair, 10.0), "hoist") == ()  # it stretches the tolerances
+    assert alternatives(search, judged((viscous, offset), pair)) == ((mass, viscous),)
+    assert alike(search, judged((viscous, offset), pair)) == (mass,)
+    assert alike(search, judged((viscous, offset), pair, 10.0)) == ()  # it stretches the tolerances
     # A run that tells this mass from an offset leaves open what is as good as the mass.
-    assert alternatives(judged((viscous, offset), pair), "hoist", ("heave", viscous)) == (
+    assert alternatives(search, judged((viscous, offset), pair), ("heave", viscous)) == (
         (viscous, offset),
         (mass, viscous),
     )
     single = {(offset,): 100.0, (mass,): 95.0, ("heave",): 80.0, (viscous, offset): 99.0}
-    assert alike(judged((offset,), single), "hoist") == (mass,)
+    assert alike(search, judged((offset,), single)) == (mass,)
     # The simpler law of the same place and regime: alike where it leaves little more, as the only cause.
     freer = "friction_viscous_asymmetric"
-    assert alike(judged((freer,), {(freer,): 1000.0, (viscous,): 960.0}), "hoist") == (viscous,)
-    assert alike(judged((freer, offset), {(freer, offset): 1000.0, (viscous, offset): 999.0}), "hoist") == ()
+    assert alike(search, judged((freer,), {(freer,): 1000.0, (viscous,): 960.0})) == (viscous,)
+    assert alike(search, judged((freer, offset), {(freer, offset): 1000.0, (viscous, offset): 999.0})) == ()
     # The freer law: alike where it explains more than by chance (10 %); what it lacks of the threshold is taken off.
     # Levels of 321 and 7,984 N were called one level of both ways at 0.69; of 1,745 and 10,185 N at 0.55.
-    assert alike(judged((viscous,), {(viscous,): 90.7, (freer,): 89.1}), "hoist") == (freer,)
-    assert alike(judged((viscous,), {(viscous,): 90.7, (freer,): 82.3}), "hoist") == (freer,)
-    assert alike(judged((viscous,), {(viscous,): 90.7, (freer,): 82.1}), "hoist") == ()
+    assert alike(search, judged((viscous,), {(viscous,): 90.7, (freer,): 89.1})) == (freer,)
+    assert alike(search, judged((viscous,), {(viscous,): 90.7, (freer,): 81.3})) == (freer,)
+    assert alike(search, judged((viscous,), {(viscous,): 90.7, (freer,): 81.1})) == ()
     # A further run is asked for against a rival that the runs leave open only.
     assert runners_up(judged((viscous,), {(viscous,): 109.0, (freer,): 98.0, (mass,): 83.0}), "hoist") == ((mass,),)
     assert runners_up(judged((viscous,), {(viscous,): 539.0, (mass,): 117.0}), "hoist") == ()
+
+
+def test_what_an_inexact_law_leaves_does_not_tell_the_causes_beside_it_apart(
+    tight: tuple[Problem, Fitted], monkeypatch: pytest.MonkeyPatch
+):
+    """A carriage's mass beside another layer on the drum was an offset, 0.96: better by 31 of evidence, where the layer
+    took 2,380 and left 8 N m of model error for 1."""
+    monkeypatch.setattr(judge, "own_energy", lambda problem, w, names, base: 2380.0 * ("drum_layer_change" in names))
+    layer, offset, mass = "drum_layer_change", "torque_offset", "carriage_mass_error"
+
+    def told(excess: float, strain: float = 0.0) -> Names:
+        score, strained = Score(0.0, (1.0, 1.0), excess), replace(tight[1], prior=tight[1].prior + strain)
+        weighed = [
+            Weighed((layer, offset), tight[1], 0.0, 2507.0, score),
+            Weighed((mass, layer), strained, 0.0, 2476.0 - strain, score),
+        ]
+        judged = types.SimpleNamespace(word="named", names=(layer, offset), weighed=weighed, groups=())
+        return alike(search_of(*tight), cast(Judged, judged))
+
+    assert told(8.0) == (mass,)
+    assert told(0.5) == ()  # exact laws: what is left is noise
+    assert told(8.0, strain=13.0) == ()  # what tolerances tell no law is off
 
 
 def test_a_law_of_each_direction_holds_that_of_both_and_no_other_kind_of_law():

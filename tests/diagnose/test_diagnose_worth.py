@@ -52,7 +52,7 @@ def test_a_freer_law_is_held_against_what_the_simpler_one_has_paid_itself(monkey
     paid = {w.names: w.evidence for w in evidence_module._paid(cast(Any, problem), together, 0).values()}
     off = evidence_module.settings.LAW**2 * 4000.0
     assert paid["C", "v"] == pytest.approx(1000.0 - off)
-    assert paid["C", "V"] == pytest.approx(paid["C", "v"] - evidence_module.settings.calibration()["threshold"])
+    assert paid["C", "V"] == pytest.approx(paid["C", "v"] - evidence_module.settings.THRESHOLD)
 
 
 def test_an_answer_that_the_runs_cannot_tell_from_another_is_no_surer_than_a_half():

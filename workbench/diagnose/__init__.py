@@ -4,7 +4,7 @@
 
 readiness     whether the runs can be diagnosed, and the condition of their logs
 hypotheses    parameters, residuals, fits, and the search among the effects
-verdict       remaining residual, evidence, probabilities; the numbers are in calibration.json
+verdict       remaining residual, evidence, probabilities; the numbers are in hypotheses/settings.py
 location      where the gap lies
 isolation     which run would decide between open hypotheses
 

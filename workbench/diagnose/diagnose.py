@@ -29,6 +29,7 @@ from workbench.diagnose.gap import (
     worst_tolerance,
 )
 from workbench.diagnose.hypotheses import settings
+from workbench.diagnose.hypotheses.evidence import price
 from workbench.diagnose.hypotheses.free_parameters import Names, base_parameters
 from workbench.diagnose.hypotheses.held_out import play_estimated
 from workbench.diagnose.hypotheses.problem import Problem
@@ -469,12 +470,12 @@ def asked_next(search: SearchResult, judged: Judged, quick: bool) -> tuple[NextR
     """The run that would decide what the campaign leaves open, None where nothing is; and what it cannot tell from the
     answer. quick: only that, and no run that it does not take."""
     problem, kind, more = search.problem, search.problem.active.kind, None
-    as_good = alternatives(judged, kind)
+    as_good = alternatives(search, judged)
     asked = open_hypotheses(judged, as_good)
     if judged.word != "unknown":  # what would be open where one of these held
-        asked = list(dict.fromkeys([*asked, *(one for names in asked for one in alternatives(judged, kind, names))]))
+        asked = list(dict.fromkeys([*asked, *(one for names in asked for one in alternatives(search, judged, names))]))
     if not quick:
-        evidence = {(): settings.calibration()["threshold"]} | {w.names: w.evidence for w in judged.weighed}
+        evidence = {(): price(kind)} | {w.names: w.evidence for w in judged.weighed}
         more = next_run(problem, search, asked, evidence)
         if judged.word == "unknown" and more is None:
             more = next_run(problem, search, unlisted_likely(judged), settled=APART)

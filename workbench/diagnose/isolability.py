@@ -10,11 +10,11 @@ import numpy as np
 
 from workbench.core.names import listed
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import cost, independent
 from workbench.diagnose.hypotheses.free_parameters import Names
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
-from workbench.diagnose.hypotheses.settings import calibration
 from workbench.diagnose.hypotheses.signatures import Projection, Signature
 
 
@@ -178,7 +178,7 @@ def _near_the_best(search: SearchResult, n: float) -> list[str]:
         return []
     best = search.fits[singles[0]]
     worth = search.base.objective - best.objective - cost(search.problem, len(best.z) - len(search.base.z))
-    if worth <= calibration()["threshold"]:
+    if worth <= settings.THRESHOLD:
         return []
     near = []
     for names in singles[1:]:

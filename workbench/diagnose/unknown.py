@@ -20,6 +20,7 @@ from scipy.special import ndtri
 from workbench.core.names import powers
 from workbench.core.numbers import figures, with_error
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, foretold, held_out
@@ -28,7 +29,6 @@ from workbench.diagnose.law import Law, find_law
 from workbench.diagnose.machines import corrected_machine, machine_of, refitted_machine
 from workbench.diagnose.tables import Curve, Tables, variables_of, with_table
 from workbench.diagnose.verdict.answer import percent_of
-from workbench.diagnose.verdict.judge import SIGNIFICANT
 from workbench.machines import Axis, Hoist, kind_of
 
 
@@ -196,7 +196,7 @@ def _tabled(problem: Problem, fitted: Fitted, place: str) -> Explained:
     # What the stiff machine promised, the driven one has to keep.
     kept = _share(problem, alone.rms(problem.inputs), unseen.rms(problem.inputs))
     first = replace(best.curve, explains=min(kept, _share(problem, before, best.rms)))
-    by_chance = foretold(problem, alone, unseen) < -float(ndtri(SIGNIFICANT / len(tried)))
+    by_chance = foretold(problem, alone, unseen) < -float(ndtri(settings.SIGNIFICANT / len(tried)))
     if first.explains < USEFUL or by_chance:
         return _in_vain(problem, fitted, alone, first, by_chance)
     others = [table.curve() for table in tried if table is not best.tried and table.fit.explains > SHOWN]

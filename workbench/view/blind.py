@@ -23,7 +23,7 @@ from workbench.core.numbers import NOTHING
 from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
 from workbench.core.whole_folder import whole_folder, write_json
-from workbench.diagnose.hypotheses.settings import calibration
+from workbench.diagnose.hypotheses.settings import THRESHOLD
 from workbench.view.page import Section, save_page
 from workbench.view.style import BLUE, FAINT, GREY, ORANGE, VERMILLION, Figure, figure, legend
 
@@ -238,7 +238,7 @@ def why(row: Row) -> str:
     if merit is None:
         return f"not among the fits that the search followed{_against(row)}"
     if row["word"] == "no_gap":
-        return f"weighed, with a merit of {merit:.0f}; a cause needs {calibration()['threshold']:.0f}"
+        return f"weighed, with a merit of {merit:.0f}; a cause needs {THRESHOLD:.0f}"
     best = max(fit["merit"] for fit in row["weighed"])
     return f"weighed, and worth less than the answer: merit {merit:.0f}, the best {best:.0f}{_against(row)}"
 
@@ -246,8 +246,6 @@ def why(row: Row) -> str:
 _EVIDENCE = {
     "left": "what is left",
     "prior": "stretched tolerances",
-    "bound": "a value at its bound",
-    "against": "two effects that undo each other",
 }
 
 
@@ -256,9 +254,7 @@ def _against(row: Row) -> str:
     speaks = {name: value for name, value in row["evidence"].items() if value > 0.0 and name in _EVIDENCE}
     if row["word"] != "unknown" or not speaks:
         return ""
-    weights = calibration()
-    most = max(speaks, key=lambda name: weights.get(f"unknown_{name}", 0.0) * speaks[name])
-    return f"; for an unknown one speaks most: {_EVIDENCE[most]}"
+    return f"; for an unknown one speaks most: {_EVIDENCE[max(speaks, key=speaks.__getitem__)]}"
 
 
 def power_table(chart: Power) -> Table:

@@ -69,10 +69,10 @@ def cost(problem: Problem, parameters: int) -> float:
     return parameters * math.log(min(max(independent(problem), 2.0), MOST))
 
 
-def price(problem: Problem) -> float:
+def price(kind: str) -> float:
     """What one more cause costs beside its parameters, 2 ln N: it is as likely to be there as not, whichever of the N
     listed ones it is (J. G. Scott, J. O. Berger, Annals of Statistics 38, 2010)."""
-    return 2.0 * math.log(sum(effect.listed for effect in effects_for(problem.active.kind).values()))
+    return 2.0 * math.log(sum(effect.listed for effect in effects_for(kind).values()))
 
 
 def of_impacts(problem: Problem, effects: Collection[str], evidence: float) -> float:
@@ -269,7 +269,7 @@ def _added(problem: Problem, near: Fitted, first: Weighed, fit: Fitted, score: S
     data = beyond(gain - prior, least)
     added = prior + (min(data, 0.0) if only_mends(problem, last) else data)
     evidence = added - cost(problem, len(fit.z) - len(first.fit.z))
-    evidence = beyond_nuisance(problem, fit, last, evidence) - price(problem)
+    evidence = beyond_nuisance(problem, fit, last, evidence) - price(problem.active.kind)
     return of_impacts(problem, {last}, evidence) if last == PLAY else evidence
 
 
@@ -309,7 +309,7 @@ def _not_freer(
 
 def freedom(better: float | Array) -> Array:
     """What a freer law pays beside a simpler one: by how much it is `better` by less than the threshold."""
-    least = settings.calibration()["threshold"]
+    least = settings.THRESHOLD
     return np.clip(least - better, 0.0, least)
 
 

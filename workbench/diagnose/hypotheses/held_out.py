@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import is_lag
 from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, is_timing, uncorrelated
 from workbench.diagnose.hypotheses.free_parameters import (
@@ -22,7 +23,6 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.problem import Problem, once, rms
 from workbench.diagnose.hypotheses.search import STUCK
-from workbench.diagnose.hypotheses.settings import FORETOLD
 from workbench.diagnose.hypotheses.signatures import stepped
 from workbench.identify.fit import bounded
 from workbench.machines import kind_of
@@ -84,8 +84,8 @@ def in_parts(problem: Problem) -> list[int]:
     vary; and one that makes nearly all of the way forward, or back: no other tells friction from an offset of the
     sensor there."""
     counted, ways = np.unique(problem.run_of_row), problem.ways
-    own = ways > FORETOLD * np.sum(ways, axis=0)  # what stands still goes both ways, by noise
-    most = ways > (1.0 - FORETOLD) * np.sum(ways, axis=1, keepdims=True)
+    own = ways > settings.FORETOLD * np.sum(ways, axis=0)  # what stands still goes both ways, by noise
+    most = ways > (1.0 - settings.FORETOLD) * np.sum(ways, axis=1, keepdims=True)
     return [int(j) for j in counted if len(counted) <= 2 or np.any(own[:, j] & most[:, j])]
 
 
@@ -108,11 +108,11 @@ def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> Held
     folds = max(int(np.max(fold_of_row, initial=-1)) + 1, len(problem.runs))  # the last may hold nothing that counts
     inside = [fold_of_row == fold for fold in range(folds)]
     weighed = problem if fitted.errors is None else problem.weighed_by(fitted.errors)
-    settings = tuple(refit.setting for refit in fitted_without(weighed, fitted, inside, elsewhere=True))
+    refitted = tuple(refit.setting for refit in fitted_without(weighed, fitted, inside, elsewhere=True))
     residual = np.empty(problem.samples)
-    for row, mine in zip(problem.residuals(settings), inside, strict=True):
+    for row, mine in zip(problem.residuals(refitted), inside, strict=True):
         residual[mine] = row[mine]
-    return HeldOut(residual, fold_of_row, settings)
+    return HeldOut(residual, fold_of_row, refitted)
 
 
 @dataclass(frozen=True)
@@ -164,8 +164,8 @@ def fitted_without(
                 tried.append((fold, at + moved))
         if not tried:
             break
-        settings = [setting_of(fitted.free, at) for _, at in tried]
-        found = fitted.residual + problem.differences(fitted.setting, settings, fitted.residual)[1]
+        there = [setting_of(fitted.free, at) for _, at in tried]
+        found = fitted.residual + problem.differences(fitted.setting, there, fitted.residual)[1]
         better: dict[int, tuple[float, Array, Array]] = {}
         for (fold, at), row in zip(tried, whiten(found.T).T, strict=True):
             left, moved = row[~inside[fold]], at - z[fold]
@@ -326,9 +326,15 @@ def significance(problem: Problem, without: Fitted, fit: Fitted, *, by_runs_alon
     chi^2 / c + P. Where the machine leaves more than its own model error, what hangs together may be another cause's,
     which bends base parameters, too: c is 1. No fold leaves a tolerance out: by chance alone P_0 - P is the square of a
     standard normal value, so it counts as many deviations as its root. by_runs_alone: without the tolerances.
+
+    No row counts for more in w than in u where that is beyond chance: friction that turns over some samples away from
+    where it did is off by all of itself there, and would outweigh the run (P. J. Huber, Annals of Mathematical
+    Statistics 35, 1964).
     """
     folds = folds_by_run(problem)
     u, w = problem.errors.whiten(np.stack([held_out(problem, one, folds).residual for one in (without, fit)], axis=1)).T
+    most = np.maximum(np.abs(u), settings.NUISANCE)
+    w = np.clip(w, -most, most)
     product = np.bincount(stretches(problem), (u - w) * w)
     variance, white = 4.0 * float(product @ product), max(4.0 * float(np.sum((u - w) ** 2)), 1e-300)
     wider = max(variance / white, 1.0) if max(problem.errors.sizes) <= 1.0 else 1.0

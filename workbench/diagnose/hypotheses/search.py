@@ -281,7 +281,7 @@ class Search(Fits):
         further = {
             tuple(sorted((*leading.names, name))): promise
             for name, promise in promises.items()
-            if search._worth(fit, promise) > price(self.problem) - SLACK
+            if search._worth(fit, promise) > price(self.problem.active.kind) - SLACK
         }
         if not further:
             return result
@@ -527,7 +527,7 @@ class Search(Fits):
                 if promise.evidence > 0.0 and promise.gain > least * leader.chi2
             ]
             for worth, promise in sorted(added, key=lambda one: -one[0])[:PARTNERS]:
-                if worth > price(self.problem) - SLACK:
+                if worth > price(self.problem.active.kind) - SLACK:
                     way = _Way(w.evidence + worth, result.gain(w.names) + promise.gain, leader, promise)
                     ways.setdefault(tuple(sorted((*w.names, promise.signature.effect.id))), []).append(way)
         for names in sorted(ways, key=lambda names: -max(way.worth for way in ways[names]))[:EXTENDED_REFITTED]:

@@ -24,7 +24,7 @@ from workbench.diagnose.hypotheses.search import SearchResult
 from workbench.diagnose.isolation.lines import Line, OnMenu, ahead_of, least_of, on_campaign, on_menu, rough_of
 from workbench.diagnose.isolation.planned import Design, Planned, drawn, menu, planned_as, repeated, seen_in, varied
 from workbench.diagnose.readiness.checks import variety
-from workbench.diagnose.verdict.judge import SIGNIFICANT, reach
+from workbench.diagnose.verdict.judge import reach
 from workbench.machines import kind_of
 
 CLOSER = 0.1  # of a tolerance: a value that was measured for the question
@@ -149,7 +149,7 @@ class Odds:
             curved.append(np.asarray(np.linalg.qr(np.vstack([white[:, :-1], np.diag(hold)]), mode="r")))
             steep.append(white[:, :-1].T @ white[:, -1] + hold**2 * fit.z)
         kind, ignored = problem.active.kind, least_of(problem) ** 2 * problem.share * problem.inputs
-        known, least = worth.copy(), settings.calibration()["threshold"]
+        known, least = worth.copy(), settings.THRESHOLD
         for k, j in freer_of(every, kind):  # as `_freely` takes it off
             worth[k] = max(worth[k], known[k] + min(max(0.5 * (least - known[k] + known[j]), 0.0), least))
         lost = np.maximum(gained - worth - paid, 0.0)
@@ -167,7 +167,7 @@ class Odds:
     def most(self) -> float:
         """The chance of a run that shows whatever differs: a freer law explains more by chance."""
         simpler = [j for _, j in freer_of(self.fits, self.kind)]
-        by_chance = [(1.0 - 2.0 * SIGNIFICANT) ** simpler.count(j) for j in range(self.counts)]
+        by_chance = [(1.0 - 2.0 * settings.SIGNIFICANT) ** simpler.count(j) for j in range(self.counts)]
         return float(self.likely @ by_chance)
 
     def _freely(self, evidence: Array) -> Array:

@@ -146,16 +146,17 @@ def rank(
     evidence: Sequence[tuple[Names, float]],
     signs: Mapping[str, float],
     numbers: Mapping[str, float],
+    price: float,
     groups: Sequence[Sequence[Names]] = (),
 ) -> tuple[Hypothesis, ...]:
     """The ranking, the answer first, from evidence and the signs of an unknown cause.
 
-    Named hypotheses share what no unknown cause takes with no gap, whose evidence is the threshold; evidence is twice
-    the logarithm of a likelihood. Evidence without names speaks for an unknown cause. The answer is the likeliest of
-    the three words. groups: of hypotheses that differ in name only, the first one's name leading; each is one row,
-    with one probability.
+    Named hypotheses share what no unknown cause takes with no gap, which has no evidence and pays no `price` for being
+    chosen from all effects; evidence is twice the logarithm of a likelihood. Evidence without names speaks for an
+    unknown cause. The answer is the likeliest of the three words. groups: of hypotheses that differ in name only, the
+    first one's name leading; each is one row, with one probability.
     """
-    shares = _shares(evidence, logistic_argument(signs, numbers), numbers)
+    shares = _shares(evidence, logistic_argument(signs, numbers), price)
     answer = _rows(evidence, shares, groups)[0]
     rows = _rows(evidence, _with_misses(shares, numbers, answer.verdict), groups)
     first = next(row for row in rows if (row.verdict, row.effects) == (answer.verdict, answer.effects))
@@ -214,12 +215,10 @@ class _Shares:
     missed: float = 0.0
 
 
-def _shares(evidence: Sequence[tuple[Names, float]], x: float, numbers: Mapping[str, float]) -> _Shares:
+def _shares(evidence: Sequence[tuple[Names, float]], x: float, price: float) -> _Shares:
     """x: the logistic's argument, of an unknown cause."""
     unknown = 1.0 / (1.0 + math.exp(-max(min(x, 50.0), -50.0)))
-    exponents = np.array([numbers["threshold"], *(one for _, one in evidence)]) / 2.0
-    # Of many causes weighed one looks good by chance.
-    exponents[1:] -= numbers["elsewhere"] * math.log(max(len(evidence), 1))
+    exponents = np.array([0.0, *(one - price for _, one in evidence)]) / 2.0
     shares = np.exp(exponents - np.max(exponents))
     shares *= (1.0 - unknown) / np.sum(shares)
     listed = np.array([bool(names) for names, _ in evidence], dtype=bool)

@@ -63,14 +63,14 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     """
     less, rms = less or base, base.rms(problem.inputs)
     sized, more = problem.with_model_error(cause.score.sizes), len(cause.names) - max(len(less.effects), 1)
-    paid = cost(problem, len(cause.fit.z) - len(less.z)) + price(problem) * more
-    its = price(problem) if less.effects else 0.0
+    paid = cost(problem, len(cause.fit.z) - len(less.z)) + price(problem.active.kind) * more
+    its = price(problem.active.kind) if less.effects else 0.0
     alone, beside = (Projection.of(sized, fit) for fit in (less, cause.fit))
     added = [(name,) for name in cause.names if name not in less.effects]
     own, _ = np.linalg.qr(alone.clean(parts_of(problem, cause.fit, added).T))
     leaves_laws = kind_of(problem.machine).floor == "own"
     declared = leaves_laws and _is_declared(problem, alone, own, len(cause.names) == 1)
-    chance = settings.calibration()["threshold"] if leaves_laws and not less.effects else 0.0
+    chance = settings.THRESHOLD if leaves_laws and not less.effects else 0.0
     least = (np.inf, "")
     nothing, only = (float(one.residual @ one.residual) for one in (alone, beside))
     regimes = {problem.effect(name).regime for (name,) in added}

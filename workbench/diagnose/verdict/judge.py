@@ -28,6 +28,7 @@ from workbench.diagnose.hypotheses.evidence import (
     model_error_rms,
     only_mends,
     own_energy,
+    price,
     same_but_freer,
     smooths,
     weigh,
@@ -77,8 +78,6 @@ from workbench.effects import ranges_of
 from workbench.machines import kind_of
 from workbench.simulate.motion import PLAY, audible
 
-SAME = 0.1  # chi^2 between two hypotheses that differ in name only, and of the difference of their predictions
-SIGNIFICANT = 0.05  # probability that a further cause gains so much by chance, of all that it was chosen from
 # What speaks against a fit that is none of its law.
 OTHER, LATE, NOTHING, BOUND, IMPACTS = "the other effect", "a late motion", "residual", "a bound", "impacts"
 AGAINST = {
@@ -129,8 +128,8 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     weighed = tuple(w for w in weighed if w.names not in barred)
     best, mimics = established(problem, weighed, search.base, near, every)
     rival, said = unlisted(problem, near, weighed, best)
-    numbers = settings.calibration()
-    least = max(numbers["threshold"], -math.inf if best is None else best.evidence)
+    numbers, its_price = settings.calibration(), price(problem.active.kind)
+    least = max(settings.THRESHOLD, -math.inf if best is None else best.evidence)
     # A mimic has no evidence, unless a law of one variable does without it, and leaves base values where they are: then
     # its evidence is that law's.
     laws = [w for w in weighed if w.names in mimics and mimics[w.names].free]
@@ -145,7 +144,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     held, after = near, near if best is None else best.fit
     taken = beyond_noise(problem, near.rms(problem.inputs), after.rms(problem.inputs)).percent_of_input
     # What takes less than the log itself hides imitates that.
-    stands = best is not None and best.evidence > numbers["threshold"] and taken >= kept
+    stands = best is not None and best.evidence > settings.THRESHOLD and taken >= kept
     signs: dict[str, float] = {}  # what an established cause leaves is a remainder, where it takes more
     if best is not None and stands:
         left = beyond_noise(problem, best.fit.rms(problem.inputs), floor)
@@ -165,14 +164,14 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
                 fits += [(p, unweighed(p, one)) for p, one in fits]
             ways = [stretched(*one) for one in fits]
             signs |= min(ways, key=lambda sign: sign["prior"])
-        rows = rank(counted, signs, numbers, groups)
+        rows = rank(counted, signs, numbers, its_price, groups)
         held, stands = (best.fit, True) if rows[0].verdict != "no_gap" else (near, False)
     left = beyond_noise(problem, held.rms(problem.inputs), floor)
     if not stands:  # nor is no gap what leaves much
         signs = once(problem, (near, left, "signs"), lambda: signs_of(problem, near, left))
-        rows = rank(counted, signs, numbers, groups)
+        rows = rank(counted, signs, numbers, its_price, groups)
     if rows[0].verdict == "unknown" and kind_of(problem.machine).floor == "sensors":
-        rows = rank(counted, signs, none_missed(signs, stands, numbers), groups)
+        rows = rank(counted, signs, none_missed(signs, stands, numbers), its_price, groups)
     return Judged(
         word=rows[0].verdict,
         names=rows[0].effects,
@@ -203,7 +202,7 @@ def unlisted(
     """The unlisted effect that says most, and its evidence: that of the best listed hypothesis, and by how much it is
     better beyond what that one's law may be off, LAW of what it explains, rms. More effects than one, which bend to
     what that one has, may be off nothing. As a freer law it has to be better by the threshold to be as likely."""
-    rivals, least = [w for w in weighed if w.rival], settings.calibration()["threshold"]
+    rivals, least = [w for w in weighed if w.rival], settings.THRESHOLD
     if best is None or not rivals:
         return (rivals[0], rivals[0].evidence - least) if rivals else (None, 0.0)
     play = inexact(problem, best, len(near.z))
@@ -263,7 +262,7 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
             stays, gap = (max(one.rms(problem.inputs) ** 2 - problem.noise**2, 0.0) for one in both)
             if stays > (1.0 - least) * gap:
                 return False
-    by_chance = -float(ndtri(SIGNIFICANT))
+    by_chance = -float(ndtri(settings.SIGNIFICANT))
 
     def told(before: Fitted, least: float) -> bool:  # what takes a fit of its own is asked last
         _, *plain = weighed_both_ways(problem, w.fit, len(base.z))
@@ -274,7 +273,7 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     alone = (significance(problem, near, w.fit, by_runs_alone=by_runs) > enough for by_runs, enough in asked)
     if not (all(alone) or told(near, by_chance)):
         return False
-    least = float(-ndtri(SIGNIFICANT / len({name for known in search.fits for name in known})))
+    least = float(-ndtri(settings.SIGNIFICANT / len({name for known in search.fits for name in known})))
     enough = all(
         significance(problem, rest, w.fit) > least
         or (problem.struck and PLAY not in rest.effects and told(rest, -by_chance))
@@ -323,7 +322,7 @@ def established(
         return once(problem, (find, w.names, *given), lambda: find(problem, *given))
 
     listed = [w for w in weighed if not w.rival]
-    able = [w for w in listed if w.evidence > settings.calibration()["threshold"]]
+    able = [w for w in listed if w.evidence > settings.THRESHOLD]
     objections = {w.names: asked(_against, w, w, near) for w in able}
     no_laws = {names: why for names, why in objections.items() if why is not None}
     laws = [w for w in able if w.names not in no_laws]
@@ -434,8 +433,8 @@ def groups_of(problem: Problem, weighed: Sequence[Weighed]) -> tuple[tuple[Names
         if len(one.names) != len(other.names) or len(set(one.names) - set(other.names)) != 1:
             return False
         apart = problem.errors.whiten(one.fit.residual - other.fit.residual)
-        as_likely = abs(one.fit.objective - other.fit.objective) < SAME and len(one.fit.z) == len(other.fit.z)
-        return as_likely and float(np.sum(apart**2)) < SAME
+        as_likely = abs(one.fit.objective - other.fit.objective) < settings.SAME and len(one.fit.z) == len(other.fit.z)
+        return as_likely and float(np.sum(apart**2)) < settings.SAME
 
     groups: list[list[Weighed]] = []
     for hypothesis in weighed:
@@ -496,23 +495,28 @@ def _on_bound(problem: Problem, w: Weighed, base: int) -> bool:
     gain = slope**2 * np.diag(np.linalg.pinv(information, rcond=1e-12, hermitian=True))
     low, high = (z <= lowest + 1e-9) & (z != 0.0) & (slope > 0.0), z >= highest - 1e-9
     shape = np.repeat([not one.amount for one in w.fit.free], [one.size for one in w.fit.free])
-    least = settings.calibration()["threshold"] + inexact(problem, w, base)
+    least = settings.THRESHOLD + inexact(problem, w, base)
     further = (low | (high & (slope < 0.0))) & (gain > least)
     return bool(np.any(((high & shape) | further)[base:]))
 
 
-def alternatives(judged: Judged, kind: str, answer: Names | None = None) -> tuple[Names, ...]:
+def alternatives(search: SearchResult, judged: Judged, answer: Names | None = None) -> tuple[Names, ...]:
     """Hypotheses that explain the gap about as well as the answer does (`reach`) or differ from it in name only, the
-    best first, at base values about as likely. answer: one that was not given, None for the named one."""
+    best first, at base values about as likely. Where the answer needs more model error than the default, its laws are
+    inexact, and what an effect takes up of that tells of none: it has to be better by what the law of those that both
+    share may be off, too. answer: one that was not given, None for the named one."""
     names = answer or judged.names
     best = next((w for w in judged.weighed if w.names == names), None)
     if best is None or not (answer or judged.word == "named"):
         return ()
-    others: list[Names] = []
+    others, problem, count = list[Names](), search.problem, len(search.base.z)
     for w in judged.weighed:
         if w.names == names or w.evidence <= 0.0:
             continue
-        as_good = best.evidence - w.evidence < reach(best.fit, w.fit, names, w.names, kind, np.array(best.evidence))
+        both = tuple(name for name in names if name in w.names)
+        off = settings.LAW**2 * own_energy(problem, best, both, count) if both and best.score.excess > 1.0 else 0.0
+        least = reach(best.fit, w.fit, names, w.names, problem.active.kind, np.array(best.evidence))
+        as_good = advantage(best, w, off) < least
         in_name_only = any({names, w.names} <= {*group} for group in judged.groups)
         if (as_good or in_name_only) and w.fit.prior - best.fit.prior < settings.NUISANCE**2:
             others.append(w.names)
@@ -531,7 +535,7 @@ def reach(mine: Fitted, its: Fitted, answer: Names, other: Names, kind: str, evi
     (one,), (another,) = own, instead
     if same_but_freer(another, one, kind):
         more = max(len(its.z) - len(mine.z), 1)  # parameters, each of which costs as much
-        short = settings.calibration()["threshold"] + more * math.log(MOST) - float(chdtri(more, 2.0 * SIGNIFICANT))
+        short = settings.THRESHOLD + more * math.log(MOST) - float(chdtri(more, 2.0 * settings.SIGNIFICANT))
         return np.full_like(evidence, short)
     if not same_but_freer(one, another, kind):
         return np.full_like(evidence, settings.DECISIVE)
@@ -557,9 +561,9 @@ def unlisted_likely(judged: Judged) -> tuple[Names, ...]:
     return tuple(w.names for w in rivals if w.evidence > settings.HALF * rivals[0].evidence)
 
 
-def alike(judged: Judged, kind: str) -> Names:
+def alike(search: SearchResult, judged: Judged) -> Names:
     """Effects of `alternatives` that are not of the answer."""
-    hypotheses = alternatives(judged, kind)
+    hypotheses = alternatives(search, judged)
     return tuple(dict.fromkeys(name for names in hypotheses for name in names if name not in judged.names))
 
 
