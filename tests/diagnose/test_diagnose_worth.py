@@ -277,8 +277,8 @@ def test_a_delay_beside_others_takes_something_of_what_a_log_leaves_that_is_in_t
     fit = SimpleNamespace(effects=(*less.effects, "speed_delay"), z=np.zeros(3), rms=lambda n: 1.0)
 
     def fitted(problem: object, effects: object, free: Any, z: object, base: int) -> object:
-        assert [one.furthest for one in free] == [np.inf, pytest.approx(1.8)]
-        return SimpleNamespace(free=free, z=np.array([0.0, 1.8]), rms=lambda n: left)
+        assert [one.furthest for one in free] == [np.inf, pytest.approx(0.6 * judge.settings.NUISANCE)]
+        return SimpleNamespace(free=free, z=np.array([0.0, free[1].furthest]), rms=lambda n: left)
 
     monkeypatch.setattr(judge, "fit_hypothesis", fitted)
     monkeypatch.setattr(judge, "share_of", lambda _, near, fit: 1.0 - (fit.rms(1) / near.rms(1)) ** 2)
