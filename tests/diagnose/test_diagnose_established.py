@@ -73,6 +73,7 @@ def test_a_cause_that_is_hardly_likelier_than_none_does_not_hide_what_the_machin
     """No gap was once said of a machine that leaves much, for a cause stood that was not named."""
     evidence = judge.judge(bump[1]).weighed[0].evidence
     monkeypatch.setattr(judge.settings, "THRESHOLD", evidence - 0.1)
+    monkeypatch.setattr(judge, "price", lambda kind: evidence + 1.0)
     judged = judge.judge(bump[1])
     assert judged.names == ()
     assert judged.held is bump[1].within_tolerances
