@@ -272,9 +272,12 @@ def test_what_a_quick_search_estimates_on_an_axis_is_simulated_at_few_samples_bu
     settings = [*effects, *({**ripple, "torque_ripple__waves_per_m": waves} for waves in (3.0, 400.0))]
     exact, seen = posed.differences({}, settings)[1], list[tuple[int, bool]]()
     simulated = Problem._simulated
-    monkeypatch.setattr(
-        Problem, "_simulated", lambda self, s, thin: (seen.append((len(s), thin)), simulated(self, s, thin))[1]
-    )
+
+    def watched(self: Problem, settings: Any, thin: bool) -> Any:
+        seen.append((len(settings), thin))
+        return simulated(self, settings, thin)
+
+    monkeypatch.setattr(Problem, "_simulated", watched)
     for rough, whole in zip(posed.linear({}, settings), exact, strict=True):
         assert rms(rough - whole) < 0.03 * rms(whole)
     assert (5, True) in seen and (2, False) in seen
