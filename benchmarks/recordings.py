@@ -18,14 +18,16 @@ from pathlib import Path
 import numpy as np
 import yaml
 from scipy.io import loadmat
-from scipy.signal import butter, sosfiltfilt
 
 from workbench.core.run import Array
+from workbench.simulate.lowpass import lowpass
 
 SOURCES = {
     "HSM150-data": "malik-robert/HSM150-data",
     "Lorenz_Friction": "TeacherRock/Lorenz_Friction",
     "camber-control": "nicolazande/camber-control",
+    "TTK4900_CDPR": "eliasoa/TTK4900_CDPR",
+    "dynamic_calibration": "shamilmamedov/dynamic_calibration",
 }
 SLOWEST = 0.05  # of the top speed
 BAND_HZ = 10.0
@@ -35,12 +37,15 @@ MILLI, DEGREE = 1e-3, math.pi / 180.0
 SPINDLE_N_PER_MA = 0.0706 * 2.0 * math.pi * 50.95 / 48.0
 TOE_N_PER_A = 0.0461 * 1000.0 * 2.0 * math.pi * 327.6 / 42.0
 CRANK_NM_PER_A = -0.0481 * 2.0 * math.pi * 24.06 / 48.0 * 180.0 / math.pi
+WINCH_NM_PER_A = -8.27 / 150.0  # 5 kg on the drum of 20 mm take 0.98 Nm; going up the log has 1.04, coming down 0.87
+ROBOT_NM_PER_A = 10.0, 10.6956, 8.4566, 9.0029, 9.48, 10.1232  # of each joint, from runs with a known load
+GRAVITY = {"robot_elbow"}  # these turn about an axis that lies
 Signals = dict[str, Array]
 
 
 def spin_ups(clones: Path) -> Iterator[tuple[str, Signals]]:
     for name in ("pos_0.06_1", "pos_0.06_2", "pos_0.065_1", "pos_0.065_2", "neg_0.04_1", "neg_0.04_2", "neg_0.045_1"):
-        data = loadmat(clones / f"HSM150-data/Data/Identification/idf_{name}.mat")["data"]
+        data = loadmat(str(clones / f"HSM150-data/Data/Identification/idf_{name}.mat"))["data"]
         yield name, {"time_s": data[:, 0], "angle_rad": data[:, 2], "speed_rad_s": data[:, 3],
                      "torque_nm": 0.0459 * data[:, 6]}  # fmt: skip
 
@@ -91,6 +96,34 @@ def crank(clones: Path) -> Iterator[tuple[str, Signals]]:
                      "angle_reference_rad": DEGREE * data[:, 1], "torque_nm": CRANK_NM_PER_A * data[:, 4]}  # fmt: skip
 
 
+def winch(clones: Path) -> Iterator[tuple[str, Signals]]:
+    """5 kg on a drum, half a turn to two and a half a second, about 30 Hz; what hands and the floor did is left out."""
+    folder, columns = clones / "TTK4900_CDPR/Lifting_tests/5kg/ODrive2", (0, 3, 7, 11)  # of four drives the third
+    for name, begin_s, end_s in (
+        ("Down05", 0, 99),
+        ("Up05", 0, 99),
+        ("Down1", 12, 99),
+        ("Up25", 0, 99),
+        ("Down25", 0, 9),
+    ):
+        data = np.genfromtxt(folder / f"{name}.csv", delimiter=",", skip_header=1, usecols=columns)
+        data = data[np.isfinite(data).all(axis=1) & (data[:, 0] > begin_s) & (data[:, 0] < end_s)]
+        yield name, {"time_s": data[:, 0], "angle_rad": 2.0 * math.pi * data[:, 1],
+                     "speed_rad_s": 2.0 * math.pi * data[:, 2], "torque_nm": WINCH_NM_PER_A * data[:, 3]}  # fmt: skip
+
+
+def robot(joint: int) -> Callable[[Path], Iterator[tuple[str, Signals]]]:
+    """One joint turns to and fro in 10 s, the five others rest; one log of a minute."""
+
+    def read(clones: Path) -> Iterator[tuple[str, Signals]]:
+        log = f"dynamic_calibration/dataset_ur10e/jointwise_motion/ur-20_01_22-joint_{joint}.csv"
+        data = np.loadtxt(clones / log, delimiter=",")
+        yield "sine", {"time_s": data[:, 0], "angle_rad": data[:, joint], "speed_rad_s": data[:, 6 + joint],
+                       "torque_nm": ROBOT_NM_PER_A[joint - 1] * data[:, 12 + joint]}  # fmt: skip
+
+    return read
+
+
 FAMILIES: dict[str, Callable[[Path], Iterator[tuple[str, Signals]]]] = {
     "spin_ups": spin_ups,
     "servo": servo("data/Lorenz_Jm_{}.txt"),
@@ -100,6 +133,10 @@ FAMILIES: dict[str, Callable[[Path], Iterator[tuple[str, Signals]]]] = {
     "spindle": spindle,
     "toe": toe,
     "crank": crank,
+    "winch": winch,
+    "robot_base": robot(1),
+    "robot_elbow": robot(3),
+    "robot_wrist": robot(6),
 }
 
 
@@ -122,20 +159,21 @@ def machine(name: str, runs: list[Signals]) -> dict[str, object]:
     top, rows, wanted = max(np.max(np.abs(run[speed_of])) for run in runs), [], []
     for run in runs:
         time = run["time_s"] + 1e-9 * np.arange(len(run["time_s"]))  # a log may note one instant twice
-        speed, moves = run[speed_of], np.abs(run[speed_of]) > SLOWEST * top
-        every = np.column_stack([np.gradient(speed, time), speed, np.sign(speed), np.ones(len(speed)), run[input_of]])
-        low = butter(2, 2.0 * BAND_HZ * float(np.median(np.diff(time))), output="sos")
-        passed = sosfiltfilt(low, every, axis=0)[moves]
+        speed = run[speed_of]
+        wave = np.sin(run["angle_rad"]) if name in GRAVITY else np.zeros(len(speed))
+        gaining = np.gradient(lowpass(time, speed, BAND_HZ), time)
+        every = np.column_stack([gaining, speed, np.sign(speed), np.ones(len(speed)), wave, run[input_of]])
+        passed = lowpass(time, every, BAND_HZ)[np.abs(speed) > SLOWEST * top]
         rows.append(passed[:, :-1])
         wanted.append(passed[:, -1])
-    inertia, viscous, coulomb, constant = map(float, np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted))[0])
+    inertia, viscous, coulomb, constant, sine = map(float, np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted))[0])
     inertia = INERTIA_KG_M2.get(name, inertia)
     least = 1e-9 * abs(inertia)
     slope = "viscous_n_s_per_m" if linear else "viscous_nm_s_per_rad"
     return {
         "name": name, "kind": "axis", "motion": "linear" if linear else "rotary",
         "mass_kg" if linear else "inertia_kg_m2": max(inertia, least),
-        "gravity": {f"constant_{unit}": constant},
+        "gravity": {f"constant_{unit}": constant} | ({"sine_nm": sine} if name in GRAVITY else {}),
         "friction": {f"coulomb_forward_{unit}": max(coulomb, least), f"coulomb_backward_{unit}": max(coulomb, least),
                      slope: max(viscous, 0.0)},
     }  # fmt: skip
@@ -150,7 +188,7 @@ def main() -> None:
         try:
             runs = dict(read(given.clones))
         except FileNotFoundError as missing:
-            print(f"{name}: left out, no {missing.filename}; clone {', '.join(SOURCES.values())} into {given.clones}")
+            print(f"{name}: left out, {missing}; clone {', '.join(SOURCES.values())} into {given.clones}")
             continue
         except ModuleNotFoundError as missing:
             print(f"{name}: left out, {missing}")

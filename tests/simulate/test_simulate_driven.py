@@ -235,6 +235,19 @@ def test_the_balance_of_an_axis_is_its_equation_with_the_speed_derived_from_posi
     assert balance.states.shape == (8000, 0)
 
 
+def test_a_log_whose_times_come_in_bunches_shows_the_balance_as_an_even_one_does():
+    """As logs over a bus are: every other sample a twentieth of a step after the one before."""
+    even, w, left = np.arange(0.0, 40.0, 0.03), 2.0 * np.pi * 0.3, []
+    for time in (even, even - np.where(np.arange(len(even)) % 2, 0.95 * 0.03, 0.0)):
+        v = 0.3 * np.sin(w * time)
+        force = 95.0 * 0.3 * w * np.cos(w * time) + 200.0 * v + np.where(v > 0.0, 20.0, -25.0) + 4.0
+        noisy = v + np.random.default_rng(4).normal(0.0, 0.01, len(time))
+        run = Run("swing", time, {"force_n": force, "velocity_m_s": noisy})
+        (balance,) = InverseSimulation(linear_axis(backward=25.0, constant=4.0), [run], 1.5).balances()
+        left.append(float(np.std(balance.residual[balance.inside & (np.abs(v) > 0.2)])))
+    assert left[1] < 2.0 * left[0]
+
+
 # The zero-phase low-pass, its ends, the moving samples, and the noise of a channel.
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from workbench.core.run import Array, Run, integrated, stretches
 from workbench.machines import Plant, kind_of
 from workbench.machines.declare import RESTS_BELOW
-from workbench.simulate.lowpass import lowpass
+from workbench.simulate.lowpass import grid_of, lowpass
 
 WINDOW_S = 0.006  # an impact's length, and the unit of the windows beside it that its jump is read from
 WIDER = 3  # times that: an impact's jump is as large over a wider window, that of a kink in the speed grows with it
@@ -47,7 +47,8 @@ def motion_of(run: Run, plant: Plant, band_hz: float) -> Motion:
 
     The position is low-passed an octave above `band_hz` first: twice differentiated
     encoder noise grows with the square of frequency. The acceleration is the central
-    difference of the speed; its noise goes with the later low-pass of the residual.
+    difference of the speed; its noise goes with the later low-pass of the residual. Where times are irregular it does
+    not, for over one short step it is many times that of the others: the speed is low-passed first, too.
     """
     t = run.time_s
     position_name, speed_name = plant.positions[0], plant.speeds[0]
@@ -57,7 +58,8 @@ def motion_of(run: Run, plant: Plant, band_hz: float) -> Motion:
     else:
         position = lowpass(t, run[position_name], 2.0 * band_hz)
         speed = np.gradient(position, t)
-    return Motion(position, speed, np.gradient(speed, t))
+    even = grid_of(t)[2] or speed_name not in run
+    return Motion(position, speed, np.gradient(speed if even else lowpass(t, speed, 2.0 * band_hz), t))
 
 
 def moving(time_s: Array, speed: Array, scale: float, band_hz: float) -> np.ndarray:
