@@ -358,7 +358,7 @@ def height(columns: dict[str, Array]) -> Array:
         (MOTORS, slice(1500, 1512), 0.0, "torque_motor1_nm is exactly 0 from 15 s to 15.11 s while the machine moves"),
         (SECOND, slice(1500, 1700), None, "torque_motor2_nm is exactly "),
         (SPEED, slice(1480, 1492), 0.0, "speed_motor_rad_s is exactly 0 from 14.8 s to 14.91 s"),
-        (SPEED, slice(1600, 1700), 0.0, "speed_motor_rad_s is exactly 0 from 16 s to 16.99 s"),
+        (SPEED, slice(1600, 1700), -0.0, "speed_motor_rad_s is exactly 0 from 16 s to 16.99 s"),
     ],
     ids=["torque, long", "torque, brief", "one motor frozen", "speed, brief", "speed, long"],
 )  # fmt: skip
@@ -420,6 +420,13 @@ def test_a_coarse_logger_and_a_quiet_signal_rest_without_a_word(tmp_path):
         quiet[name] = 297.0 + 0.15 * np.gradient(speed, quiet["time_s"]) + 20.0 * np.sign(speed)
     run = read(tmp_path, quiet)
     assert len(run.time_s) == 2000
+
+
+def test_a_part_of_a_log_in_which_an_axis_rests_to_a_count_is_kept(tmp_path):
+    """The last part of a robot joint's log: what its speed shows there are single counts."""
+    rest = axis_columns(2000) | {"position_m": np.zeros(2000), "velocity_m_s": np.full(2000, -0.0)}
+    rest["velocity_m_s"][[200, 900, 1200]] = 1e-4, -1e-4, 2e-4
+    assert len(read_axis(tmp_path, rest).time_s) == 2000
 
 
 def test_a_frozen_optional_signal_is_dropped(tmp_path):
@@ -586,6 +593,8 @@ def test_a_stretch_that_rests_is_not_doubted_for_the_motion_that_it_has_not(camp
     assert np.max(np.abs(speed)) < 0.01 * np.max(np.abs(whole["speed_motor_rad_s"]))
     still = replace(still, signals={**still.signals, "torque_motor_nm": 0.9 * still["torque_motor_nm"]})
     assert doubts_of(campaign.machine, [*campaign.runs, still]) == []
+    counted = replace(still, signals={**still.signals, "speed_motor_rad_s": 1e-3 * speed})
+    assert doubts_of(campaign.machine, [*campaign.runs, counted]) == []
 
 
 def test_a_run_that_stands_still_for_most_of_its_time_has_no_break_for_that(shared_data: Path):

@@ -348,6 +348,9 @@ def _noise(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
     """Noise of a channel, from second differences: one run's is not that of the others."""
     for name in (*kind.inputs, kind.plant.speeds[0]):
         having = [run for run in runs if name in run and len(run.time_s) > 50]
+        if name == kind.plant.speeds[0]:  # at rest a speed has the noise of its counts alone
+            top = [float(np.max(np.abs(run[name]))) for run in having]
+            having = [run for run, fast in zip(having, top, strict=True) if fast > RESTS_BELOW * max(top)]
         sizes = [float(np.sqrt(np.mean(np.diff(run[name], 2) ** 2) / 6.0)) for run in having]
         k = _alone(sizes, lambda v, usual: not usual / NOISES_APART <= v <= usual * NOISES_APART)
         if k is not None:

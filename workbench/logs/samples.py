@@ -353,6 +353,9 @@ class Channel:
         """Whether the channel jumps at an end of the stretch, which the motion of a stopped machine does not."""
         return max(self._ends_of(stretch)) > self._least_jump > 0.0
 
+    def value(self, stretch: Stretch) -> str:
+        return f"{self.column[stretch[0]] + 0.0:.6g}"  # zero has no sign
+
     def inside(self, stretch: Stretch) -> bool:
         """Whether the value is inside the channel's range: at an end a clipped channel rests."""
         return bool(self.low < self.column[stretch[0]] < self.high)
@@ -383,9 +386,11 @@ class Channel:
 
     @cached_property
     def _least_jump(self) -> float:
-        """The largest step that the motion of this channel explains; 0 for a channel without motion."""
+        """The largest step that the motion of this channel explains, which goes by counts of its resolution even where
+        it hardly ever moves; 0 for a channel without motion."""
         size = np.abs(np.diff(self.column[:: max(1, len(self.column) // 200_000)]))
-        return max(JUMP * float(np.percentile(size, 98.0)), 0.05 * (self.high - self.low))
+        count = float(np.min(size[size > 0.0], initial=np.inf)) if size.any() else 0.0
+        return max(JUMP * max(float(np.percentile(size, 98.0)), count), 0.05 * (self.high - self.low))
 
 
 KEPT = 1.0 / 3.0  # of the run that must be whole
@@ -401,7 +406,9 @@ def cut_dropouts(run: RawRun) -> None:
             continue
         channel = Channel(time_s, run.values[name])
         for stretch in [*channel.rests(), *(channel.brief_freezes() if name in inputs else channel.brief_jumps())]:
-            problem = f"{run.label(name)} is exactly {channel.column[stretch[0]]:.6g} from {_span(time_s, stretch)}"
+            problem = (
+                f"{run.label(name)} is exactly {channel.value(stretch)} from {_span(time_s, stretch)}"
+            )
             verdict = "lost" if channel.jumps(stretch) else ""
             if name in inputs:
                 verdict = _input_dropout(run, name, channel, stretch)
@@ -438,7 +445,9 @@ def drop_frozen(run: RawRun) -> None:
         channel = Channel(run.time_s, run.values[name])
         for stretch in channel.rests():
             if channel.jumps(stretch) or (channel.inside(stretch) and channel.too_long(stretch)):
-                run.drop(name, f"it is exactly {channel.column[stretch[0]]:.6g} from {_span(run.time_s, stretch)}")
+                run.drop(
+                    name, f"it is exactly {channel.value(stretch)} from {_span(run.time_s, stretch)}"
+                )
                 break
 
 
