@@ -406,9 +406,7 @@ def cut_dropouts(run: RawRun) -> None:
             continue
         channel = Channel(time_s, run.values[name])
         for stretch in [*channel.rests(), *(channel.brief_freezes() if name in inputs else channel.brief_jumps())]:
-            problem = (
-                f"{run.label(name)} is exactly {channel.value(stretch)} from {_span(time_s, stretch)}"
-            )
+            problem = f"{run.label(name)} is exactly {channel.value(stretch)} from {_span(time_s, stretch)}"
             verdict = "lost" if channel.jumps(stretch) else ""
             if name in inputs:
                 verdict = _input_dropout(run, name, channel, stretch)
@@ -445,9 +443,7 @@ def drop_frozen(run: RawRun) -> None:
         channel = Channel(run.time_s, run.values[name])
         for stretch in channel.rests():
             if channel.jumps(stretch) or (channel.inside(stretch) and channel.too_long(stretch)):
-                run.drop(
-                    name, f"it is exactly {channel.value(stretch)} from {_span(run.time_s, stretch)}"
-                )
+                run.drop(name, f"it is exactly {channel.value(stretch)} from {_span(run.time_s, stretch)}")
                 break
 
 
