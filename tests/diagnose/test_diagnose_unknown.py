@@ -401,3 +401,15 @@ def test_a_mean_that_no_tolerance_holds_is_a_level_of_the_law():
     assert wave.shape["d"] == pytest.approx(0.05, rel=0.01)
     assert max(law.amplitudes) == pytest.approx(8.0, rel=0.02) == law.amplitudes[law.formulas.index("sign v")]
     assert law.explains > 0.99
+
+
+def test_a_friction_that_grows_along_the_way_has_an_amount_with_one_power_of_the_metre():
+    """It was in N s/m m."""
+    forced = []
+    for run in driven(AXIS_LAW, still(), NOISE):
+        extra = 300.0 * run["position_m"] * run["velocity_m_s"]
+        forced.append(replace(run, signals={**run.signals, "force_n": run["force_n"] + extra}))
+    law = find_law(*fitted(forced), "axis")
+    assert law is not None
+    units = {formula: unit for formula, (_, _, _, unit) in zip(law.formulas, law.values, strict=True)}
+    assert units["x v"] == "N s/m²"

@@ -156,7 +156,8 @@ def dictionary(problem: Problem, acts_on: str, rides: Sequence[SimpleNamespace])
             terms.append(Term(codes[:1], words[:1], (f"per_{xm}",), (f"{force}/length",), middle))
             terms.append(Term(codes, words, (f"per_{xm}", f"per_{xm}2", ""),
                               (f"{force}/length", f"{force}/length*length", force), middle))  # fmt: skip
-        terms.append(Term((f"s.x * {v}",), ("x v",), f"s_per_{m}_{xm}", f"{force}/{speed}*length"))
+        terms.append(Term((f"s.x * {v}",), ("x v",), f"s_per_{m}2" if m == xm else f"s_per_{m}_{xm}",
+                          f"{force}/{speed}*length"))  # fmt: skip
         gap = length / PLACES
         for place in low + gap * (0.5 + np.arange(PLACES)):
             at = {"x_0": float(place), "b": 0.02 * length}
@@ -514,7 +515,8 @@ def unit_of(suffix: str) -> str:
         raised = str.maketrans("23", "²³")
         return " ".join(words.get(word, word.translate(raised)) for word in part.strip("_").split("_") if word)
 
-    return f"{said(over) or '1'}/{said(under)}" if under else said(over)
+    below = f"({said(under)})" if "_" in under else said(under)
+    return f"{said(over) or '1'}/{below}" if under else said(over)
 
 
 def unit_suffix(column: tuple[str, str, str, str], force_unit: str) -> str:
