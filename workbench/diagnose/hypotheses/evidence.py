@@ -288,23 +288,37 @@ def _not_freer(
     """The hypothesis with less evidence, if it is not better by the threshold than the best simpler law of the place
     and regime of each of its effects: the shortfall is subtracted, with what that one has paid itself (`paid`). No more
     is it where its prediction is off that of the simpler law by less than LAW of what that law explains, rms: so far a
-    real machine is off any law; but by what it relieves the tolerances. base: how many of a fit's z are the base
-    parameters'."""
+    real machine is off any law; but by what it relieves the tolerances. Nor is a law with more parameters, whose
+    prediction is as near to that of another one, better by what only one of both is taken to share with the model
+    error: a drift that is as good as constant is a constant. base: how many of a fit's z are the base parameters'."""
     most = mine.evidence
     best: dict[str, Weighed] = {}
     for names, other in beside.items():
         own, its = set(mine.names) - set(names), set(names) - set(mine.names)
-        if len(own) == 1 and all(same_but_freer(a, b, problem.active.kind) for a in own for b in its):
+        if len(own) != 1:
+            continue
+        if all(same_but_freer(a, b, problem.active.kind) for a in own for b in its):
             (freer,) = own
             best[freer] = max(other, best.get(freer, other), key=lambda w: w.evidence)
+        elif not other.rival and len(mine.fit.z) > len(other.fit.z):
+            real = other.score.value - mine.score.value - cost(problem, len(mine.fit.z) - len(other.fit.z))
+            alike = paid[other.names].evidence + real - float(freedom(real))
+            off = settings.LAW**2 * own_energy(problem, other, tuple(its), base) if alike < most else 0.0
+            if off > 0.0 and _bent(problem, mine, other) < off:
+                most = alike
     for other in best.values():
         off = settings.LAW**2 * own_energy(problem, other, tuple({*other.names} - {*mine.names}), base)
         real = advantage(mine, other, off)
-        bent = problem.errors.sized(other.score.sizes).whiten(mine.fit.residual - other.fit.residual)
-        if float(bent @ bent) < off:
+        if _bent(problem, mine, other) < off:
             real = min(real, max(other.fit.prior - mine.fit.prior, 0.0))
         most = min(most, paid[other.names].evidence + real - float(freedom(real)))
     return replace(mine, evidence=most)
+
+
+def _bent(problem: Problem, one: Weighed, other: Weighed) -> float:
+    """By how much two predictions differ, whitened as the other is: its energy."""
+    bent = problem.errors.sized(other.score.sizes).whiten(one.fit.residual - other.fit.residual)
+    return float(bent @ bent)
 
 
 def freedom(better: float | Array) -> Array:
