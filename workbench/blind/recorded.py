@@ -146,10 +146,6 @@ def _on_sensor(known: Recording, name: str, parameters: Mapping[str, float]) -> 
     return replace(_missing(known, name, known.machine, parameters), runs=runs)
 
 
-def _gain(rng: np.random.Generator, known: Recording) -> Bent | None:
-    return _on_sensor(known, "torque_scale", {"gain": 1.0 + 0.08 * _sign(rng)})
-
-
 def _offset(rng: np.random.Generator, known: Recording) -> Bent | None:
     (name,) = (r.name for r in find("torque_offset", known.plant).ranges(sizes_of(known.machine, known.runs)))
     return _on_sensor(known, "torque_offset", {name: _sign(rng) * rng.uniform(0.04, 0.12) * known.input_rms})
@@ -158,14 +154,6 @@ def _offset(rng: np.random.Generator, known: Recording) -> Bent | None:
 def _samples_s(rng: np.random.Generator, known: Recording, low: float, high: float) -> float:
     step_s = float(np.median([run.sample_time_s for run in known.runs]))
     return step_s * float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def _late(rng: np.random.Generator, known: Recording) -> Bent | None:
-    return _on_sensor(known, "speed_delay", {"delay_s": _samples_s(rng, known, 2.0, 15.0)})
-
-
-def _filter(rng: np.random.Generator, known: Recording) -> Bent | None:
-    return _on_sensor(known, "torque_filter", {"time_constant_s": _samples_s(rng, known, 3.0, 25.0)})
 
 
 def _places(known: Recording) -> list[Array]:
@@ -306,10 +294,12 @@ SINGLES: dict[str, Bend] = {
     "coulomb_one_way": _coulomb_one_way,
     "load": _load,
     "payload": _payload,
-    "gain": _gain,
+    "gain": lambda rng, known: _on_sensor(known, "torque_scale", {"gain": 1.0 + 0.08 * _sign(rng)}),
     "offset": _offset,
-    "speed_late": _late,
-    "torque_low_passed": _filter,
+    "speed_late": lambda rng, known: _on_sensor(known, "speed_delay", {"delay_s": _samples_s(rng, known, 2.0, 15.0)}),
+    "torque_low_passed": lambda rng, known: _on_sensor(
+        known, "torque_filter", {"time_constant_s": _samples_s(rng, known, 3.0, 25.0)}
+    ),
     "tight_stretch": _law("friction_position_dependent"),
     "ripple": _law("torque_ripple"),
     "drift": _law("friction_thermal_drift"),

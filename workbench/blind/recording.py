@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from workbench.core.errors import InputError
-from workbench.core.run import Array, Run
+from workbench.core.run import Array, Run, integrated
 from workbench.effects import effects_for, sizes_of
 from workbench.identify.identify import LATE, Identification, identify
 from workbench.logs import Campaign, read_campaign
@@ -205,11 +205,8 @@ def cut(machine: Any, run: Run, parts: int, rng: np.random.Generator | None = No
     ends = np.searchsorted(run.time_s, run.time_s[0] + run.duration_s * at / parts)
     kind = kind_of(machine)
     height, speed = kind.plant.positions[-1], run.signals.get(kind.plant.speeds[0])
-    if height in run or speed is None:
-        place = run[height]
-    else:
-        way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(run.time_s))])
-        place = kind.place_of(machine, run.start_position_m, way)
+    way = None if height in run or speed is None else integrated(speed, run.time_s)
+    place = run[height] if way is None else kind.place_of(machine, run.start_position_m, way)
     edges = [0, *map(int, ends), len(run.time_s)]
     return [
         replace(

@@ -76,10 +76,8 @@ def _level(force: Array, switch: Array, before: float) -> float:
     return max(float(np.median(force / switch)), 0.0) if len(force) else before
 
 
-def _profile(
-    bench: InverseSimulation, balances: list[Balance], values: list[SimpleNamespace]
-) -> tuple[Array, Array, Array]:
-    """Speed, Coulomb friction force and switching function at the moving samples of all runs."""
+def _profile(bench: InverseSimulation, balances: list[Balance], values: list[SimpleNamespace]) -> Array:
+    """(3, n): speed, Coulomb friction force and switching function at the moving samples of all runs."""
     gain, _ = sensor(bench.machine)
     kind = kind_of(bench.machine)
     parts = []
@@ -89,8 +87,7 @@ def _profile(
         force = smooth[:, 2] + b.residual[b.moving] / gain / kind.transmission_of(bench.machine)
         keep = np.abs(smooth[:, 1]) > 0.5
         parts.append(np.column_stack([smooth[:, 0], force, smooth[:, 1]])[keep])
-    table = np.concatenate(parts)
-    return table[:, 0], table[:, 1], table[:, 2]
+    return np.concatenate(parts).T
 
 
 def _friction(kind: Kind, b: Balance, p: SimpleNamespace) -> tuple[Array, Array, Array]:
@@ -140,7 +137,8 @@ def identify(
         machine = machine.model_copy(update={"log": machine.log.model_copy(update={"speed_late_s": late})})
         bench = InverseSimulation(machine, campaign.runs, bench.band_hz)
     levels = friction_levels(bench)
-    ties = _ties(machine, [f.key for f in parameters])
+    # Pairs are kept equal, because the runs show only two sums of the three.
+    ties = [pair for pair, third in kind_of(machine).ties if {*pair, third} <= {f.key for f in parameters}]
     model = BalanceModel(bench)
 
     def own(z: Array) -> Array:
@@ -156,19 +154,21 @@ def identify(
     values = zip(parameters, alike.value, weighed.value, weighed.std_error, strict=True)
     bent = [f"{f.key} {a:.4g}" for f, a, w, std in values if abs(a - w) > SURE * std]
     result = weighed if bent else alike
+    told = list(result.statements)
     if bent:
-        told = "friction near standstill is not as its law: samples there weigh less; alike they would make "
-        result = replace(result, statements=(*result.statements, told + ", ".join(bent)))
+        told += [
+            "friction near standstill is not as its law: samples there weigh less; alike they would make "
+            + ", ".join(bent)
+        ]
     percent = 100.0 * result.residual_rms / _input_rms(model)
     if percent > 100.0 * HALF:
-        told = (
+        told.append(
             f"while moving, {percent:.0f} % of the {kind_of(machine).drive.quantity} itself is left: the balance does "
             "not hold, its values mean little; is a sign, a unit, a column or the kind of machine another one?"
         )
-        result = replace(result, statements=(*result.statements, told))
     if late > 0.0:
-        told = f"{LATE}: the logged motion is {1e3 * late:.3g} ms later than the logged input"
-        result = replace(result, statements=(*result.statements, told))
+        told.append(f"{LATE}: the logged motion is {1e3 * late:.3g} ms later than the logged input")
+    result = replace(result, statements=tuple(told))
     identified = with_values(machine, result.values())
     identified = identified.model_copy(update={"identified": record(campaign, result, levels, bench.band_hz, date)})
     return Identification(
@@ -207,11 +207,6 @@ def _input_rms(model: BalanceModel) -> float:
     """Of the measured input at the samples that a fit looks at, in its unit."""
     chosen = [measured[rows] for measured, rows in zip(model.bench.measured, model.rows, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(chosen) ** 2)))
-
-
-def _ties(machine: Hoist | Axis, keys: Sequence[str]) -> list[tuple[str, str]]:
-    """Pairs of values that are kept equal, because the runs show only two sums of the three; see `Kind.ties`."""
-    return [pair for pair, third in kind_of(machine).ties if all(key in keys for key in (*pair, third))]
 
 
 def _digest(runs: Sequence[Run]) -> str:

@@ -12,9 +12,9 @@ import numpy as np
 
 from workbench.core import yaml_strict
 from workbench.core.errors import InputError, check_known
-from workbench.core.run import Array, Run
+from workbench.core.run import Array, Run, integrated
 from workbench.effects import logged_input
-from workbench.machines import Axis, Hoist, Kind, get_value, kind_of, plant_of
+from workbench.machines import Axis, Hoist, get_value, kind_of, plant_of
 from workbench.simulate.driven import InverseSimulation, changed, sensor
 from workbench.simulate.lowpass import lowpass
 from workbench.simulate.model_error import ANY, ErrorModel, model_error_of
@@ -109,16 +109,10 @@ def _typical(machine: Hoist | Axis, runs: Sequence[Run], key: str) -> float:
         return size
     force = float(np.sqrt(np.mean(np.concatenate([run[kind.plant.input] for run in runs]) ** 2)))
     if size == "input/speed":
-        return force / max(float(np.ptp(_position(kind, run)) / run.duration_s) for run in runs)
+        at, speed = kind.plant.positions[0], kind.plant.speeds[0]
+        ways = [run[at] if at in run else integrated(run[speed], run.time_s) for run in runs]
+        return force / max(float(np.ptp(way) / run.duration_s) for way, run in zip(ways, runs, strict=True))
     return force
-
-
-def _position(kind: Kind, run: Run) -> np.ndarray:
-    """(n,) of the driven coordinate."""
-    position, speed = kind.plant.positions[0], kind.plant.speeds[0]
-    if position in run:
-        return run[position]
-    return np.cumsum(run[speed]) * run.sample_time_s
 
 
 SAMPLES_PER_PERIOD = 4.0  # of the band, that a fit looks at; more say nothing new

@@ -199,10 +199,8 @@ def _off_the_line(s: Seen, among: Sequence[Seen]) -> float:
 
 def _gains(kind: Kind, seen: Sequence[Seen]) -> Iterator[str]:
     """An axis' input over what the other runs' parameters predict for its motion, and its mean beside theirs."""
-    if not seen or min(s.explained for s in seen) < RIGID:
-        return
     least = LEAST_RUNS - 1  # a scale shows beside two
-    if len(seen) < least:
+    if len(seen) < least or min(s.explained for s in seen) < RIGID:
         return
     gains = [_gain(s, [o for o in seen if o is not s]) for s in seen]
     k = int(np.argmax(np.abs(np.log(gains))))
@@ -349,8 +347,8 @@ def _noise(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
     for name in (*kind.inputs, kind.plant.speeds[0]):
         having = [run for run in runs if name in run and len(run.time_s) > 50]
         if name == kind.plant.speeds[0]:  # at rest a speed has the noise of its counts alone
-            top = [float(np.max(np.abs(run[name]))) for run in having]
-            having = [run for run, fast in zip(having, top, strict=True) if fast > RESTS_BELOW * max(top)]
+            top = max((float(np.max(np.abs(run[name]))) for run in having), default=0.0)
+            having = [run for run in having if np.max(np.abs(run[name])) > RESTS_BELOW * top]
         sizes = [float(np.sqrt(np.mean(np.diff(run[name], 2) ** 2) / 6.0)) for run in having]
         k = _alone(sizes, lambda v, usual: not usual / NOISES_APART <= v <= usual * NOISES_APART)
         if k is not None:

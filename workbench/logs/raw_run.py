@@ -128,11 +128,8 @@ class RawRun:
             return self.entry
         start = self.entry.start_position_m
         if start is not None or self.position not in motion:
-            if self.position in motion:
-                way = float(motion[self.position][first] - motion[self.position][0])
-            else:
-                way = float(integrated(motion[self.speed][: first + 1], self.time_s[: first + 1])[-1])
-            start = (start or 0.0) + self.kind.transmission_of(self.machine) * way
+            at = motion[self.position] if self.position in motion else integrated(motion[self.speed], self.time_s)
+            start = (start or 0.0) + self.kind.transmission_of(self.machine) * float(at[first] - at[0])
         began = (self.entry.start_time_s or 0.0) + float(self.time_s[first] - self.time_s[0])
         return self.entry.model_copy(update={"name": name, "start_position_m": start, "start_time_s": began})
 

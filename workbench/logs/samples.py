@@ -353,8 +353,9 @@ class Channel:
         """Whether the channel jumps at an end of the stretch, which the motion of a stopped machine does not."""
         return max(self._ends_of(stretch)) > self._least_jump > 0.0
 
-    def value(self, stretch: Stretch) -> str:
-        return f"{self.column[stretch[0]] + 0.0:.6g}"  # zero has no sign
+    def rest(self, first: int, end: int) -> str:
+        since, until = map(seconds, self.time_s[[first, end - 1]])
+        return f"is exactly {self.column[first] + 0.0:.6g} from {since} to {until}"  # zero has no sign
 
     def inside(self, stretch: Stretch) -> bool:
         """Whether the value is inside the channel's range: at an end a clipped channel rests."""
@@ -406,7 +407,7 @@ def cut_dropouts(run: RawRun) -> None:
             continue
         channel = Channel(time_s, run.values[name])
         for stretch in [*channel.rests(), *(channel.brief_freezes() if name in inputs else channel.brief_jumps())]:
-            problem = f"{run.label(name)} is exactly {channel.value(stretch)} from {_span(time_s, stretch)}"
+            problem = f"{run.label(name)} {channel.rest(*stretch)}"
             verdict = "lost" if channel.jumps(stretch) else ""
             if name in inputs:
                 verdict = _input_dropout(run, name, channel, stretch)
@@ -443,7 +444,7 @@ def drop_frozen(run: RawRun) -> None:
         channel = Channel(run.time_s, run.values[name])
         for stretch in channel.rests():
             if channel.jumps(stretch) or (channel.inside(stretch) and channel.too_long(stretch)):
-                run.drop(name, f"it is exactly {channel.value(stretch)} from {_span(run.time_s, stretch)}")
+                run.drop(name, f"it {channel.rest(*stretch)}")
                 break
 
 
@@ -470,10 +471,6 @@ def _input_dropout(run: RawRun, name: str, channel: Channel, stretch: Stretch) -
         if len(around) and abs(total[start:end].mean()) > CARRIES_ON * abs(around.mean()):
             return "note"
     return "lost"
-
-
-def _span(time_s: Array, stretch: Stretch) -> str:
-    return f"{seconds(time_s[stretch[0]])} to {seconds(time_s[stretch[1] - 1])}"
 
 
 # A run, checked

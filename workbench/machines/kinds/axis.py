@@ -21,7 +21,7 @@ from pydantic import Field, model_validator
 
 from workbench.core import record
 from workbench.core.record import Record, by_name, renamed
-from workbench.core.run import Array, Run
+from workbench.core.run import Array, Run, integrated
 from workbench.machines import declare
 from workbench.machines.correction import MeasuredCorrection, Numbers
 from workbench.machines.declare import ClosedLoop, Kind, Load, Sizes, Value
@@ -446,7 +446,7 @@ def _sizes(kind: str, m: Axis, runs: Sequence[Run]) -> Sizes:
 def _travel(m: Axis, run: Run) -> float:
     if m.position_signal in run:
         return float(np.ptp(run[m.position_signal]))
-    return float(np.ptp(np.cumsum(run[m.speed_signal]) * run.sample_time_s))
+    return float(np.ptp(integrated(run[m.speed_signal], run.time_s)))
 
 
 def _fastest(m: Axis, run: Run) -> float:
