@@ -216,7 +216,7 @@ def test_correlated_noise_widens_the_interval_of_a_level_as_theory_says(carry: f
     rho[0] = 0.0
     errors = ErrorModel(np.full(n, 1e-6), np.full(n, sigma), np.zeros(n), rho)
     free = (Scalar("level", 0.0, 1.0),)
-    problem = SimpleNamespace(errors=errors, share=1.0, samples=n)
+    problem = SimpleNamespace(errors=errors, share=1.0, samples=n, struck=False)
 
     def variance(residual: Array) -> float:
         fit = Fitted((), free, np.zeros(1), residual, np.ones((n, 1)), float(n), 0.0, 1, True)

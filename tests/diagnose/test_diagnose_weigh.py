@@ -632,7 +632,7 @@ def test_a_cause_beside_a_play_counts_with_all_the_tolerances_that_it_relieves(m
         monkeypatch.setattr(evidence, name, lambda *_, value=value: value)
     monkeypatch.setattr(evidence, "beyond_model_error", lambda *_: 24.0)
     monkeypatch.setattr(evidence, "beyond_nuisance", lambda problem, fit, name, worth: worth)
-    problem = cast(Any, types.SimpleNamespace(struck=True))
+    problem = cast(Any, types.SimpleNamespace(struck=True, active=types.SimpleNamespace(kind="two_inertia")))
     alone, both = (
         types.SimpleNamespace(effects=some, prior=p, z=())
         for some, p in ((("backlash",), 27.0), (("backlash", "friction_coulomb"), 3.0))
@@ -653,7 +653,7 @@ def test_a_drift_that_is_as_good_as_constant_has_no_more_evidence_than_a_constan
     problem = Problem(machine, runs).with_model_error((3.0, 1.0))
     values = list(base_parameters(machine, runs).values())
     base = fit_hypothesis(problem, (), values, np.zeros(sum(one.size for one in values)))
-    fits = {}
+    fits: dict[Names, Fitted] = {}
     for name, *begin in (("friction_coulomb", 12.0), ("friction_thermal_drift", 0.5, 4000.0)):
         ranges = ranges_of(find(name, "axis-linear"), machine, runs)
         at = {r.symbol: value for r, value in zip(ranges, begin, strict=True)}

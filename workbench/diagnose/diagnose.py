@@ -280,8 +280,7 @@ def diagnose(
     number of effects at once; each further one is searched as long as it is worth its parameters. study:
     whether to compute the changes in the control study. scenario: a user's study, whose moves, limits, payloads and
     controller these are computed with. quick: names and places within seconds: single effects, one search; no study,
-    no run that would decide, no law of an unknown cause, no other hypothesis on held-out runs; a play's values as the
-    search has them.
+    no run that would decide, no law of an unknown cause, no other hypothesis on held-out runs.
     validate: names of runs that are kept for the end; no number is fitted to them. tell: receives the progress. The
     same seed gives the same answer. InputError if the runs cannot be diagnosed.
     """
@@ -314,8 +313,7 @@ def diagnose(
     fit, off = None, False
     if judged.names:
         off = leaves_off(problem, search.fits[judged.names], len(search.base.z))
-        fit = search.fits[judged.names]
-        fit = fit if quick else play_estimated(problem, fit, len(search.base.z))
+        fit = play_estimated(problem, search.fits[judged.names], len(search.base.z))
         search = replace(search, fits={**search.fits, judged.names: fit})
         mine = tuple(replace(w, fit=search.fits[w.names]) for w in judged.weighed)
         judged = replace(judged, weighed=mine)
@@ -346,11 +344,10 @@ def diagnose(
         replayed = replay_runs(corrected, campaign.runs, problem.band_hz, impacts)
     folds = folds_of(search, judged.names, unknown)
     shrink = shrink_of(search, keys, judged.names, folds, seed, unknown)
-    answers, noise = [fit] if fit is not None else [], problem.run_noise
+    answers = [fit] if fit is not None else []
     alike_runs = alike_of(problem, [*answers, *(w.fit for w in judged.weighed), search.within_tolerances])
-    if not quick:
-        # Of the machine whose residual stands beside it: one as given, of a late log, had a quarter more in one run.
-        noise = with_motion_noise(Problem(corrected, campaign.runs, problem.band_hz), seed).run_noise
+    # Noise of the machine whose residual stands beside it: one as given, of a late log, had a quarter more in one run.
+    noise = with_motion_noise(Problem(corrected, campaign.runs, problem.band_hz), seed).run_noise
     delivered = delivered_of(noise, refitted_replay, replayed, alike_runs)
     if aside:
         struck = own_impacts(corrected, aside)
