@@ -243,10 +243,7 @@ def why(row: Row) -> str:
     return f"weighed, and worth less than the answer: merit {merit:.0f}, the best {best:.0f}{_against(row)}"
 
 
-_EVIDENCE = {
-    "left": "what is left",
-    "prior": "stretched tolerances",
-}
+_EVIDENCE = {"left": "what is left", "prior": "stretched tolerances"}
 
 
 def _against(row: Row) -> str:

@@ -39,12 +39,13 @@ OWN_PERCENT = 1.5  # of the input's rms: what an axis may leave of a law of one 
 
 
 def calibration() -> Mapping[str, float]:
-    """unknown_bias: log odds of an unknown cause that nothing speaks for. What is stated of the decision
-    (`answer._with_misses`): misses of no gap, and of an unknown cause."""
+    """unknown_bias: log odds of an unknown cause that nothing speaks for. missed_*: of answers of no gap and of an
+    unknown cause, as stated (`answer._with_misses`)."""
     return {"unknown_bias": math.log(SIGNIFICANT / (1.0 - SIGNIFICANT)), **stated()}
 
 
 @cache
 def stated() -> dict[str, float]:
+    """What is stated of the decision, as `benchmarks.calibrate` fitted it."""
     numbers: dict[str, float] = json.loads(CALIBRATION.read_text(encoding="utf-8"))["numbers"]
     return numbers
