@@ -557,6 +557,45 @@ def test_friction_near_one_that_was_tried_is_not_offered_again(hoist: Problem, m
     assert len(begun) == 2
 
 
+@pytest.mark.parametrize(("worth", "goes_on"), [(2.0, True), (0.5, False)])
+def test_another_searchs_fit_goes_on_where_it_explains_more_at_its_own_size_of_the_model_error(
+    hoist: Problem, monkeypatch: pytest.MonkeyPatch, worth: float, goes_on: bool
+):
+    """A large model error near standstill, which a first search had needed, bought a friction level with 4 N m there
+    for a cheaper objective: the level that left a tenth of it had been found with the default sizes."""
+
+    @dataclass(frozen=True)
+    class Made:
+        worth: float
+        residual: Array
+        prior: float = 0.0
+        chi2: float = 0.0
+
+        @property
+        def objective(self) -> float:
+            return self.chi2 + self.prior
+
+    search, begun = Search(hoist, [find("torque_offset", "hoist")]), list[Any]()
+    before, now = Made(worth, np.ones(hoist.samples)), Made(1.0, np.zeros(hoist.samples))
+    search.found, promise = {("torque_offset",): before}, SimpleNamespace(gain=1.0, evidence=1.0)  # type: ignore[dict-item]
+    monkeypatch.setattr(search, "_promised", lambda at, signatures: {"torque_offset": promise})
+    monkeypatch.setattr(search, "_fit_with", lambda at, promise: now)
+    monkeypatch.setattr(search, "_strained", lambda base: {})
+    monkeypatch.setattr(search, "_better", lambda one, other: one.worth > other.worth)
+
+    def again(fit: Made) -> Made:
+        begun.append(fit)
+        return fit
+
+    monkeypatch.setattr(search, "_again", again)
+    monkeypatch.setattr(search, "_try", lambda names, fit: search.fits.setdefault(names, fit()))
+    for step in ("_in_place", "_step_play", "_finish"):
+        monkeypatch.setattr(search, step, lambda *given: None)
+    base: Any = SimpleNamespace(z=np.zeros(search.count))
+    search._singles(base, base, [], 1)
+    assert begun == ([before] if goes_on else [])
+
+
 def test_what_a_search_took_for_model_error_is_sought_again_beside_the_leading_hypothesis(
     hoist: Problem, monkeypatch: pytest.MonkeyPatch
 ):

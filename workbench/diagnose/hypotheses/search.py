@@ -384,8 +384,9 @@ class Search(Fits):
             self._tell(Progress(Stage.SEARCH, Task.SINGLE, k + 1, len(order), (name,)))
             self._try((name,), lambda promise=promised[name]: self._fit_with(near, promise))  # type: ignore[misc]
             if (found := self.found.get((name,))) is not None:
-                white = self.problem.errors.whiten(found.residual)
-                if (name,) not in self.fits or float(white @ white) + found.prior < self.fits[name,].objective:
+                white, fit = self.problem.errors.whiten(found.residual), self.fits.get((name,))
+                before = replace(found, chi2=float(white @ white))
+                if fit is None or before.objective < fit.objective or self._better(before, fit):
                     self._try((name,), lambda found=found: self._again(found))  # type: ignore[misc]
         if np.any(near.z != base.z):
             self._from_base(base, [n for n in order[:FEW] if not self._hopeless(promised[n].gain, n)])

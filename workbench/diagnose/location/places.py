@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array, diags_array
+from scipy.spatial import KDTree
 from scipy.special import log_ndtr, logsumexp
 
 from workbench.core.run import Array
@@ -199,8 +200,7 @@ def comes_back(left: Array, mine: np.ndarray, states: list[Array]) -> bool:
         return False
     energy = float(left[inside] @ left[inside])
     for state in states:
-        away = np.sum((state[inside][:, None] - state[outside]) ** 2, axis=2)
-        nearest = np.argpartition(away, NEIGHBOURS, axis=1)[:, :NEIGHBOURS]
+        _, nearest = KDTree(state[outside]).query(state[inside], NEIGHBOURS)
         rest = left[inside] - np.mean(left[outside][nearest], axis=1)
         if float(rest @ rest) < (1.0 - RECURS) * energy:
             return True
