@@ -99,14 +99,16 @@ class ErrorModel:
         if not np.size(rows):
             return np.zeros(np.shape(rows))  # LAPACK's solver writes beyond an array without columns
         gains = self._numbers()
-        columns = np.array(rows, dtype=float, order="F").reshape(len(self.white), -1, order="F")
+        columns = np.asfortranarray(rows, dtype=float).reshape(len(self.white), -1, order="F")
         # The state before each row, m_i = along_i m_(i-1) + into_i r_(i-1): a matrix of two diagonals.
-        driving = np.zeros_like(columns)
-        np.multiply(gains.into[1:, None], columns[:-1], out=driving[1:])
-        state, _ = dtbtrs(gains.diagonals, driving, uplo="L", diag="U", overwrite_b=1)
-        return np.ascontiguousarray((columns - gains.size[:, None] * state) * gains.weight[:, None]).reshape(
-            np.shape(rows)
-        )
+        state = np.empty_like(columns)
+        state[0] = 0.0
+        np.multiply(gains.into[1:, None], columns[:-1], out=state[1:])
+        state, _ = dtbtrs(gains.diagonals, state, uplo="L", diag="U", overwrite_b=1)
+        state *= gains.size[:, None]
+        np.subtract(columns, state, out=state)
+        state *= gains.weight[:, None]
+        return np.ascontiguousarray(state).reshape(np.shape(rows))
 
     def log_det(self) -> float:
         """ln det of the covariance of all rows."""
