@@ -364,11 +364,12 @@ def next_run(
         if len(near) == 1:
             return None
         near = near[:1]  # not all of them, perhaps the best one
-    return NextRun(
-        _why(question, best), best.planned.payload_kg, best.planned.words, best.signals, best.separation,
-        question.now[0], usual.separation, best.chance, best.planned, usual.planned,
-        tuple(fit.effects for fit in question.fits[1:]),
+    why, helps = _why(question, best)
+    advice = NextRun(
+        why, best.planned.payload_kg, best.planned.words, best.signals, best.separation, question.now[0],
+        usual.separation, best.chance, best.planned, usual.planned, tuple(fit.effects for fit in question.fits[1:]),
     )  # fmt: skip
+    return advice if helps else replace(advice, profile="none", planned=None, plain=None)
 
 
 def _ahead(problem: Problem, planned: Sequence[Planned], fits: Sequence[Fitted], shared: bool = True) -> list[OnMenu]:
@@ -547,21 +548,23 @@ def _place_of(fit: Fitted, symbol: str) -> int | None:
 
 
 def _closer(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared], run: str = "that run") -> str:
-    """What would set hypotheses apart that no run does: one base parameter whose value were known more closely."""
+    """What would set hypotheses apart that no run does: one base parameter whose value were known more closely; "" if
+    none would."""
     keys = {key: one.symbol for key, one in base_parameters(problem.machine, problem.runs).items() if one.std == 1.0}
     apart = {key: _apart(problem, fits, *data, closer=symbol)[0] for key, symbol in keys.items()}
     key = max(apart, key=lambda key: apart[key], default="")
     if not key or apart[key] < APART:
-        return "No single value of the machine, known more closely, would either."
+        return ""
     return (
         f"A closer tolerance is needed: with {key} known to {CLOSER:g} of it {run} would set them apart by "
         f"{apart[key]:.1f} standard deviations."
     )
 
 
-def _why(question: Question, best: Offer) -> str:
+def _why(question: Question, best: Offer) -> tuple[str, bool]:
+    """What a run would decide, in words, and whether it may help at all, be it with a value known more closely."""
     problem, fits, now = question.problem, question.fits, question.now[0]
-    names = [" and ".join(fit.effects) or "a machine without an effect" for fit in fits]
+    names = [" + ".join(fit.effects) or "a machine without an effect" for fit in fits]
     *others, last = names[1:]
     rivals = f"{', '.join(others)} and {'over' if question.favoured else 'from'} {last}" if others else last
     load = f"a run with {best.planned.payload_kg:g} kg" if kind_of(problem.machine).payload else "a run"
@@ -582,13 +585,13 @@ def _why(question: Question, best: Offer) -> str:
     # A freer law can be the simpler one: what decides between them is its price.
     by = "" if nothing else f"set them apart by {best.separation:.1f} standard deviations, and "
     if best.decides:
-        return f"{begin}; {run} would {by}{decides}."
+        return f"{begin}; {run} would {by}{decides}.", True
     if now >= APART:
-        return (
-            f"{begin} of the noise: what the model may be off leaves them open, and a run is likely to do so, too. The "
-            f"best, {run} would {by}{decides}."
-        )
-    closer = _closer(problem, fits, question.known, best.shown, run=run if nothing and chance < 0.005 else "that run")
-    if nothing and chance < 0.005:
-        return f"{begin}, and no run on the menu would. {closer}"
-    return f"{begin}; no run on the menu decides. The best, {run} would {by}{decides}. {closer}"
+        inexact = "of the noise: what the model may be off leaves them open, and a run is likely to do so, too"
+        return f"{begin} {inexact}. The best, {run} would {by}{decides}.", True
+    hopeless = nothing and chance < 0.005
+    closer = _closer(problem, fits, question.known, best.shown, run=run if hopeless else "that run")
+    no_value = "No single value of the machine, known more closely, would either."
+    if hopeless:
+        return f"{begin}, and no run on the menu would. {closer or no_value}", bool(closer)
+    return f"{begin}; no run on the menu decides. The best, {run} would {by}{decides}. {closer or no_value}", True
