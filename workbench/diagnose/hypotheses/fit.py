@@ -39,11 +39,13 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import Effect, Ranged, ranges_of
 from workbench.identify.fit import DAMPING, Evaluated, minimise
 from workbench.simulate.model_error import ErrorModel
+from workbench.simulate.motion import PLAY
 
 BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one fit
 ROUND = 4  # steps with the base parameters' signatures as they were
 WORTH = 0.05  # of the objective: less is not worth another step, nor another round
 WORTH_OF_ALL = 2e-5  # the same, of the whole
+WORTH_OF_PLAY = 1.0  # the same, in a search, of a play that is heard: its law is off by more
 SLOPE_STEP = 1e-4  # of z, for the values' slopes
 
 Raw = dict[bytes, tuple[Array, Array]]  # z -> residual and Jacobian, in the input's unit
@@ -127,7 +129,8 @@ def fit_hypothesis(
         return full, full_white
 
     before = _objective(white, z, std)
-    enough = max(WORTH, WORTH_OF_ALL * before)
+    worth = WORTH_OF_PLAY if PLAY in effects and problem.struck and problem.thin else WORTH
+    enough = max(worth, WORTH_OF_ALL * before)
     while evaluations < most:
         raw = {z.tobytes(): (residual, jacobian)}  # the minimum is sought in whitened rows
 
@@ -142,7 +145,7 @@ def fit_hypothesis(
             return whiten(r), anew_at
 
         allowed = min(ROUND, most - evaluations) if len(lasting) else most - evaluations
-        minimum = minimise(evaluate, (z, white, slopes), lowest, reach, 1.0, prior, highest, allowed, damping, WORTH)
+        minimum = minimise(evaluate, (z, white, slopes), lowest, reach, 1.0, prior, highest, allowed, damping, worth)
         evaluations, damping = evaluations + minimum.evaluations, minimum.damping
         z, white, slopes = minimum.z, minimum.residual, minimum.jacobian
         residual, jacobian = raw[z.tobytes()]

@@ -283,7 +283,10 @@ def play_estimated(problem: Problem, fit: Fitted, base: int) -> Fitted:
     """A fit of a play as it foretells left-out folds better: weighed as the problem is, or by plain least squares."""
     folds = folds_by_run(problem)
     both = weighed_both_ways(problem, fit, base)
-    return min(both, key=lambda one: held_out(problem, one, folds).rms(problem.inputs)) if len(both) > 1 else fit
+    if len(both) < 2:
+        return fit
+    left = [held_out(problem, one, folds).rms(problem.inputs) for one in (fit, *both[1:])]  # that of the fit is known
+    return both[int(np.argmin(left))]
 
 
 def weighed_both_ways(problem: Problem, fit: Fitted, base: int) -> tuple[Fitted, ...]:

@@ -121,8 +121,9 @@ def searched(
     Where the base parameters alone put the log's motion more than TOO_LATE sampling steps behind its input, the samples
     are left out whose motion had ended by then. The search begins with the default sizes. If the best hypothesis leaves
     a larger residual, the base parameters have absorbed part of the gap: the sizes that the best hypothesis needs are
-    found with refits of the leading ones, and all are searched once more with them. quick: single effects only, and no
-    second search.
+    found with refits of the leading ones, and all are searched once more with them. Beside a play that is heard, whose
+    stiff contact makes a fit take seconds, what counts is refitted with them instead. quick: single effects only, and
+    no second search.
     """
     problem = problem.quick() if quick else problem
     search = Search(problem, effects, tell, rivals, base)
@@ -136,10 +137,13 @@ def searched(
     fits: Sequence[Fitted] = [result.base, *result.fits.values()]
     left, whole = MOST_SIZES, False
     while True:
-        resized = False
+        resized, before = False, search
         while left and (sizes := search.sizes_needed(fits)) is not None:
             search, left, resized = search.with_sizes(sizes), left - 1, True
             fits = search.leaders_again(fits)
+        if whole and resized and search.problem.struck:
+            result = before._refitted(result, search.problem)
+            search, resized = before._at(result), False
         if whole and not resized:
             return search.exact(result, most_effects)
         result, whole = search.causes(most_effects, REFITTED, 0.0), True
@@ -200,9 +204,17 @@ class Search(Fits):
             self._fit_simpler_laws(result, size + 1)
             result = self._found(result.base, result.within_tolerances, result.signatures)
             leading = self.leading(result)
-            if leading is None or len(leading.names) <= size:
+            if leading is None or len(leading.names) <= size or self._mends_play(result, leading):
                 break
         return result
+
+    def _mends_play(self, result: SearchResult, leading: Weighed) -> bool:
+        """Whether the last effect beside a play that is heard, and another one, adds so little that a further one could
+        but mend the play's law."""
+        if not self.problem.struck or PLAY not in leading.names or len(leading.names) < 3:
+            return False
+        fewer = [w.evidence for w in self._nameable(result) if len(w.names) < len(leading.names)]
+        return leading.evidence - max(fewer, default=0.0) < settings.FORETOLD * leading.evidence
 
     def exact(self, result: SearchResult, most: int) -> SearchResult:
         """The result with what counts refitted at every sample of the logs, and what may be beside the leading
@@ -278,10 +290,12 @@ class Search(Fits):
             return result
         fit, search.scanned = search._again(leading.fit), ()
         promises = search._promised(fit, search._signatures(sought, fit))
+        law = inexact(search.problem, leading, self.count)  # of a play that is heard: no estimate is short of more
+        least = price(self.problem.active.kind) - (0.0 if law > 0.0 else SLACK)
         further = {
             tuple(sorted((*leading.names, name))): promise
             for name, promise in promises.items()
-            if search._worth(fit, promise) > price(self.problem.active.kind) - SLACK
+            if search._worth(fit, promise, law) > least
         }
         if not further:
             return result
