@@ -19,7 +19,7 @@ from workbench.blind.measures import INSIDE_90
 from workbench.blind.recording import cut
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.hypotheses import evidence
-from workbench.diagnose.hypotheses.evidence import Weighed, lag_explains, smooths
+from workbench.diagnose.hypotheses.evidence import Score, Weighed, lag_explains, smooths
 from workbench.diagnose.hypotheses.fit import estimates
 from workbench.diagnose.hypotheses.free_parameters import (
     LOG_TIMING,
@@ -101,11 +101,17 @@ def test_a_play_is_heard_though_a_whitened_fit_is_bent_to_what_rings_after_its_i
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize(("case", "family", "band_hz"), [(2, "axis_two_inertias", 25.4), (3, "axis_encoder", None)])
+@pytest.mark.parametrize(
+    ("seed", "family", "band_hz"),
+    [
+        ((8910, 2), "axis_two_inertias", 25.4),
+        ((8910, 3), "axis_encoder", None),
+    ],
+)
 def test_a_play_that_only_plain_least_squares_fits_is_named(
-    case: int, family: str, band_hz: float | None, tmp_path: Path
+    seed: tuple[int, int], family: str, band_hz: float | None, tmp_path: Path
 ):
-    make_campaign(tmp_path / "play", (8910, case), draw((8910, case), family, "singles", ["backlash"]))
+    make_campaign(tmp_path / "play", seed, draw(seed, family, "singles", ["backlash"]))
     found = diagnose(read_campaign(tmp_path / "play"), band_hz=band_hz, study=False)
     assert found.verdict.effects == ("backlash",)
 
@@ -187,6 +193,53 @@ def test_a_play_is_named_where_plain_least_squares_foretells_left_out_runs(
     base = SimpleNamespace(z=())
     search = SimpleNamespace(problem=AXIS, base=base, within_tolerances=None, fits={("backlash",): base})
     assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=("backlash",), fit=None))) == named
+
+
+@pytest.mark.parametrize("struck", [True, False])
+def test_a_play_that_impacts_tell_of_is_named_where_its_own_fit_foretells_left_out_runs(
+    struck: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """Its fit by plain least squares may be the poorer one: 768 of 724 N m were left beside a ripple, and 706 by its
+    own."""
+    for name, value in (("may_be_none", False), ("significance", 0.8), ("folds_by_run", None)):
+        monkeypatch.setattr(judge, name, lambda *_, value=value, **__: value)
+    monkeypatch.setattr(judge, "weighed_both_ways", lambda problem, fit, base: [fit, -0.7])
+    monkeypatch.setattr(judge, "held_out", lambda problem, fit, folds: fit)
+    monkeypatch.setattr(judge, "foretold", lambda problem, near, fit: fit)
+    problem, base = SimpleNamespace(**{**vars(AXIS), "struck": struck}), SimpleNamespace(z=())
+    search = SimpleNamespace(problem=problem, base=base, within_tolerances=None, fits={("backlash",): base})
+    play = SimpleNamespace(names=("backlash",), fit=10.0)
+    assert deserved(cast(Any, search), cast(Any, play)) == struck
+
+
+@pytest.mark.parametrize(("struck", "plain", "worth"), [(True, 20.0, 20.0), (True, -20.0, -10.0), (False, 20.0, -10.0)])
+def test_a_play_that_impacts_tell_of_is_held_against_a_free_law_by_plain_least_squares_too(
+    struck: bool, plain: float, worth: float, monkeypatch: pytest.MonkeyPatch
+):
+    """Five sixths of what was left lay beside the impacts of a play, it took them, and the answer was unknown: a law of
+    the acceleration did without it, whitened. Where a bent torque sensor, or one with a dead band, makes impacts, a
+    play takes nothing that such a law leaves, whichever way."""
+    errors = SimpleNamespace(sizes=(0.0, 0.0))
+    own, other = SimpleNamespace(errors=None), SimpleNamespace(errors=errors)
+    monkeypatch.setattr(judge, "weighed_both_ways", lambda *_: (own, other))
+    monkeypatch.setattr(judge, "worth", lambda problem, base, w: (plain if problem is errors else -10.0, "speed"))
+    problem, base = SimpleNamespace(struck=struck, weighed_by=lambda errors: errors), SimpleNamespace(z=())
+    play = Weighed(("backlash",), cast(Any, own), 0.0, 150.0, Score(0.0, (1.0, 1.0), 1.0))
+    assert judge._worth(cast(Any, problem), cast(Any, base), play)[0] == worth
+
+
+@pytest.mark.parametrize(
+    ("struck", "evidence", "mends"), [(True, 2050.0, True), (True, 2500.0, False), (False, 2050.0, False)]
+)
+def test_beside_a_play_that_is_heard_none_is_sought_beyond_one_that_adds_little(
+    struck: bool, evidence: float, mends: bool
+):
+    """A play and a drift had five effects fitted three times over, each by hundredths better: two minutes."""
+    pair = Weighed(("backlash", "friction_thermal_drift"), cast(Any, None), 0.0, 1972.0, cast(Any, None))
+    more = replace(pair, names=(*pair.names, "presliding"), evidence=evidence)
+    search = SimpleNamespace(problem=SimpleNamespace(struck=struck), _nameable=lambda _: [more, pair])
+    assert Search._mends_play(cast(Any, search), cast(Any, None), more) == mends
+    assert not Search._mends_play(cast(Any, search), cast(Any, None), pair)
 
 
 def test_a_quick_filter_of_a_real_axis_is_no_play(shared_data: Path, tmp_path: Path):

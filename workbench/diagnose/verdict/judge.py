@@ -235,7 +235,8 @@ def judged_to_help(search: SearchResult) -> Judged:
 
 def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
-    does, and the runs by themselves not significantly worse; or a play so by plain least squares (`weighed_both_ways`);
+    does, and the runs by themselves not significantly worse; or a play so in the input's unit, by plain least squares
+    (`weighed_both_ways`) or, one that impacts tell of, as it is;
     and with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than
     with a free law of one variable in its place (`worth`); a play that impacts tell of, which is chosen from none, not
     significantly worse than without it, for its flights are short and their ends foretold by no law. A delay
@@ -265,8 +266,9 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     by_chance = -float(ndtri(settings.SIGNIFICANT))
 
     def told(before: Fitted, least: float) -> bool:  # what takes a fit of its own is asked last
-        _, *plain = weighed_both_ways(problem, w.fit, len(base.z))
-        both = ((held_out(problem, one, folds_by_run(problem)) for one in (before, after)) for after in plain)
+        _, *ways = weighed_both_ways(problem, w.fit, len(base.z))
+        ways += [w.fit] if ways and problem.struck else []
+        both = ((held_out(problem, one, folds_by_run(problem)) for one in (before, after)) for after in ways)
         return any(foretold(problem, *two) > least for two in both)
 
     asked = ((False, by_chance), (True, -by_chance))
@@ -336,7 +338,7 @@ def established(
         held = asked(constancies, w, base, near, w.fit)
         why = next((one for one in held if one.broken), None)
         if why is None:
-            evidence, variable = asked(worth, w, base, w)
+            evidence, variable = asked(_worth, w, base, w)
             # Of several effects, a play that is not heard is asked of beside the others (`deserved`).
             rebounding = rebounds(problem, w.names) and (problem.struck or len(w.names) == 1)
             most = max(evidence, w.evidence) if problem.struck else evidence
@@ -350,6 +352,19 @@ def established(
     if able:  # none holds: what was not looked at is no better
         return None, {w.names: mimics.get(w.names, next(iter(mimics.values()))) for w in able}
     return next(iter(listed), None), mimics
+
+
+def _worth(problem: Problem, base: Fitted, w: Weighed) -> tuple[float, str]:
+    """`worth`, of a play that is heard by plain least squares too where it is worth nothing whitened: samples beside
+    its impacts, which no law of one variable foretells, weigh next to nothing there (`weighed_both_ways`)."""
+    found = worth(problem, base, w)
+    if found[0] > 0.0 or not problem.struck:
+        return found
+    for one in weighed_both_ways(problem, w.fit, len(base.z)):
+        if one.errors is not None:
+            plain = replace(w, fit=one, score=replace(w.score, sizes=one.errors.sizes))
+            found = max(found, worth(problem.weighed_by(one.errors), base, plain), key=lambda way: way[0])
+    return found
 
 
 def _adds_to_free_laws(w: Weighed, mimics: Mapping[Names, Constancy], every: Mapping[Names, float]) -> bool:
