@@ -199,8 +199,8 @@ def test_a_play_is_named_where_plain_least_squares_foretells_left_out_runs(
 def test_a_play_that_impacts_tell_of_is_named_where_its_own_fit_foretells_left_out_runs(
     struck: bool, monkeypatch: pytest.MonkeyPatch
 ):
-    """Its fit by plain least squares may be the poorer one: 768 of 724 N m were left beside a ripple, and 706 by its
-    own."""
+    """Its fit by plain least squares may be the poorer one: of 724 N m in left-out runs 768 were left by that beside a
+    ripple, and 706 by its own."""
     for name, value in (("may_be_none", False), ("significance", 0.8), ("folds_by_run", None)):
         monkeypatch.setattr(judge, name, lambda *_, value=value, **__: value)
     monkeypatch.setattr(judge, "weighed_both_ways", lambda problem, fit, base: [fit, -0.7])
