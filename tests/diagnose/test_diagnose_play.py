@@ -18,7 +18,7 @@ from tests.support.searched_campaign import AXIS
 from workbench.blind.measures import INSIDE_90
 from workbench.blind.recording import cut
 from workbench.diagnose.diagnose import diagnose
-from workbench.diagnose.hypotheses import evidence
+from workbench.diagnose.hypotheses import evidence, settings
 from workbench.diagnose.hypotheses.evidence import Score, Weighed, lag_explains, smooths
 from workbench.diagnose.hypotheses.fit import estimates
 from workbench.diagnose.hypotheses.free_parameters import (
@@ -314,21 +314,29 @@ def test_a_play_that_no_impact_tells_of_is_none_where_most_stays(
 
 
 @pytest.mark.parametrize(
-    ("names", "evidence", "stands"),
-    [(("backlash",), 100.0, False), (("backlash",), 200.0, True), (("backlash", "friction_coulomb"), 100.0, True)],
+    ("names", "struck", "evidence", "stands"),
+    [
+        (("backlash",), False, 100.0, False),
+        (("backlash",), False, 200.0, True),
+        (("backlash", "friction_coulomb"), False, 100.0, True),
+        (("backlash",), True, 30.0, True),
+        (("backlash",), True, -1.0, False),
+    ],
 )
-def test_a_play_that_a_log_cannot_show_says_what_impacts_would_or_is_asked_beside_others(
-    names: tuple[str, ...], evidence: float, stands: bool, monkeypatch: pytest.MonkeyPatch
+def test_a_play_says_what_impacts_would_unless_they_are_heard_or_it_is_asked_beside_others(
+    names: tuple[str, ...], struck: bool, evidence: float, stands: bool, monkeypatch: pytest.MonkeyPatch
 ):
     """Beside a play that 100 Hz cannot show an unequal viscous friction was unknown: the play was barred, and with it
-    what explains forty times as much."""
+    what explains forty times as much. One that is heard, and by plain least squares alone leaves a third of what is
+    left without it, was unknown, for its evidence is that of the impacts, and no more."""
     as_it_is = {"_against": None, "constancies": (), "worth": (evidence, "speed"), "stretched": {"prior": 0.0}}
-    for name, value in as_it_is.items():
+    for name, value in (as_it_is | {"weighed_both_ways": ()}).items():
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
-    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs, kept={}))
-    w = Weighed(names, cast(Any, None), 0.0, 3000.0, cast(Any, None))
-    assert (judge.established(problem, [w], cast(Any, None), cast(Any, None), {})[0] is w) == stands
+    problem = cast(Any, SimpleNamespace(struck=struck, machine=machine, runs=runs, kept={}))
+    w = Weighed(names, cast(Any, None), 0.0, settings.IMPACTS if struck else 3000.0, cast(Any, None))
+    base = cast(Any, type("Base", (), {"z": ()}))
+    assert (judge.established(problem, [w], base, cast(Any, None), {})[0] is w) == stands
 
 
 @pytest.mark.parametrize(("struck", "plain", "named"), [(True, -1.0, True), (True, -2.0, False), (False, 2.0, False)])

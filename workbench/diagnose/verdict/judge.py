@@ -339,10 +339,10 @@ def established(
         why = next((one for one in held if one.broken), None)
         if why is None:
             evidence, variable = asked(_worth, w, base, w)
-            # Of several effects, a play that is not heard is asked of beside the others (`deserved`).
-            rebounding = rebounds(problem, w.names) and (problem.struck or len(w.names) == 1)
-            most = max(evidence, w.evidence) if problem.struck else evidence
-            if evidence > 0.0 and most > (settings.IMPACTS if rebounding else 0.0):
+            # A play that is heard has its impacts beside that; of several effects, one that is not is asked of beside
+            # the others (`deserved`).
+            unheard = rebounds(problem, w.names) and not problem.struck and len(w.names) == 1
+            if evidence > (settings.IMPACTS if unheard else 0.0):
                 return w, {names: next(iter(mimics.values())) for names in passed} | mimics | no_laws
             why = Constancy(w.names[-1], variable, 0.0, free=True)
         # Beside what leaves base values far off, the next about as good may bring them back: it imitates nothing.
