@@ -273,3 +273,13 @@ def test_a_family_is_judged_by_what_the_others_give(monkeypatch: pytest.MonkeyPa
     for row in anew:
         assert row["word"] == row["ranking"][0][0]
         assert sum(probability for _, _, probability in row["ranking"]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("barred", "said"), [([["a"]], "do not tell it from none"), ([["b"]], "not among the fits")])
+def test_a_hypothesis_that_left_out_runs_bar_is_not_said_to_be_none_of_the_fits(
+    barred: list[list[str]], said: str, monkeypatch: pytest.MonkeyPatch
+):
+    for name, value in (("right_or_alike", False), ("visible", True), ("among_first_three", False)):
+        monkeypatch.setattr(measures, name, lambda row, value=value: value)
+    row: dict[str, Any] = {"word": "unknown", "names": [], "label": {"effects": ["a"]}, "weighed": [], "evidence": {}}
+    assert said in tables.why(row | {"barred": barred})

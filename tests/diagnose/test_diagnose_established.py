@@ -174,7 +174,15 @@ def test_a_cause_whose_amount_may_as_well_be_none_is_not_named(
     assert judge.may_be_none(widened, fit, INSIDE_90)
     assert judged_to_help(search).names == (TRUE,)
     monkeypatch.setattr(judge, "may_be_none", lambda problem, fit, least: True)
-    assert judged_to_help(search).word == "unknown"
+    judged = judged_to_help(search)
+    assert judged.word == "unknown"
+    # It was a row that nobody had fitted, and a blind score said that the search had not followed it.
+    row = next(
+        row
+        for row in candidates(search, judged, base_parameters(bump[0].machine, bump[0].runs))
+        if row.effects == (TRUE,)
+    )
+    assert row.fitted and row.merit > judge.settings.DECISIVE and "do not tell it from none" in row.against[0]
 
 
 @pytest.mark.parametrize(("times", "word"), [(0.9, "named"), (1.1, "unknown")])

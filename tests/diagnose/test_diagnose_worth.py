@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -289,6 +289,16 @@ def test_a_delay_beside_others_takes_something_of_what_a_log_leaves_that_is_in_t
     assert judge.only_late(cast(Any, problem), cast(Any, less), cast(Any, fit), name, 2) == only
 
 
+@dataclass(frozen=True)
+class Said:
+    names: tuple[str, ...]
+    best: Any
+    stands: bool
+    weighed: list[Any]
+    mimics: dict[Any, Any]
+    barred: tuple[Any, ...] = ()
+
+
 def test_what_adds_nothing_to_a_cause_that_is_not_to_be_named_is_not_asked_again(monkeypatch: pytest.MonkeyPatch):
     """Such a one had 0.38 beside an axis' two causes, of which each was true."""
     kept = [
@@ -299,7 +309,7 @@ def test_what_adds_nothing_to_a_cause_that_is_not_to_be_named_is_not_asked_again
 
     def judged(search: object, barred: Any) -> object:
         weighed = [w for w in kept if w.names not in barred]
-        return SimpleNamespace(names=weighed[0].names, best=weighed[0], stands=True, weighed=weighed, mimics={})
+        return Said(weighed[0].names, weighed[0], True, weighed, {})
 
     def deserved(search: object, w: Any) -> bool:
         asked.append(w.names)
@@ -307,7 +317,8 @@ def test_what_adds_nothing_to_a_cause_that_is_not_to_be_named_is_not_asked_again
 
     monkeypatch.setattr(judge, "judge", judged)
     monkeypatch.setattr(judge, "deserved", deserved)
-    assert judged_to_help(cast(Any, None)).names == ("a",)
+    found = judged_to_help(cast(Any, None))
+    assert found.names == ("a",) and [w.names for w in found.barred] == [("a", "b")]
     assert asked == [("a", "b"), ("a",)]
 
 
@@ -387,7 +398,7 @@ def test_a_mimic_of_several_that_is_worth_nothing_leaves_its_parts_to_be_judged(
         pair = weighed[0] is kept[0]
         mimics = {kept[0].names: object()} if pair else {}
         names = () if pair else weighed[0].names
-        return SimpleNamespace(names=names, best=None, stands=False, weighed=weighed, mimics=mimics)
+        return Said(names, None, False, weighed, mimics)
 
     monkeypatch.setattr(judge, "judge", judged)
     monkeypatch.setattr(judge, "deserved", lambda search, w: w.names == ("a",))

@@ -24,9 +24,9 @@ def candidates(
     alike: Collection[Names] = (),
     most: int = SCORED,
 ) -> tuple[Candidate, ...]:
-    """The answer and all other hypotheses weighed, the best first; then those with a linear fit only, then those whose
-    fit failed. alike: those that share the answer's probability. These, and `most` of the others with the answer, are
-    predicted on left-out runs, too."""
+    """The answer and all other hypotheses weighed, the best first; then those that are barred, those with a linear fit
+    only, and those whose fit failed. alike: those that share the answer's probability. These, and `most` of the others
+    with the answer, are predicted on left-out runs, too."""
     problem, rows, folds = search.problem, list[Candidate](), folds_by_run(search.problem)
     without = held_out(problem, search.within_tolerances, folds).rms(problem.inputs)
     likely = {names for row in judged.ranking if row.probability > OPEN for names in (row.effects, *row.twins)}
@@ -52,7 +52,14 @@ def candidates(
                 against=tuple(against),
             )
         )
-    known = {hypothesis.names for hypothesis in judged.weighed}
+    rows += [
+        Candidate(
+            w.names, w.gain, w.evidence, w.fit.rms(problem.inputs), None, None, estimates(problem, w.fit), True,
+            ("runs held out, or its own standard errors, do not tell it from none",),
+        )
+        for w in judged.barred
+    ]  # fmt: skip
+    known = {hypothesis.names for hypothesis in (*judged.weighed, *judged.barred)}
     rows += [
         Candidate(names, gain, -math.inf, None, None, None, {}, False)
         for names, gain in sorted(search.linear.items(), key=lambda q: (-float(f"{q[1]:.5g}"), len(q[0]), q[0]))

@@ -235,6 +235,8 @@ def why(row: Row) -> str:
         added = sorted(set(row["names"]) - told)
         return f"with {added[0]} beside it" if added else "the other one is missed"
     merit = next((fit["merit"] for fit in row["weighed"] if set(fit["names"]) == told), None)
+    if any(set(names) == told for names in row.get("barred", ())):
+        return f"left-out runs, or its own standard errors, do not tell it from none{_against(row)}"
     if merit is None:
         return f"not among the fits that the search followed{_against(row)}"
     if row["word"] == "no_gap":

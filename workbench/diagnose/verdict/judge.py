@@ -96,6 +96,7 @@ class Judged:
     held: the fit that the answer was judged on. left: what it leaves. signs: of an unknown cause.
     stands: whether best is established, and the answer judged on it. counted: the evidence as it was ranked. groups: of
     hypotheses that differ in name only. mimics: those that were not established, with what speaks against each.
+    barred: those that held-out runs, or their own standard errors, do not tell from none; weighed is without them.
     """
 
     word: VerdictWord
@@ -111,6 +112,7 @@ class Judged:
     stands: bool
     groups: tuple[tuple[Names, ...], ...] = ()
     mimics: Mapping[Names, Constancy] = field(default_factory=dict)
+    barred: tuple[Weighed, ...] = ()
 
 
 def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
@@ -216,7 +218,7 @@ def judged_to_help(search: SearchResult) -> Judged:
     """The verdict. A cause is not named if held-out runs and tolerances speak against it, nor beside others if what it
     gains there is not significant, nor what only adds to such a one an effect that is worth nothing; nor does such a
     one speak for an unknown cause, but by the tolerances that it relieves."""
-    barred, deserving = list[Names](), set[Names]()
+    barred, deserving, not_told = list[Names](), set[Names](), list[Weighed]()
     while True:
         judged = judge(search, barred)
         standing = judged.best.names if judged.best is not None and judged.stands else next(iter(judged.mimics), ())
@@ -224,7 +226,8 @@ def judged_to_help(search: SearchResult) -> Judged:
         asked = {judged.names, standing if judged.stands or len(standing) > 1 else ()} - {()} - deserving
         idle = [w for w in judged.weighed if w.names in asked and not deserved(search, w)]
         if not idle:
-            return judged
+            return replace(judged, barred=tuple(not_told))
+        not_told += idle
         deserving |= asked.difference(w.names for w in idle)
         barred += [
             w.names
