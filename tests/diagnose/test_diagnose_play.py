@@ -225,7 +225,7 @@ def test_a_play_that_impacts_tell_of_is_held_against_a_free_law_by_plain_least_s
     monkeypatch.setattr(judge, "worth", lambda problem, base, w: (plain if problem is errors else -10.0, "speed"))
     problem, base = SimpleNamespace(struck=struck, weighed_by=lambda errors: errors), SimpleNamespace(z=())
     play = Weighed(("backlash",), cast(Any, own), 0.0, 150.0, Score(0.0, (1.0, 1.0), 1.0))
-    assert judge._worth(cast(Any, problem), cast(Any, base), play)[0] == worth
+    assert judge._worth_both_ways(cast(Any, problem), cast(Any, base), play)[0] == worth
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,8 @@ class Answer:
     """The diagnosis' answer beside what it weighed; nothing here knows the label.
 
     word: the verdict; "refused" where it took the runs for unfit, "failed" where it broke down: `warnings` says why.
-    weighed: a row for each hypothesis: names, merit, and how it fits. barred: names of those that left-out runs, or
-    their own standard errors, do not tell from none. counted: names and merit of those that took part
+    weighed: a row for each hypothesis: names, merit, and how it fits. barred: names of those that
+    may not be named (`judge.deserved`). counted: names and merit of those that took part
     in the ranking, no names for what speaks for an unknown cause. twins: groups of hypotheses that differ in name only:
     the ranking has the first of each. evidence: what speaks for an unknown cause besides. estimates:
     effect -> name -> (value, standard error). held_out: names and held-out rms, N m (N), of the best fits, and of none.

@@ -10,7 +10,7 @@ from workbench.diagnose.hypotheses.fit import estimates
 from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, key_told
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
-from workbench.diagnose.verdict.answer import Candidate
+from workbench.diagnose.verdict.answer import BARRED, Candidate
 from workbench.diagnose.verdict.judge import Judged
 
 SCORED = 3  # hypotheses whose held-out score is computed, at most
@@ -53,12 +53,10 @@ def candidates(
             )
         )
     rows += [
-        Candidate(
-            w.names, w.gain, w.evidence, w.fit.rms(problem.inputs), None, None, estimates(problem, w.fit), True,
-            ("runs held out, or its own standard errors, do not tell it from none",),
-        )
+        Candidate(w.names, w.gain, w.evidence, w.fit.rms(problem.inputs), None, None, own, True, (BARRED,))
         for w in judged.barred
-    ]  # fmt: skip
+        for own in [estimates(problem, w.fit)]
+    ]
     known = {hypothesis.names for hypothesis in (*judged.weighed, *judged.barred)}
     rows += [
         Candidate(names, gain, -math.inf, None, None, None, {}, False)

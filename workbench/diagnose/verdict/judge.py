@@ -96,7 +96,7 @@ class Judged:
     held: the fit that the answer was judged on. left: what it leaves. signs: of an unknown cause.
     stands: whether best is established, and the answer judged on it. counted: the evidence as it was ranked. groups: of
     hypotheses that differ in name only. mimics: those that were not established, with what speaks against each.
-    barred: those that held-out runs, or their own standard errors, do not tell from none; weighed is without them.
+    barred: those that were asked and are not to be named (`deserved`); weighed is without them.
     """
 
     word: VerdictWord
@@ -238,8 +238,8 @@ def judged_to_help(search: SearchResult) -> Judged:
 
 def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
-    does, and the runs by themselves not significantly worse; or a play so in the input's unit, by plain least squares
-    (`weighed_both_ways`) or, one that impacts tell of, as it is;
+    does, and the runs by themselves not significantly worse; or a play the input, fitted by plain least squares
+    (`weighed_both_ways`), or as it is where impacts tell of it;
     and with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than
     with a free law of one variable in its place (`worth`); a play that impacts tell of, which is chosen from none, not
     significantly worse than without it, for its flights are short and their ends foretold by no law. A delay
@@ -341,7 +341,7 @@ def established(
         held = asked(constancies, w, base, near, w.fit)
         why = next((one for one in held if one.broken), None)
         if why is None:
-            evidence, variable = asked(_worth, w, base, w)
+            evidence, variable = asked(_worth_both_ways, w, base, w)
             # A play that is heard has its impacts beside that; of several effects, one that is not is asked of beside
             # the others (`deserved`).
             unheard = rebounds(problem, w.names) and not problem.struck and len(w.names) == 1
@@ -357,7 +357,7 @@ def established(
     return next(iter(listed), None), mimics
 
 
-def _worth(problem: Problem, base: Fitted, w: Weighed) -> tuple[float, str]:
+def _worth_both_ways(problem: Problem, base: Fitted, w: Weighed) -> tuple[float, str]:
     """`worth`, of a play that is heard by plain least squares too where it is worth nothing whitened: samples beside
     its impacts, which no law of one variable foretells, weigh next to nothing there (`weighed_both_ways`)."""
     found = worth(problem, base, w)
