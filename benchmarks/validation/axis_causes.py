@@ -292,8 +292,8 @@ def _unlisted(
 
 
 def _of_the_log(text: str, regime: str, name: str, draw: Callable[[np.random.Generator, Scales], float]) -> AxisDraw:
-    """One number of the log's sensor."""
-    return lambda rng, s: _unlisted(text, regime, log={name: draw(rng, s)})
+    """One number of the log's sensor of force or torque, where it lies: no force on the axis has it."""
+    return lambda rng, s: _unlisted(text, regime, log={name: draw(rng, s)}, subsystem="torque_sensor")
 
 
 def _foreign_body(rng: np.random.Generator, s: Scales) -> Cause:

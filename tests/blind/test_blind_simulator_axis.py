@@ -191,6 +191,12 @@ def test_labels_use_the_names_places_and_bounds_of_the_workbenchs_library(name, 
     effects.of(axis.machine.model_copy(update={"effects": {known: dict(numbers)}}))
 
 
+@pytest.mark.parametrize("name", UNLISTED)
+def test_a_cause_that_only_the_log_shows_lies_in_a_sensor(name):
+    cause = UNLISTED[name](np.random.default_rng(5), scales_of(axis_of(), 1000.0))
+    assert cause.subsystem.endswith("_sensor") == (bool(cause.log) and not cause.truth)
+
+
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_every_effect_of_the_formats_list_can_be_drawn(motion):
     listed = {name for name, effect in effects.effects_for(f"axis-{motion}").items() if effect.listed}
