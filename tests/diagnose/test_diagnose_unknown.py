@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from tests.support.driven_campaign import driven, planned
 from tests.support.emps_campaign import HELD, emps_in
@@ -249,6 +250,36 @@ def test_a_table_of_a_late_log_is_driven_as_its_file_replays():
     assert 0.0005 < float(np.mean(explanation.fitted.setting[LOG_TIMING])) < 0.002
     (left,) = Problem(explained_machine(problem, explanation), runs, problem.band_hz).exact().residuals([{}])
     assert float(np.sqrt(np.mean(left**2))) == pytest.approx(explanation.after, rel=1e-6)
+
+
+def struck_at(runs: tuple[Run, ...], moved: bool, begin_s: float = 1.4) -> tuple[Run, ...]:
+    """The second run with 30 N for 0.3 s: of a force that moves the axis, which a drive of third order answers at 6 Hz;
+    or of the log's sensor, which nothing answers."""
+    first, run, *others = runs
+    u, step = (run.time_s - begin_s) / 0.3, run.sample_time_s
+    force = np.where((u > 0.0) & (u < 1.0), 30.0 * np.sin(np.pi * u) ** 2, 0.0)
+    late = lfilter(*butter(3, 2.0 * step * 6.0, "highpass"), force) if moved else 0.0 * force
+    speed = run["velocity_m_s"] - np.cumsum(late / 20.0) * step
+    signals = {"force_n": run["force_n"] + force - late, "velocity_m_s": speed, "position_m": np.cumsum(speed) * step}
+    return (first, replace(run, signals=signals), *others)
+
+
+@pytest.mark.parametrize(("moved", "place"), [(True, "axis"), (False, "torque_sensor")])
+def test_a_blow_moves_an_axis_before_its_drive_answers_and_a_sensors_bump_does_not(moved: bool, place: str):
+    """No reference is logged: whether the drive asked for the force is not known."""
+    runs = struck_at(axis_runs(lambda position, speed: 0.0 * speed, ("a", "b", "c")), moved)
+    where = where_of(problem := Problem(LinearAxis.model_validate(AXIS), runs), base_fit(problem, bounded=True))
+    assert (where.subsystem, where.regime) == (place, "event")
+    assert where.places[0].probability > 0.9
+
+
+@pytest.mark.parametrize("moved", [True, False])
+def test_an_event_beside_an_axis_own_ripple_is_the_cause(moved: bool):
+    """The ripple is likelier by itself, for it is everywhere; no law of the motion foretells what is left."""
+    runs = struck_at(axis_runs(lambda position, speed: 1.0 * np.sin(220.0 * position), ("a", "b", "c")), moved)
+    where = where_of(problem := Problem(LinearAxis.model_validate(AXIS), runs), base_fit(problem, bounded=True))
+    (event,) = where.events
+    assert where.regime == "event" and event.run == "b" and event.from_s < 1.55 < event.to_s
 
 
 def squared(position: Array, speed: Array) -> Array:

@@ -7,16 +7,19 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array, diags_array
 from scipy.spatial import KDTree
 from scipy.special import log_ndtr, logsumexp
 
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.fit import Fitted
-from workbench.diagnose.hypotheses.problem import Problem, rms
-from workbench.diagnose.location.ports import SENSOR, Port, Ports
-from workbench.diagnose.location.survey import Survey, at_rows, since_reversal, survey_of
+from workbench.diagnose.hypotheses.problem import Problem, once, rms
+from workbench.diagnose.location.ports import SENSOR, TURN, Port, Ports, lag
+from workbench.diagnose.location.survey import Survey, at_rows, since_reversal, smooth_at, survey_of
+from workbench.machines import kind_of
 from workbench.simulate.model_error import SPREAD, ErrorModel
 
 
@@ -274,26 +277,40 @@ def event_gain(problem: Problem, fit: Fitted, least: float = -math.inf) -> float
     By the model error near standstill, too, that stays beside them: for that a single one there has passed. least: of
     events that add no more than that alone, it is not asked what they add beside a law.
     """
-    survey, gains, few = survey_of(problem, fit), list[float](), False
-    for beside_law in (False, True):
-        base = survey.base
+    alone, few, _ = _brief(problem, fit, beside_law=False)
+    if alone <= least:
+        return alone
+    beside, few_beside, _ = _brief(problem, fit, beside_law=True)
+    return min(alone, beside) if few or few_beside else -math.inf
+
+
+def enough(problem: Problem) -> float:
+    """What brief events add, in the logarithm, where they tell of a cause: on a machine whose whole residual counts
+    twice DECISIVE; one that sets off with a full load has had 18, true ones 48 and more."""
+    return settings.DECISIVE / (1.0 if kind_of(problem.machine).floor == "own" else settings.HALF)
+
+
+def _brief(problem: Problem, fit: Fitted, beside_law: bool) -> tuple[float, bool, Survey]:
+    """What brief events add, whether they are fewer than are tried, and the survey that they are sought in."""
+
+    def found() -> tuple[float, bool, Survey]:
+        survey = survey_of(problem, fit)
         if beside_law:
-            if gains[0] <= least:
-                return gains[0]
             port, law = max(surveyed(problem, fit)[2], key=lambda one: one[1].log)
-            base = np.hstack([base, law.size * port.columns])
-        tried = [_pulses_by(beside := replace(survey, base=base))]
+            survey = replace(survey, base=np.hstack([survey.base, law.size * port.columns]))
+        tried = [_pulses_by(survey)]
         weigher, pulses = tried[0]
         if pulses is not None:
-            columns = _scaled(beside, at_rows(beside, _hats(beside, pulses.pulses)), 0.0)
-            (size, near), left = beside.errors.sizes, weigher.part(columns, pulses.evidence)[1]
-            if (stays := beside.errors.likeliest(left)[1][1]) < near:
-                tried.append(_pulses_by(replace(beside, errors=beside.errors.sized((size, stays)))))
-        found = [pulses for _, pulses in tried if pulses is not None]
-        most = max((pulses.evidence.log - pulses.choices for pulses in found), default=-math.inf)
-        gains.append(most - max(weigher.nothing() for weigher, _ in tried))
-        few |= any(len(pulses.pulses) < MOST for pulses in found)
-    return min(gains) if few else -math.inf
+            columns = _scaled(survey, at_rows(survey, _hats(survey, pulses.pulses)), 0.0)
+            (size, near), left = survey.errors.sizes, weigher.part(columns, pulses.evidence)[1]
+            if (stays := survey.errors.likeliest(left)[1][1]) < near:
+                tried.append(_pulses_by(replace(survey, errors=survey.errors.sized((size, stays)))))
+        told = [pulses for _, pulses in tried if pulses is not None]
+        most = max((pulses.evidence.log - pulses.choices for pulses in told), default=-math.inf)
+        gain = most - max(weigher.nothing() for weigher, _ in tried)
+        return gain, any(len(pulses.pulses) < MOST for pulses in told), survey
+
+    return once(problem, (fit, "brief", beside_law, problem.errors.sizes), found)
 
 
 def _pulses_by(survey: Survey) -> tuple[Weigher, Pulses | None]:
@@ -426,6 +443,42 @@ def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:
     yield slip
 
 
+ORDERS = range(1, 9)  # of the polynomial that the input would be around an event without it
+
+
+def yields(survey: Survey, weigher: Weigher, pulses: Pulses) -> dict[str, float]:
+    """By how much likelier the motion is, in the logarithm, where a force acts within the pulses ("force") and where
+    the motion's own sensor fails, than where it goes on as if nothing were.
+
+    A force F moves the machine before the drive answers it: of the input that the measured motion takes, a smooth curve
+    and friction otherwise, it makes -S F, S = s² / (s + w)² the sensitivity of a loop that holds what lasts, of unknown
+    quickness w. A motion that is shown wrong has all of it (S = 1), an error of the input's sensor moves nothing
+    (S = 0). F: what a force of free shape takes there. The curve: a polynomial of each order by its evidence (G.
+    Schwarz, Annals of Statistics 6, 1978).
+    """
+    columns = _scaled(survey, at_rows(survey, _hats(survey, pulses.pulses)), 0.0)
+    part, begins = weigher.part(columns, pulses.evidence)[0], np.cumsum([0, *(len(c.at) for c in survey.runs)])
+    logs = np.zeros(2 + SIZES)
+    for pulse in pulses.pulses:
+        c, width, middle = survey.runs[pulse.run], pulse.to_s - pulse.from_s, 0.5 * (pulse.from_s + pulse.to_s)
+        mine, near = np.abs(c.at - middle) <= 0.5 * width, np.abs(c.at - middle) <= width
+        count = 2.0 * survey.band_hz * float(np.ptp(c.at[near]))  # of independent values
+        force = np.interp(c.time, c.at, np.where(mine, part[begins[pulse.run] : begins[pulse.run + 1]], 0.0))
+        quick = TURN * np.geomspace(0.5 / width, survey.band_hz, SIZES)
+        made = np.stack([0.0 * force, -force, *(lag(force, c, float(w), 1.0) for w in quick)], axis=1)
+        takes, way = np.split(
+            smooth_at(c, np.column_stack([c.torque[:, None] - made, c.way]), survey.band_hz)[near], [-1], 1
+        )
+        by_order = [np.zeros(len(logs))] if count <= 4.0 else []
+        for k in (k for k in ORDERS if 2.0 * (k + 1.0) < count):
+            curve = np.hstack([legvander((c.at[near] - middle) / width, k), way])
+            rest = takes - curve @ np.linalg.lstsq(curve, takes, rcond=None)[0]
+            by_order.append(-0.5 * (count * np.log(np.mean(rest**2, axis=0)) + (k + 1) * math.log(count)))
+        logs += logsumexp(by_order, axis=0)
+    force_log = float(logsumexp(logs[2:])) - math.log(SIZES)
+    return {"force": force_log - logs[0], "speed_sensor": float(logs[1] - logs[0]), SENSOR: 0.0}
+
+
 SHOWN = 0.005  # probability
 TOGETHER = 100  # columns that are whitened at once: as many as a cache holds
 
@@ -448,7 +501,11 @@ def placed(
     problem: Problem, fit: Fitted, own: int | None = None, holds: Callable[[Array], bool] | None = None
 ) -> Placed:
     """The places where the residual of `fit`, the base parameters alone, may enter, with the best port and its part of
-    the gap; probabilities sum to one. own: see `survey_of`; holds: see `weighed`."""
+    the gap; probabilities sum to one. own: see `survey_of`; holds: see `weighed`. Where no law foretells the residual
+    and brief events beside the likeliest one tell of a cause (`enough`), they are it: that law is the machine's own."""
+    least = enough(problem)
+    if holds is None and own is None and event_gain(problem, fit, least) > least:
+        return weighed(_brief(problem, fit, beside_law=True)[2], ports=[])
     survey, weigher, ports = surveyed(problem, fit, own)
     return weighed(survey, holds, weigher, ports)
 
@@ -479,11 +536,15 @@ def weighed(
     lies beside the cause. weigher, ports: where they are known."""
     weigher = weigher or Weigher(survey)
     pulses = pulses_of(survey, weigher)
-    brief = list(event_ports(survey, pulses)) if pulses is not None else []
-    weighed: list[tuple[float, Port, Evidence]] = []
-    for port, evidence in (*(ports or evidence_of(weigher, Ports(survey).all())), *evidence_of(weigher, brief)):
-        price = pulses.choices if pulses is not None and port.regime == "event" else 0.0
-        weighed.append((evidence.log - price + float(np.log(port.weight)), port, evidence))
+    every = ports if ports is not None else evidence_of(weigher, Ports(survey).all())
+    weighed = [(evidence.log + float(np.log(port.weight)), port, evidence) for port, evidence in every]
+    if pulses is not None:
+        brief, moved = list(evidence_of(weigher, event_ports(survey, pulses))), yields(survey, weigher, pulses)
+        logs_alone = np.array([evidence.log + np.log(port.weight) for port, evidence in brief])
+        logs_moved = logs_alone + [moved.get(port.subsystem, moved["force"]) for port, _ in brief]
+        # The motion tells events apart; that there is one, it does not say.
+        logs_moved += logsumexp(logs_alone) - logsumexp(logs_moved) - pulses.choices
+        weighed += [(float(log), *one) for log, one in zip(logs_moved, brief, strict=True)]
     weighed.sort(key=lambda one: -one[0])
     able: list[tuple[float, Port, Evidence]] = []
     for one in weighed if holds is not None else ():

@@ -167,7 +167,7 @@ class Ports:
             if c.payload <= 0.05 * heaviest:
                 return np.zeros(len(c.time))
             w = TURN * hz * math.sqrt(heaviest / c.payload)
-            return c.payload * _lag(c.acceleration, float(np.median(np.diff(c.time))), w, damping)
+            return c.payload * lag(c.acceleration, c, w, damping)
 
         return force
 
@@ -336,7 +336,7 @@ def _fresh(distance: float) -> Of:
 
 
 def _swing(w: float, damping: float) -> Of:
-    return lambda c: _lag(c.acceleration, float(np.median(np.diff(c.time))), w, damping)
+    return lambda c: lag(c.acceleration, c, w, damping)
 
 
 def _kept(band: float) -> Of:
@@ -380,10 +380,10 @@ def play(x: Array, band: float) -> Array:
     return out
 
 
-def _lag(acceleration: Array, step: float, w: float, damping: float) -> Array:
+def lag(acceleration: Array, c: Course, w: float, damping: float) -> Array:
     """The force of a sprung mass on its support beyond that of a fixed one, over its mass, m/s²:
     −s²/(s² + 2ζws + w²) a."""
     n = 2 * len(acceleration)
-    iw = TURN * 1j * np.fft.rfftfreq(n, step)
+    iw = TURN * 1j * np.fft.rfftfreq(n, float(np.median(np.diff(c.time))))
     gain = -(iw**2) / (iw**2 + 2.0 * damping * w * iw + w * w)
     return np.asarray(np.fft.irfft(gain * np.fft.rfft(acceleration, n), n)[: len(acceleration)], dtype=float)

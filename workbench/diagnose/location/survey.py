@@ -296,10 +296,11 @@ def of_run(base: SimpleNamespace, setting: Setting, j: int) -> SimpleNamespace:
 
 def at_rows(survey: Survey, columns: Sequence[Array]) -> Array:
     """Each run's columns, (n, k), low-passed as the residual is, at its rows: (inputs, k)."""
-    return np.concatenate([_smooth(c, x, survey.band_hz) for c, x in zip(survey.runs, columns, strict=True)])
+    return np.concatenate([smooth_at(c, x, survey.band_hz) for c, x in zip(survey.runs, columns, strict=True)])
 
 
-def _smooth(course: Course, columns: Array, band_hz: float) -> Array:
+def smooth_at(course: Course, columns: Array, band_hz: float) -> Array:
+    """A run's columns, (n, k), low-passed as the residual is, at its rows."""
     out = lowpass(course.time, columns, band_hz)
     right = np.clip(np.searchsorted(course.time, course.at), 1, len(course.time) - 1)
     left = right - 1
