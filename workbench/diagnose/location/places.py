@@ -117,12 +117,9 @@ class Weigher:
         """The logarithm of the marginal likelihood of the base parameters alone."""
         return float(logsumexp([w.alone for w in self.whitened]) - math.log(len(self.whitened)))
 
-    def evidence(self, columns: Array, positive: bool = False) -> Evidence:
-        """columns: (samples, k) of a port. positive: whether the amounts cannot be negative, all in all."""
-        return self.evidences([columns], [positive])[0]
-
     def evidences(self, columns: Sequence[Array], positive: Sequence[bool]) -> list[Evidence]:
-        """As `evidence`, for several ports, which are whitened together.
+        """Of several ports, which are whitened together. columns: (samples, k) of each; positive: whether its amounts
+        cannot be negative, all in all.
 
         From the largest discrepancy down: what a port explains shows as less discrepancy, step by step, so that one
         for which a step is for the worse is followed no further."""
@@ -230,9 +227,11 @@ class Pulse:
 
 @dataclass(frozen=True)
 class Pulses:
-    """evidence: of the pulses, at no particular place. choices: the cost of choosing run, moment and width of each."""
+    """columns: (samples, k), of a force of free shape within the pulses; evidence: of that, at no particular place.
+    choices: the cost of choosing run, moment and width of each."""
 
     pulses: tuple[Pulse, ...]
+    columns: Array
     evidence: Evidence
     choices: float
 
@@ -262,11 +261,12 @@ def pulses_of(survey: Survey, weigher: Weigher) -> Pulses | None:
         if comes_back(left, mine, states):
             continue
         pulses = _joined([*pulses, pulse])
-        evidence = weigher.evidence(_scaled(survey, at_rows(survey, _hats(survey, pulses)), 0.0))
+        columns = _scaled(survey, at_rows(survey, _hats(survey, pulses)), 0.0)
+        (evidence,) = weigher.evidences([columns], [False])
         price = choices * len(pulses)
         if best is not None and evidence.log - price <= best.evidence.log - best.choices:
             break
-        best = Pulses(tuple(pulses), evidence, price)
+        best = Pulses(tuple(pulses), columns, evidence, price)
     return best
 
 
@@ -294,15 +294,14 @@ def _brief(problem: Problem, fit: Fitted, beside_law: bool) -> tuple[float, bool
     """What brief events add, whether they are fewer than are tried, and the survey that they are sought in."""
 
     def found() -> tuple[float, bool, Survey]:
-        survey = survey_of(problem, fit)
+        survey = survey_of(problem, fit) if not beside_law else _brief(problem, fit, beside_law=False)[2]
         if beside_law:
             port, law = max(surveyed(problem, fit)[2], key=lambda one: one[1].log)
             survey = replace(survey, base=np.hstack([survey.base, law.size * port.columns]))
         tried = [_pulses_by(survey)]
         weigher, pulses = tried[0]
         if pulses is not None:
-            columns = _scaled(survey, at_rows(survey, _hats(survey, pulses.pulses)), 0.0)
-            (size, near), left = survey.errors.sizes, weigher.part(columns, pulses.evidence)[1]
+            (size, near), left = survey.errors.sizes, weigher.part(pulses.columns, pulses.evidence)[1]
             if (stays := survey.errors.likeliest(left)[1][1]) < near:
                 tried.append(_pulses_by(replace(survey, errors=survey.errors.sized((size, stays)))))
         told = [pulses for _, pulses in tried if pulses is not None]
@@ -456,8 +455,7 @@ def yields(survey: Survey, weigher: Weigher, pulses: Pulses) -> dict[str, float]
     (S = 0). F: what a force of free shape takes there. The curve: a polynomial of each order by its evidence (G.
     Schwarz, Annals of Statistics 6, 1978).
     """
-    columns = _scaled(survey, at_rows(survey, _hats(survey, pulses.pulses)), 0.0)
-    part, begins = weigher.part(columns, pulses.evidence)[0], np.cumsum([0, *(len(c.at) for c in survey.runs)])
+    part, begins = weigher.part(pulses.columns, pulses.evidence)[0], np.cumsum([0, *(len(c.at) for c in survey.runs)])
     logs = np.zeros(2 + SIZES)
     for pulse in pulses.pulses:
         c, width, middle = survey.runs[pulse.run], pulse.to_s - pulse.from_s, 0.5 * (pulse.from_s + pulse.to_s)

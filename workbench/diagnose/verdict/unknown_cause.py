@@ -42,7 +42,7 @@ def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
     told = left_percent(problem, near, left) / own_percent(problem)
     of_input, limit = left.percent_of_input / (100.0 * settings.MINOR), enough(problem)
     known = max(told, of_input)  # events that say less change nothing
-    events = once(problem, (near, "events", known), lambda: event_gain(problem, near, limit * known**2))
+    events = event_gain(problem, near, limit * known**2)
     return {"left": max(known, math.sqrt(max(events, 0.0) / limit)), **stretched(problem, near)}
 
 
