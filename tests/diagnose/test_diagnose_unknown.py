@@ -273,6 +273,17 @@ def test_a_blow_moves_an_axis_before_its_drive_answers_and_a_sensors_bump_does_n
     assert where.places[0].probability > 0.9
 
 
+def test_a_speed_that_is_shown_too_low_for_a_while_lies_in_its_sensor():
+    """As of an encoder whose coupling slips: it lay at the axis or the torque's sensor, whose bump is of any shape."""
+    first, run, *others = axis_runs(lambda position, speed: 0.0 * speed, ("a", "b", "c"))
+    u = (run.time_s - 1.5) / 0.3
+    speed = run["velocity_m_s"] * (1.0 - 0.3 * np.where((u > 0.0) & (u < 1.0), np.sin(np.pi * u) ** 2, 0.0))
+    shown = {"velocity_m_s": speed, "position_m": run["position_m"][0] + np.cumsum(speed) * run.sample_time_s}
+    runs = (first, replace(run, signals={**run.signals, **shown}), *others)
+    where = where_of(problem := Problem(LinearAxis.model_validate(AXIS), runs), base_fit(problem, bounded=True))
+    assert (where.subsystem, where.regime) == ("speed_sensor", "event")
+
+
 @pytest.mark.parametrize("moved", [True, False])
 def test_an_event_beside_an_axis_own_ripple_is_the_cause(moved: bool):
     """The ripple is likelier by itself, for it is everywhere; no law of the motion foretells what is left."""

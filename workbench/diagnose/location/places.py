@@ -277,10 +277,10 @@ def event_gain(problem: Problem, fit: Fitted, least: float = -math.inf) -> float
     By the model error near standstill, too, that stays beside them: for that a single one there has passed. least: of
     events that add no more than that alone, it is not asked what they add beside a law.
     """
-    alone, few, _ = _brief(problem, fit, beside_law=False)
+    alone, few, *_ = _brief(problem, fit, beside_law=False)
     if alone <= least:
         return alone
-    beside, few_beside, _ = _brief(problem, fit, beside_law=True)
+    beside, few_beside, *_ = _brief(problem, fit, beside_law=True)
     return min(alone, beside) if few or few_beside else -math.inf
 
 
@@ -290,11 +290,12 @@ def enough(problem: Problem) -> float:
     return settings.DECISIVE / (1.0 if kind_of(problem.machine).floor == "own" else settings.HALF)
 
 
-def _brief(problem: Problem, fit: Fitted, beside_law: bool) -> tuple[float, bool, Survey]:
-    """What brief events add, whether they are fewer than are tried, and the survey that they are sought in."""
+def _brief(problem: Problem, fit: Fitted, beside_law: bool) -> tuple[float, bool, float, Survey]:
+    """What brief events add, whether they are fewer than are tried, the logarithm of the likelihood with them, and the
+    survey that they are sought in."""
 
-    def found() -> tuple[float, bool, Survey]:
-        survey = survey_of(problem, fit) if not beside_law else _brief(problem, fit, beside_law=False)[2]
+    def found() -> tuple[float, bool, float, Survey]:
+        survey = survey_of(problem, fit) if not beside_law else _brief(problem, fit, beside_law=False)[-1]
         if beside_law:
             port, law = max(surveyed(problem, fit)[2], key=lambda one: one[1].log)
             survey = replace(survey, base=np.hstack([survey.base, law.size * port.columns]))
@@ -307,7 +308,7 @@ def _brief(problem: Problem, fit: Fitted, beside_law: bool) -> tuple[float, bool
         told = [pulses for _, pulses in tried if pulses is not None]
         most = max((pulses.evidence.log - pulses.choices for pulses in told), default=-math.inf)
         gain = most - max(weigher.nothing() for weigher, _ in tried)
-        return gain, any(len(pulses.pulses) < MOST for pulses in told), survey
+        return gain, any(len(pulses.pulses) < MOST for pulses in told), most, survey
 
     return once(problem, (fit, "brief", beside_law, problem.errors.sizes), found)
 
@@ -423,7 +424,8 @@ def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:
         columns = _scaled(survey, rows(of), pull, subsystem == SENSOR)
         return Port(subsystem, "event", "its moment", columns, weight, positive)
 
-    slipped = [np.gradient(x * c.turn_rate[:, None], c.time, axis=0) for c, x in zip(survey.runs, shapes, strict=True)]
+    # A speed that is shown wrong for a while: its change, times the inertia, is a force that adds up to nothing.
+    slipped = [-np.diff(x.reshape(len(x), -1, HATS)).reshape(len(x), -1) for x in shapes]
     slip = Port("speed_sensor", "event", "its moment", _scaled(survey, at_rows(survey, slipped), 0.0), 1.0)
     if not survey.hoist:
         yield port("axis", "free", 0.0, 0.5)
@@ -500,10 +502,12 @@ def placed(
 ) -> Placed:
     """The places where the residual of `fit`, the base parameters alone, may enter, with the best port and its part of
     the gap; probabilities sum to one. own: see `survey_of`; holds: see `weighed`. Where no law foretells the residual
-    and brief events beside the likeliest one tell of a cause (`enough`), they are it: that law is the machine's own."""
+    and brief events tell of a cause, beside the likeliest one too (`enough`), they are it: that law is the machine's
+    own, if both are likelier together, or the events are all."""
     least = enough(problem)
     if holds is None and own is None and event_gain(problem, fit, least) > least:
-        return weighed(_brief(problem, fit, beside_law=True)[2], ports=[])
+        ways = [_brief(problem, fit, beside_law) for beside_law in (False, True)]
+        return weighed(max(ways, key=lambda way: way[2])[-1], ports=[])
     survey, weigher, ports = surveyed(problem, fit, own)
     return weighed(survey, holds, weigher, ports)
 
