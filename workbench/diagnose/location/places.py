@@ -501,11 +501,11 @@ def placed(
     problem: Problem, fit: Fitted, own: int | None = None, holds: Callable[[Array], bool] | None = None
 ) -> Placed:
     """The places where the residual of `fit`, the base parameters alone, may enter, with the best port and its part of
-    the gap; probabilities sum to one. own: see `survey_of`; holds: see `weighed`. Where no law foretells the residual
-    and brief events tell of a cause, beside the likeliest one too (`enough`), they are it: that law is the machine's
-    own, if both are likelier together, or the events are all."""
-    least = enough(problem)
-    if holds is None and own is None and event_gain(problem, fit, least) > least:
+    the gap; probabilities sum to one. own: see `survey_of`; holds: see `weighed`. Where no law foretells what a machine
+    leaves that has laws of its own, and brief events tell of a cause, beside the likeliest law too (`enough`), they are
+    it: that law is the machine's own, if both are likelier together, or the events are all."""
+    least, alone = enough(problem), holds is None and own is None and kind_of(problem.machine).floor == "own"
+    if alone and event_gain(problem, fit, least) > least:
         ways = [_brief(problem, fit, beside_law) for beside_law in (False, True)]
         return weighed(max(ways, key=lambda way: way[2])[-1], ports=[])
     survey, weigher, ports = surveyed(problem, fit, own)
