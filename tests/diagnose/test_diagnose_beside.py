@@ -13,7 +13,9 @@ import pytest
 from benchmarks.many_causes import problem_of
 from benchmarks.validation.campaign import make_campaign
 from benchmarks.validation.content import draw
+from tests.support.effect_machines import rotary_axis
 from tests.support.emps_campaign import HELD, emps_in
+from tests.support.noisy_runs import axis_runs, with_effects
 from workbench.blind.recorded import bent, write_case
 from workbench.blind.recording import cut, recording
 from workbench.diagnose.diagnose import Diagnosis, diagnose
@@ -31,9 +33,12 @@ from workbench.diagnose.verdict.judge import judged_to_help
 from workbench.diagnose.verdict.unknown_cause import signs_of
 from workbench.effects import find
 from workbench.effects.active import logged, of, ranges_of
-from workbench.logs import read_campaign
+from workbench.logs import Campaign, read_campaign
 from workbench.machines import get_value, with_values
+from workbench.view.diagnosis_json import to_json
 
+OWN_FRICTION = {"amplitude_nm": 0.5, "period_rad": 2.0, "phase_rad": 0.4}
+LACKS = {"inertia": 0.8, "coulomb_backward": 0.5}  # what machine.yaml has of the true value
 FRICTIONS = ("friction_coulomb_asymmetric", "friction_coulomb", "friction_thermal_drift", "gearbox_inertia")
 
 
@@ -352,3 +357,30 @@ def test_the_log_s_timing_is_held_within_as_many_of_its_deviations_as_other_base
     near = search._within_tolerances(base)
     assert float(np.mean(base.setting[LOG_TIMING])) > 3.0 * step_s
     assert near.setting[LOG_TIMING] == pytest.approx(math.sqrt(3.0) * step_s, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("bend", "cause"),
+    [("", ""), ("inertia", "inertia_error"), ("coulomb_backward", "friction_coulomb_asymmetric")],
+)
+def test_a_cause_that_base_values_take_up_beside_an_unlisted_law_is_named(bend: str, cause: str):
+    """A robot's elbow, whose friction goes with its load, was unknown without a fifth of its inertia, or half of one
+    direction's friction: an unlisted law led, and base values were 7 to 9 tolerances off beside it."""
+    machine = rotary_axis()
+    runs = axis_runs(with_effects(machine, {"friction_periodic": OWN_FRICTION}))
+    given = with_values(machine, {machine.value_of[bend]: LACKS[bend] * machine.role(bend)}) if bend else machine
+    found = diagnose(Campaign("own law", Path("own law"), given, runs), study=False)
+    assert found.verdict.effects == ((cause,) if cause else ())
+    assert found.verdict.word == ("named" if cause else "unknown")
+    if cause:
+        own = cast(Any, found.corrected).effects["friction_periodic"]
+        assert own == pytest.approx(OWN_FRICTION, rel=0.02)
+        assert found.verdict.beside == ("friction_periodic",)
+        assert to_json(found)["unlisted"]["friction_periodic"] == pytest.approx(own, rel=1e-4)
+        assert cast(Any, found.refitted).effects.keys() == {"friction_periodic"}
+        assert "Beside friction_periodic, which is not listed" in found.verdict.sentence
+        true = {"inertia_fraction": 1.0 / LACKS["inertia"] - 1.0, "level_forward_nm": 0.0}
+        true["level_backward_nm"] = (1.0 - LACKS["coulomb_backward"]) * machine.role("coulomb_backward")
+        assert found.chosen is not None
+        for one in found.chosen.parameters[cause]:
+            assert abs(float(cast(float, one.value)) - true[one.name]) < 3.0 * float(cast(float, one.std_error))

@@ -58,7 +58,7 @@ from workbench.diagnose.verdict.answer import (
 from workbench.diagnose.verdict.judge import (
     Judged,
     alternatives,
-    judged_to_help,
+    beside_own_law,
     leaves_off,
     runners_up,
     steps,
@@ -112,13 +112,14 @@ def sentence_of(
     unlisted: Iterable[str] = (),
     gap: Gap | None = None,
     looked_at: bool = True,
+    beside: Names = (),
 ) -> str:
     """The first sentence of the report: the answer, its probability, and the reduction of the gap.
 
     tabled: whether the corrected machine contains a measured table of an unknown cause. unlisted: effects of the
     library that the corrected machine contains in its place, and that no answer may name unasked. gap: without a cause,
     and with one that base parameters can stand in for, the one that the refit moves improbably far is stated.
-    looked_at: whether the force of an unknown cause was measured at all.
+    looked_at: whether the force of an unknown cause was measured at all. beside: unlisted effects, the machine's own.
     """
     unit, before, after = shrink.unit, figures(shrink.before, 2), figures(shrink.after, 2)
     noise = figures(shrink.noise, 2)
@@ -157,13 +158,16 @@ def sentence_of(
         )
     same = judged.ranking[0].twins
     cause = f"comes from {either(judged.names, same)} ({chance(sure)})"
-    if gap is not None and shrink.after > STAYS * shrink.before:
-        text = f"The gap {cause}: without it these runs put {stretch_of(gap, always=True)}; "
+    by_tolerances = gap is not None and (shrink.after > STAYS * shrink.before or shrink.before <= shrink.noise)
+    text = f"beside {listed(beside)}, which is not listed and taken for the machine's own, " if beside else ""
+    text += f"{'a small part of the' if leaves_most(rest) and not by_tolerances else 'the'} gap {cause}: "
+    text = text[0].upper() + text[1:]
+    if gap is not None and by_tolerances:
+        text += f"without it these runs put {stretch_of(gap, always=True)}; "
         text += f"the residual on runs held out, {after} {unit}, stays"
     else:
-        text = f"{'A small part of the' if leaves_most(rest) else 'The'} gap {cause}: on runs held out it shrinks from "
-        text += f"{before} to {after} {unit}, noise {noise}. It explains {percent_of(1.0 - rest.share)} of the gap's "
-        text += "energy beyond noise"
+        text += f"on runs held out it shrinks from {before} to {after} {unit}, noise {noise}. "
+        text += f"It explains {percent_of(1.0 - rest.share)} of the gap's energy beyond noise"
     if rest.rms > 0.0:
         text += f"; {figures(rest.rms, 2)} {unit} remain, {_of_input(rest)}"
     if others := [name for name in also if not any(name in names for names in same)]:
@@ -305,9 +309,9 @@ def diagnose(
         raise InputError(f"'{baseline}', expected {' or '.join(BASELINES)}", place="baseline")
 
     search = searched(problem, effects, most_effects, say, rivals, keys, quick)
-    problem = search.problem
     say(Progress(Stage.JUDGE))
-    judged = judged_to_help(search)
+    search, judged = beside_own_law(search, lambda own: searched(problem, effects, 1, say, rivals, keys, quick, own))
+    problem = search.problem
     say(Progress(Stage.LOCATE))
     refitted = refitted_machine(problem, keys, search.within_tolerances)
     fit, off = None, False
@@ -388,7 +392,7 @@ def diagnose(
         else reason
         for reason in judged.reasons
     )
-    sentence = sentence_of(judged, shrink, remainder, also, tabled, own, gap, not quick)
+    sentence = sentence_of(judged, shrink, remainder, also, tabled, own, gap, not quick, problem.own)
     verdict = Verdict(
         judged.word,
         judged.names,
@@ -400,6 +404,7 @@ def diagnose(
         Left(remainder.rms, remainder.percent_of_input, remainder.relevant),
         steps(judged, problem.inputs),
         remainder,
+        problem.own,
     )
     return Diagnosis(
         campaign=campaign,

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import ndtr, stdtr
 
 from workbench.core.errors import InputError
+from workbench.core.names import listed
 from workbench.core.numbers import figures
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.evidence import model_error_rms
@@ -187,7 +188,7 @@ def gap_of(problem: Problem, search: SearchResult, plain: ReplayResult, refitted
         sentences=(),
         by_chance=by_chance,
     )
-    return replace(gap, sentences=tuple(_sentences(gap, unit_of(problem.machine))))
+    return replace(gap, sentences=tuple(_sentences(gap, unit_of(problem.machine), problem.own)))
 
 
 def worst_tolerance(keys: Mapping[str, Scalar], base: Fitted) -> tuple[str, float, float]:
@@ -208,13 +209,14 @@ def unit_of(machine: Hoist | Axis) -> str:
     return kind_of(machine).drive.unit
 
 
-def _sentences(gap: Gap, unit: str) -> list[str]:
+def _sentences(gap: Gap, unit: str, own: Names = ()) -> list[str]:
     times = gap.residual_rms / gap.noise_rms
     force = "" if gap.force_rms_n is None else f", {gap.force_rms_n:.0f} N on the carriage"
     sentences = [
         f"As the machine is written down, measured and predicted input differ by {figures(gap.nominal_residual_rms)} "
         f"{unit} rms below {figures(gap.band_hz)} Hz.",
-        f"With the base parameters refitted within {TOLERANCES:g} tolerances {figures(gap.residual_rms)} {unit} rms "
+        f"With the base parameters refitted within {TOLERANCES:g} tolerances"
+        f"{f', beside {listed(own)},' if own else ''} {figures(gap.residual_rms)} {unit} rms "
         f"remain{force}: {times:.1f} times the noise floor of {figures(gap.noise_rms, 2)} {unit}.",
         f"Replayed in open loop, the speed is off by {figures(gap.speed_rmse_percent)} % "
         f"({figures(gap.nominal_speed_rmse_percent)} % before the refit).",

@@ -49,7 +49,7 @@ def machine_of(
 
 def refitted_machine(problem: Problem, base_keys: Mapping[str, Scalar], fit: Fitted | Setting) -> Hoist | Axis:
     """The nominal machine with the base values of a fit, or of its setting, the allowances and the lateness of the log,
-    and no effect beyond the nominal ones."""
+    and no effect beyond the nominal ones and the machine's own."""
     setting = fit.setting if isinstance(fit, Fitted) else fit
     known = set(value_names(problem.machine))  # a load cell's gain is no value of the machine
     machine = with_values(
@@ -72,7 +72,8 @@ def refitted_machine(problem: Problem, base_keys: Mapping[str, Scalar], fit: Fit
             allowances[trace.effect] = _values(problem, trace.effect, setting)
     late = machine.log.speed_late_s + _rounded(_first(setting.get(LOG_TIMING, 0.0)))
     log = machine.log.model_copy(update={"speed_late_s": max(late, 0.0)})
-    return changed(machine, allowances=allowances, log=log.model_dump())
+    own = {name: _values(problem, name, setting) for name in problem.own}
+    return changed(machine, effects={**machine.effects, **own}, allowances=allowances, log=log.model_dump())
 
 
 def _values(problem: Problem, name: str, setting: Setting) -> dict[str, float]:

@@ -223,7 +223,11 @@ def gap_table(d: Diagnosis) -> Table:
     g = d.gap
     machines = [
         ("as given", g.nominal_residual_rms, g.nominal_speed_rmse_percent),
-        ("refitted within tolerances", g.residual_rms, g.speed_rmse_percent),
+        (
+            "refitted within tolerances" + "".join(f", with {own}" for own in d.verdict.beside),
+            g.residual_rms,
+            g.speed_rmse_percent,
+        ),
         ("delivered", d.delivered.residual_rms, d.delivered.speed_rmse_percent),
     ]
     cells: Cells = {

@@ -69,7 +69,7 @@ def _answer(d: Diagnosis) -> dict[str, Any]:
             "values": {name: {"value": a, "std_error": error, "unit": unit} for name, a, error, unit in law.values},
             **_of(law, "before after explains rms"),
         },
-        "unlisted": {} if d.unknown is None else d.unknown.effects,
+        "unlisted": {name: d.corrected.effects[name] for name in v.beside} if d.unknown is None else d.unknown.effects,
     }  # fmt: skip
 
 

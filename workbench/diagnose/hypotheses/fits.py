@@ -64,17 +64,20 @@ class Fits:
         tell: Tell | None = None,
         rivals: Iterable[Effect] = (),
         base: Mapping[str, Scalar] | None = None,
+        own: Fitted | None = None,
     ) -> None:
         """rivals: unlisted effects that are fitted alone too, so that no pair is named in the place of one of them.
 
-        base: the base parameters, None for all that have a tolerance.
+        base: the base parameters, None for all that have a tolerance. own: the fit of the machine's own effects, whose
+        parameters are free in every fit, as the base parameters are.
         """
         self.problem = problem
-        self.effects = {effect.id: effect for effect in effects}
-        self.rivals = {effect.id: effect for effect in rivals if effect.id not in self.effects}
+        self.effects = {effect.id: effect for effect in effects if effect.id not in problem.own}
+        self.rivals = {effect.id: effect for effect in rivals if effect.id not in (*problem.own, *self.effects)}
         self.base = dict(base_parameters(problem.machine, problem.runs) if base is None else base)
         self.nuisances = nuisance_parameters(problem.machine, problem.runs)
-        self.held = [*self.base.values(), *self.nuisances.values()]
+        self.held: list[FreeParameter] = [*self.base.values(), *self.nuisances.values()]
+        self.held += own.free[len(self.held) :] if own is not None else ()
         self.count = sum(parameter.size for parameter in self.held)
         self._tell = tell or (lambda progress: None)
         self.fits: dict[Names, Fitted] = {}
@@ -87,7 +90,7 @@ class Fits:
         self._begun: tuple[Fitted, Sequence[Signature]] | None = None  # within the tolerances, and the signatures there
         self._still: dict[Names, Fitted] = {}  # with a play, that no step serves
         self._offered: dict[Any, list[Array]] = {}  # by problem and hypothesis: friction that it was tried with
-        self.begin: Array | None = None  # z of the base fit, where another search has found it
+        self.begin = own.z if own is not None else None  # z of the base fit, where another search has found it
         self.found: Mapping[Names, Fitted] = {}  # fits of that search
 
     def base_fit(self) -> Fitted:

@@ -17,6 +17,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     OFFSET,
     TENSION_GAIN,
     FreeParameter,
+    Names,
     Scalar,
     Setting,
     inward,
@@ -63,6 +64,7 @@ class Problem:
     runs of which something counts; input_noise: the input's part of it;
     row_noise: (inputs,) that of each sample, as it is weighed; run_noise: (runs,) that of each run, as it is stated.
     errors: noise and model error, as the data are weighed (`ErrorModel`).
+    own: effects that are taken for the machine's own, whose values every setting has, and every machine of a fit.
     Where runs of a hoist log the dead line's tension, its residual follows behind that of the torque, on the torque's
     scale: `inputs` is how many rows are the torque's; pulled: of each row of a tension, the row of its torque. tension:
     in the band, by the number of the run.
@@ -120,6 +122,7 @@ class Problem:
         self.evaluations = 0
         self.kept: dict[Any, Any] = {}  # as held-out fits, by fit and folds: several steps ask for the same
         self.deaf = self.rough = False
+        self.own: Names = ()
         self.errors = self.errors_of_rows()
 
     def effect(self, name: str) -> Effect:
@@ -223,6 +226,10 @@ class Problem:
             along = (motion.speed * np.gradient(run.time_s))[rows]
             ways[:, j] = np.sum(np.maximum(along, 0.0)), np.sum(np.maximum(-along, 0.0))
         return ways
+
+    def with_own(self, effects: Names) -> Problem:
+        """The same campaign of a machine that has these effects of its own."""
+        return self._with(own=effects, kept={})
 
     def without_impacts(self) -> Problem:
         """The same campaign, where something else explains what looked like impacts, as the kinks of a late signal."""

@@ -115,6 +115,7 @@ def searched(
     rivals: Sequence[Effect] = (),
     base: Mapping[str, Scalar] | None = None,
     quick: bool = False,
+    own: Fitted | None = None,
 ) -> SearchResult:
     """The search, with the size of model error that the best hypothesis needs.
 
@@ -123,13 +124,14 @@ def searched(
     a larger residual, the base parameters have absorbed part of the gap: the sizes that the best hypothesis needs are
     found with refits of the leading ones, and all are searched once more with them. Beside a play that is heard, whose
     stiff contact makes a fit take seconds, what counts is refitted with them instead. quick: single effects only, and
-    no second search.
+    no second search. own: the fit of effects that are taken for the machine's own.
     """
     problem = problem.quick() if quick else problem
-    search = Search(problem, effects, tell, rivals, base)
+    problem = problem.with_own(own.effects) if own is not None else problem
+    search = Search(problem, effects, tell, rivals, base, own)
     late_s = search.late_s()
     if late_s > 0.0:
-        search = Search(problem.moving_after(late_s), effects, tell, rivals, base)
+        search = Search(problem.moving_after(late_s), effects, tell, rivals, base, own)
     search.hear_impacts()
     result = search.causes(1 if quick else most_effects, FEW, LARGE)  # enough to tell the sizes, in most campaigns
     if quick:

@@ -112,7 +112,8 @@ class Step:
 @dataclass(frozen=True)
 class Verdict:
     """The answer. alike: what this campaign cannot tell from it. sentence: the answer in one sentence. steps: how an
-    answer was come to, one effect after the other."""
+    answer was come to, one effect after the other. beside: unlisted effects that are taken for the machine's own, and
+    that it holds before the answer and after it."""
 
     word: VerdictWord
     effects: Names
@@ -124,6 +125,7 @@ class Verdict:
     left: Left = Left(0.0, 0.0, False)
     steps: tuple[Step, ...] = ()
     remainder: Remainder | None = None
+    beside: Names = ()
 
     @property
     def probability(self) -> float:

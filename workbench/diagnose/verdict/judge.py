@@ -161,6 +161,9 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
             own_laws = [prior.effect for prior in kind_of(problem.machine).nuisances if not prior.fitted]
             with_own = [tuple(sorted({*best.names, name})) for name in own_laws]  # these may bend them, too
             posed += [(problem, search.fits[names]) for names in with_own if names in search.fits]
+            # So may a further cause that is as likely as none.
+            beside = [w for w in weighed if not w.rival and {*w.names} > {*best.names} and w.names not in mimics]
+            posed += [(problem, w.fit) for w in beside if w.evidence > best.evidence - settings.THRESHOLD]
             fits = [(p, one) for p, fit in posed for one in weighed_both_ways(p, fit, count)]
             if kind_of(problem.machine).floor == "own":  # what it leaves hangs together, and bends one of both
                 fits += [(p, unweighed(p, one)) for p, one in fits]
@@ -234,6 +237,25 @@ def judged_to_help(search: SearchResult) -> Judged:
             for w in judged.weighed
             if any({*w.names} >= {*less.names} and w.evidence <= less.evidence for less in idle)
         ]
+
+
+def beside_own_law(search: SearchResult, again: Callable[[Fitted], SearchResult]) -> tuple[SearchResult, Judged]:
+    """A search and its verdict (`judged_to_help`), or those of another one beside a law that is taken for the machine's
+    own: an unlisted effect that explains more than any listed one, and leaves base values off nominal beyond chance,
+    for they may have taken up a cause. The other one counts where it names a cause that brings them back. again: a
+    search for one cause beside such a law's fit."""
+    judged = judged_to_help(search)
+    laws = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.UNLISTED_EXPLAINS_MORE]
+    if judged.word != "unknown" or not laws or len(laws[0]) > 1:
+        return search, judged
+    law = search.fits[laws[0]]
+    if stretched(search.problem, law)["prior"] <= 1.0:
+        return search, judged
+    beside = again(law)
+    found = judged_to_help(beside)
+    if found.word != "named" or stretched(beside.problem, beside.fits[found.names])["prior"] > settings.HALF:
+        return search, judged
+    return beside, found
 
 
 def deserved(search: SearchResult, w: Weighed) -> bool:
