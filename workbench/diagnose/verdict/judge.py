@@ -241,21 +241,19 @@ def judged_to_help(search: SearchResult) -> Judged:
 
 def beside_own_law(search: SearchResult, again: Callable[[Fitted], SearchResult]) -> tuple[SearchResult, Judged]:
     """A search and its verdict (`judged_to_help`), or those of another one beside a law that is taken for the machine's
-    own: an unlisted effect that explains more than any listed one, and leaves base values off nominal beyond chance,
-    for they may have taken up a cause. The other one counts where it names a cause that brings them back. again: a
-    search for one cause beside such a law's fit."""
+    own: an unlisted effect that explains more than any listed one, beside which one may hide, in the residual or in
+    base values. The other one counts where it names a cause decisively, and both together explain the runs: nothing
+    relevant is left, and no base value is off nominal. again: a search for one cause beside such a law's fit."""
     judged = judged_to_help(search)
     laws = [reason.effects for reason in judged.reasons if reason.kind is ReasonKind.UNLISTED_EXPLAINS_MORE]
     if judged.word != "unknown" or not laws or len(laws[0]) > 1:
         return search, judged
-    law = search.fits[laws[0]]
-    if stretched(search.problem, law)["prior"] <= 1.0:
-        return search, judged
-    beside = again(law)
+    beside = again(search.fits[laws[0]])
     found = judged_to_help(beside)
-    if found.word != "named" or stretched(beside.problem, beside.fits[found.names])["prior"] > settings.HALF:
+    if found.word != "named" or found.best is None or found.best.evidence < settings.DECISIVE:
         return search, judged
-    return beside, found
+    whole = not found.left.relevant and stretched(beside.problem, found.best.fit)["prior"] <= 1.0
+    return (beside, found) if whole else (search, judged)
 
 
 def deserved(search: SearchResult, w: Weighed) -> bool:
