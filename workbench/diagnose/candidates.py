@@ -46,7 +46,7 @@ def candidates(
                 merit=hypothesis.evidence,
                 residual_rms=hypothesis.fit.rms(problem.inputs),
                 held_out_rms=unseen,
-                explained=None if unseen is None else max(1.0 - left / max(gap, 1e-300), 0.0),
+                explained=None if unseen is None else max(1.0 - left / gap, 0.0) if gap > 0.0 else 0.0,
                 parameters=estimates(problem, hypothesis.fit),
                 fitted=True,
                 against=tuple(against),
