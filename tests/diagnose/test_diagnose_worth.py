@@ -254,6 +254,31 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     assert not deserved(cast(Any, search), both)
 
 
+@pytest.mark.parametrize(
+    ("worth", "step_s", "named"), [(100.0, 0.01, False), (200.0, 0.01, True), (100.0, 0.001, True)]
+)
+def test_a_play_that_nobody_can_hear_says_beside_others_what_impacts_would(
+    worth: float, step_s: float, named: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """At 100 Hz a toe actuator's own law of the acceleration, beside its drift, was a play for 37 of evidence."""
+    names = ("backlash", "friction_thermal_drift")
+    fits = {
+        some: SimpleNamespace(effects=some, prior=0.0, chi2=0.0, objective=0.0, z=())
+        for some in ((names[0],), (names[1],), names)
+    }
+    problem = SimpleNamespace(**{**vars(AXIS), "struck": False, "runs": [SimpleNamespace(sample_time_s=step_s)]})
+    search = SimpleNamespace(problem=problem, base=fits[names], within_tolerances=None, fits=fits)
+    for name, value in {
+        "worth": (worth, "speed"),
+        "significance": 9.0,
+        "may_be_none": False,
+        "only_late": False,
+    }.items():
+        monkeypatch.setattr(judge, name, lambda *_, value=value, **__: value)
+    monkeypatch.setattr(judge, "nuisance_std", lambda *_: {})
+    assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=names, fit=fits[names]))) == named
+
+
 def test_what_only_smooths_the_prediction_is_no_way_to_further_causes(monkeypatch: pytest.MonkeyPatch):
     """A filter beside a late motion, which nobody names, led the search of an inertia beside an offset: the offset
     alone was named, its inertia twelve deviations off."""
