@@ -6,6 +6,8 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import base_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import SearchResult
+from workbench.diagnose.location import where
 from workbench.diagnose.location.places import Placed, Weigher, pulses_of, weighed
 from workbench.diagnose.location.profiles import (
     Free,
@@ -352,3 +355,14 @@ def test_a_force_that_the_loop_answered_is_not_the_sensors(followed: Problem):
     struck = weighed(replace(survey, residual=survey.residual + 60.0 * survey.shown(rows, 0.0, False)[:, 0]))
     assert struck.port.regime == "event"
     assert "torque_sensor" not in [place.subsystem for place in struck.places]
+
+
+@pytest.mark.parametrize(("low", "said"), [(0.0, False), (0.3, True)])
+def test_a_share_that_may_as_well_be_none_is_no_explanation(low: float, said: bool):
+    """Of a gap at the noise the frequency was said to explain over 99 %, 0 to 100 %."""
+    speed = SimpleNamespace(label="speed of the axis")
+    best = cast(Any, SimpleNamespace(variable=speed, share=0.995, interval=(low, 1.0)))
+    windows = cast(Any, SimpleNamespace(windows=(1, 2), held=0.8, time=0.4))
+    text = " ".join(where._sentences(windows, best, None, (), "unsaid", "the gap"))
+    assert ("explains over 99 %" in text) == said
+    assert ("No single variable explains much of it." in text) != said

@@ -304,15 +304,18 @@ def _sentences(
     sentences = [
         f"{100.0 * windows.held:.0f} % of {whose} lies in {many} window{'s' if many != 1 else ''} that "
         f"take{'s' if many == 1 else ''} {100.0 * windows.time:.0f} % of the time in motion.",
-        f"The {best.variable.label} explains {_percent(best)} of the gap on runs it was not fitted to"
-        + (f"; the {other.variable.label} {_percent(other)}." if other is not None else "."),
     ]
+    if told := best.interval[0] > settings.FORETOLD:
+        sentences.append(
+            f"The {best.variable.label} explains {_percent(best)} of the gap on runs it was not fitted to"
+            + (f"; the {other.variable.label} {_percent(other)}." if other is not None else ".")
+        )
     sentences += said
     if side == "carriage":
         sentences.append("The dead line's tension shows the gap too: it is on the carriage's side of the wire.")
     elif side == "drive":
         sentences.append("The dead line's tension does not show the gap: it is on the drive's side of the wire.")
-    if best.share < EXPLAINS_LITTLE:
+    if not told or best.share < EXPLAINS_LITTLE:
         sentences.append("No single variable explains much of it.")
     return sentences
 
