@@ -363,3 +363,23 @@ def test_a_play_that_impacts_tell_of_is_told_beside_another_cause_as_it_is_alone
     monkeypatch.setattr(judge, "foretold", lambda problem, before, after: after.left - before.left)
     both = cast(Any, SimpleNamespace(names=(play, drift), fit=fits[play, drift]))
     assert deserved(cast(Any, search), both) == named
+
+
+@pytest.mark.parametrize(("struck", "better", "named"), [(True, 1.3, True), (True, -0.1, False), (False, 1.3, False)])
+def test_a_play_that_is_heard_has_to_foretell_left_out_runs_better_and_not_by_more_than_chance(
+    struck: bool, better: float, named: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """Of two inertias that ring, four left-out runs leave a quarter less with it, by 1.3 deviations."""
+    fits = {
+        some: SimpleNamespace(effects=some, objective=0.0, z=(), left=10.0 - better if some else 10.0)
+        for some in ((), ("backlash",))
+    }
+    problem = SimpleNamespace(**{**vars(AXIS), "struck": struck})
+    search = SimpleNamespace(problem=problem, base=fits[()], within_tolerances=fits[()], fits=fits)
+    for name, value in {"may_be_none": False, "significance": 0.3, "folds_by_run": None}.items():
+        monkeypatch.setattr(judge, name, lambda *_, value=value, **__: value)
+    monkeypatch.setattr(judge, "weighed_both_ways", lambda problem, fit, base: (fit, fit))
+    monkeypatch.setattr(judge, "held_out", lambda problem, fit, folds: fit)
+    monkeypatch.setattr(judge, "foretold", lambda problem, before, after: before.left - after.left)
+    alone = cast(Any, SimpleNamespace(names=("backlash",), fit=fits["backlash",]))
+    assert deserved(cast(Any, search), alone) == named

@@ -259,7 +259,7 @@ def beside_own_law(search: SearchResult, again: Callable[[Fitted], SearchResult]
 def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
     does, and the runs by themselves not significantly worse; or a play the input, fitted by plain least squares
-    (`weighed_both_ways`), or as it is where impacts tell of it;
+    (`weighed_both_ways`), or as it is, and better at all, where impacts tell of it;
     and with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than
     with a free law of one variable in its place (`worth`), a play that a log is too coarse to hear by what impacts
     would say; a play that impacts tell of, which is chosen from none, not
@@ -298,7 +298,8 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
 
     asked = ((False, by_chance), (True, -by_chance))
     alone = (significance(problem, near, w.fit, by_runs_alone=by_runs) > enough for by_runs, enough in asked)
-    if not (all(alone) or told(near, by_chance)):
+    heard = problem.struck and PLAY in w.names  # its impacts tell of it
+    if not (all(alone) or told(near, 0.0 if heard else by_chance)):
         return False
     least = float(-ndtri(settings.SIGNIFICANT / len({name for known in search.fits for name in known})))
     enough = all(
