@@ -226,8 +226,8 @@ class Search(Fits):
         return self._leaving_out(self._beside_the_leading(result, most))
 
     def _leaving_out(self, result: SearchResult) -> SearchResult:
-        """The result with the leading hypothesis refitted without each of its effects, from where it is, as long as
-        another one leads then: a part of it may have been fitted to a poorer minimum, or not at all."""
+        """The result with the leading hypothesis refitted without each of its effects, and by simpler laws, from where
+        it is, as long as another one leads then: these may be at a poorer minimum, or not fitted at all."""
         search, before = self._at(result), None
         while (w := search.leading(result)) is not None and len(w.names) > 1 and w.names != before:
             before = w.names
@@ -235,6 +235,7 @@ class Search(Fits):
                 names = tuple(sorted(kept))
                 search._try(names, lambda fit=w.fit, kept=kept: search._without(fit, kept))  # type: ignore[misc]
                 search._finish(result.base, [names])
+            search._fit_simpler_laws(result, len(before))
             result = search._found(result.base, result.within_tolerances, result.signatures)
         return result
 
@@ -582,14 +583,17 @@ class Search(Fits):
         for w in [w for w in self._nameable(result)[:LEADERS] if len(w.names) == size]:
             for freer, simpler in product(w.names, self.effects):
                 names = tuple(sorted({*w.names, simpler} - {freer}))
-                alone = self.fits.get((simpler,))
-                if alone is None or names in self.fits or not same_but_freer(freer, simpler, self.problem.active.kind):
+                alone, known = self.fits.get((simpler,)), self.fits.get(names)
+                if alone is None or not same_but_freer(freer, simpler, self.problem.active.kind):
                     continue
+                if known is not None and score_of(self.problem, known).value < w.score.value + settings.DECISIVE:
+                    continue  # it may be in a poorer minimum than the freer law
                 order = (*(name for name in w.fit.effects if name != freer), simpler)
                 stays, kept = parameters_of(w.fit, order, count)
                 free = [*w.fit.free[:own], *stays, *alone.free[own:]]
-                for begin in (w.fit.z, alone.z):  # where the freer law is, and where the simpler one is alone
-                    if names in self.fits and self.fits[names].objective < alone.objective:
+                # Where the freer law is, and where the simpler one is alone.
+                for begin in (w.fit.z, alone.z) if known is None else (w.fit.z,):
+                    if known is None and names in self.fits and self.fits[names].objective < alone.objective:
                         break  # it leads to where one effect less is, or further
                     z = np.concatenate([begin[:count], kept, alone.z[count:]])
                     self._try(names, lambda order=order, free=free, z=z: self._fit(order, free, z))  # type: ignore[misc]
