@@ -383,3 +383,13 @@ def test_a_play_that_is_heard_has_to_foretell_left_out_runs_better_and_not_by_mo
     monkeypatch.setattr(judge, "foretold", lambda problem, before, after: before.left - after.left)
     alone = cast(Any, SimpleNamespace(names=("backlash",), fit=fits["backlash",]))
     assert deserved(cast(Any, search), alone) == named
+
+
+@pytest.mark.proof
+def test_a_simpler_law_beside_a_play_is_sought_where_the_freer_one_is(tmp_path: Path):
+    """Beside a play a friction level had stopped at a poorer minimum, and unequal ones were named, at 0.97."""
+    seed, names = (10830, 12), ["backlash", "friction_coulomb"]
+    make_campaign(tmp_path / "axis", seed, draw(seed, "axis_std", "pairs", names))
+    candidates = [*names, "friction_coulomb_asymmetric"]
+    found = diagnose(read_campaign(tmp_path / "axis"), candidates=candidates, most_effects=2, study=False)
+    assert found.verdict.effects == tuple(names)
