@@ -364,7 +364,8 @@ def diagnose(
     if off and fit is not None:
         key, count, _ = worst_tolerance(keys, fit)
         warnings += (f"with the play {key} stays {abs(count):.1f} tolerances off: another cause may stand beside it",)
-    if judged.word == "named" and (also or leaves_most(remainder) or shrink.ci95[0] <= 1.0 or off):
+    # That a law is the machine's own is taken, not shown.
+    if judged.word == "named" and (also or problem.own or leaves_most(remainder) or shrink.ci95[0] <= 1.0 or off):
         judged = replace(judged, ranking=shared(judged.ranking, also))
     say(Progress(Stage.CONSEQUENCES))
     changes, why_not = None, "Not asked for."
