@@ -19,7 +19,9 @@ from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
 from workbench.core.errors import InputError
 from workbench.core.numbers import figures
 from workbench.core.run import Array, Run
+from workbench.diagnose import diagnose as diagnose_module
 from workbench.diagnose.diagnose import Diagnosis, diagnose
+from workbench.diagnose.gap import Shrink
 from workbench.diagnose.hypotheses import fits, search, settings
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import Estimate, FreeParameter
@@ -240,6 +242,21 @@ def test_a_cause_that_leaves_most_of_the_gap_is_stated_at_one_half_at_most(monke
         assert d.verdict.sentence.startswith("The gap" if least < 1.0 else "A small part of the gap")
         assert sum(row.probability for row in d.verdict.ranking) == pytest.approx(1.0)
     assert said[0] > 0.9 and said[1] == 0.5
+
+
+def test_of_a_gap_below_the_noise_nothing_is_explained(monkeypatch):
+    """A gain that only tolerances told of, beside a law that left less than the noise, explained over 99.99 %."""
+    made = with_effects(nominal("axis-rotary"), {"friction_viscous": TRUTHS["axis-rotary"]["friction_viscous"]})
+    campaign = Campaign("made", Path("made"), nominal("axis-rotary"), tuple(runs_of(made)))
+    plain = diagnose_module.shrink_of
+
+    def noisy(*given: Any) -> Shrink:
+        return replace(shrink := plain(*given), noise=1.1 * shrink.before)
+
+    monkeypatch.setattr(diagnose_module, "shrink_of", noisy)
+    d = diagnose(campaign, candidates=["friction_viscous"], most_effects=1, study=False)
+    assert d.verdict.effects == ("friction_viscous",) and d.verdict.explained == 0.0
+    assert "explains" not in d.verdict.sentence and d.verdict.probability == 0.5
 
 
 def test_an_axis_whose_friction_builds_up_over_a_trace_of_a_way_is_no_gap_and_hides_no_cause():

@@ -364,8 +364,11 @@ def diagnose(
     if off and fit is not None:
         key, count, _ = worst_tolerance(keys, fit)
         warnings += (f"with the play {key} stays {abs(count):.1f} tolerances off: another cause may stand beside it",)
+    nothing = judged.word == "no_gap" or shrink.before <= shrink.noise  # is there to explain
+    explained = 0.0 if nothing else 1.0 - remainder.share
     # That a law is the machine's own is taken, not shown.
-    if judged.word == "named" and (also or problem.own or leaves_most(remainder) or shrink.ci95[0] <= 1.0 or off):
+    doubted = also or problem.own or explained < settings.MINOR or shrink.ci95[0] <= 1.0 or off
+    if judged.word == "named" and doubted:
         judged = replace(judged, ranking=shared(judged.ranking, also))
     say(Progress(Stage.CONSEQUENCES))
     changes, why_not = None, "Not asked for."
@@ -401,7 +404,7 @@ def diagnose(
         also,
         sentence,
         reasons,
-        0.0 if judged.word == "no_gap" else 1.0 - remainder.share,
+        explained,
         Left(remainder.rms, remainder.percent_of_input, remainder.relevant),
         steps(judged, problem.inputs),
         remainder,

@@ -34,5 +34,5 @@ def remainder_of(problem: Problem, fit: Fitted, base: int, shrink: Shrink, seed:
             regime = regime_of(problem, left, best)
         if not kind.whole:
             subsystem = placed(problem, fit, base, holding(problem, fit, best, seed)).places[0].subsystem
-    share = min(rest / gap, 1.0) if gap > 0.0 else 1.0  # of nothing beyond noise nothing is explained
+    share = min(rest / gap, 1.0) if gap > 0.0 else float(rest > 0.0)
     return Remainder(stays.rms, stays.percent_of_input, stays.relevant, share, subsystem, regime)
