@@ -34,7 +34,9 @@ from workbench.diagnose.verdict.unknown_cause import signs_of
 from workbench.effects import find
 from workbench.effects.active import logged, of, ranges_of
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import get_value, with_values
+from workbench.machines import get_value, load_machine, save_machine, with_values
+from workbench.simulate.replay import replay_runs
+from workbench.view.diagnosis import runs_table
 from workbench.view.diagnosis_json import to_json
 
 OWN_FRICTION = {"amplitude_nm": 0.5, "period_rad": 2.0, "phase_rad": 0.4}
@@ -368,7 +370,7 @@ def test_the_log_s_timing_is_held_within_as_many_of_its_deviations_as_other_base
         ("viscous", "friction_viscous"),
     ],
 )
-def test_a_cause_beside_an_unlisted_law_of_the_machines_own_is_named(bend: str, cause: str):
+def test_a_cause_beside_an_unlisted_law_of_the_machines_own_is_named(bend: str, cause: str, tmp_path: Path):
     """A robot's elbow, whose friction goes with its load, was unknown without a fifth of its inertia, or half of one
     direction's friction: an unlisted law led, and base values were 7 to 9 tolerances off beside it. The machine itself
     stays unknown."""
@@ -385,6 +387,14 @@ def test_a_cause_beside_an_unlisted_law_of_the_machines_own_is_named(bend: str, 
         assert to_json(found)["unlisted"]["friction_periodic"] == pytest.approx(own, rel=1e-4)
         assert cast(Any, found.refitted).effects.keys() == {"friction_periodic"}
         assert "Beside friction_periodic, which is not listed" in found.verdict.sentence
+        assert "refitted within tolerances, with friction_periodic" in runs_table(found).note
+        # The delivered file replays as stated, and without the cause in it as one without the cause.
+        save_machine(cast(Any, found.corrected), tmp_path / "machine.yaml")
+        delivered = load_machine(tmp_path / "machine.yaml")
+        left = replay_runs(delivered, runs, found.gap.band_hz).residual_rms_moving
+        assert left == pytest.approx(found.delivered.residual_rms, rel=1e-3)
+        alone = delivered.model_copy(update={"effects": {"friction_periodic": own}})
+        assert replay_runs(alone, runs, found.gap.band_hz).residual_rms_moving > 1.5 * left
         true = {"inertia_fraction": 1.0 / LACKS["inertia"] - 1.0, "level_forward_nm": 0.0}
         true["viscous_nm_s_per_rad"] = machine.role("viscous")
         true["level_backward_nm"] = (1.0 - LACKS["coulomb_backward"]) * machine.role("coulomb_backward")

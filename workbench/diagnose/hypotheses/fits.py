@@ -71,9 +71,10 @@ class Fits:
         base: the base parameters, None for all that have a tolerance. own: the fit of the machine's own effects, whose
         parameters are free in every fit, as the base parameters are.
         """
-        self.problem = problem
-        self.effects = {effect.id: effect for effect in effects if effect.id not in problem.own}
-        self.rivals = {effect.id: effect for effect in rivals if effect.id not in (*problem.own, *self.effects)}
+        self.problem = problem if own is None else problem.with_own(own.effects)
+        taken = self.problem.own
+        self.effects = {effect.id: effect for effect in effects if effect.id not in taken}
+        self.rivals = {effect.id: effect for effect in rivals if effect.id not in (*taken, *self.effects)}
         self.base = dict(base_parameters(problem.machine, problem.runs) if base is None else base)
         self.nuisances = nuisance_parameters(problem.machine, problem.runs)
         self.held: list[FreeParameter] = [*self.base.values(), *self.nuisances.values()]

@@ -127,7 +127,6 @@ def searched(
     no second search. own: the fit of effects that are taken for the machine's own.
     """
     problem = problem.quick() if quick else problem
-    problem = problem.with_own(own.effects) if own is not None else problem
     search = Search(problem, effects, tell, rivals, base, own)
     late_s = search.late_s()
     if late_s > 0.0:
@@ -586,8 +585,9 @@ class Search(Fits):
                 alone, known = self.fits.get((simpler,)), self.fits.get(names)
                 if alone is None or not same_but_freer(freer, simpler, self.problem.active.kind):
                     continue
+                # One that is decisively worse than the freer law may be at a poorer minimum.
                 if known is not None and score_of(self.problem, known).value < w.score.value + settings.DECISIVE:
-                    continue  # it may be in a poorer minimum than the freer law
+                    continue
                 order = (*(name for name in w.fit.effects if name != freer), simpler)
                 stays, kept = parameters_of(w.fit, order, count)
                 free = [*w.fit.free[:own], *stays, *alone.free[own:]]

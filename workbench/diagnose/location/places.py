@@ -284,7 +284,7 @@ def event_gain(problem: Problem, fit: Fitted, least: float = -math.inf) -> float
     return min(alone, beside) if few or few_beside else -math.inf
 
 
-def enough(problem: Problem) -> float:
+def event_threshold(problem: Problem) -> float:
     """What brief events add, in the logarithm, where they tell of a cause: on a machine whose whole residual counts
     twice DECISIVE; one that sets off with a full load has had 18, true ones 48 and more."""
     return settings.DECISIVE / (1.0 if kind_of(problem.machine).floor == "own" else settings.HALF)
@@ -447,7 +447,7 @@ def event_ports(survey: Survey, pulses: Pulses) -> Iterator[Port]:
 ORDERS = range(1, 9)  # of the polynomial that the input would be around an event without it
 
 
-def yields(survey: Survey, weigher: Weigher, pulses: Pulses) -> dict[str, float]:
+def evidence_of_motion(survey: Survey, weigher: Weigher, pulses: Pulses) -> dict[str, float]:
     """By how much likelier the motion is, in the logarithm, where a force acts within the pulses ("force") and where
     the motion's own sensor fails, than where it goes on as if nothing were.
 
@@ -501,10 +501,12 @@ def placed(
     problem: Problem, fit: Fitted, own: int | None = None, holds: Callable[[Array], bool] | None = None
 ) -> Placed:
     """The places where the residual of `fit`, the base parameters alone, may enter, with the best port and its part of
-    the gap; probabilities sum to one. own: see `survey_of`; holds: see `weighed`. Where no law foretells what a machine
-    leaves that has laws of its own, and brief events tell of a cause, beside the likeliest law too (`enough`), they are
-    it: that law is the machine's own, if both are likelier together, or the events are all."""
-    least, alone = enough(problem), holds is None and own is None and kind_of(problem.machine).floor == "own"
+    the gap; probabilities sum to one. own: see `survey_of`; holds: see `weighed`.
+
+    Of a machine that leaves laws of its own the place is that of brief events where no law foretells the residual on
+    other runs, and the events tell of a cause (`event_threshold`), alone and beside the likeliest law: beside it, if
+    both are likelier together."""
+    least, alone = event_threshold(problem), holds is None and own is None and kind_of(problem.machine).floor == "own"
     if alone and event_gain(problem, fit, least) > least:
         ways = [_brief(problem, fit, beside_law) for beside_law in (False, True)]
         return weighed(max(ways, key=lambda way: way[2])[-1], ports=[])
@@ -541,7 +543,10 @@ def weighed(
     every = ports if ports is not None else evidence_of(weigher, Ports(survey).all())
     weighed = [(evidence.log + float(np.log(port.weight)), port, evidence) for port, evidence in every]
     if pulses is not None:
-        brief, moved = list(evidence_of(weigher, event_ports(survey, pulses))), yields(survey, weigher, pulses)
+        brief, moved = (
+            list(evidence_of(weigher, event_ports(survey, pulses))),
+            evidence_of_motion(survey, weigher, pulses),
+        )
         logs_alone = np.array([evidence.log + np.log(port.weight) for port, evidence in brief])
         logs_moved = logs_alone + [moved.get(port.subsystem, moved["force"]) for port, _ in brief]
         # The motion tells events apart; that there is one, it does not say.

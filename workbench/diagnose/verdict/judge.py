@@ -259,23 +259,23 @@ def beside_own_law(search: SearchResult, again: Callable[[Fitted], SearchResult]
 def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
     does, and the runs by themselves not significantly worse; or a play the input, fitted by plain least squares
-    (`weighed_both_ways`), or as it is, and better at all, where impacts tell of it;
-    and with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than
-    with a free law of one variable in its place (`worth`), a play that a log is too coarse to hear by what impacts
-    would say; a play that impacts tell of, which is chosen from none, not
-    significantly worse than without it, for its flights are short and their ends foretold by no law. A delay
-    beside others has to take something, too, of what the log's timing leaves (`takes_nothing`): a machine's own lags
-    may be some sampling steps; and what every machine has, MINOR of what the others leave on held-out runs, and on
-    parts of a motion that all repeat; a ripple, which no base value holds, as much as then stays. No amount may as well
-    be none (`may_be_none`)."""
+    (`weighed_both_ways`), or as it is, and better at all, where impacts tell of it; and with each one of several than
+    without it, at SIGNIFICANT for all that they were chosen from, and better than with a free law of one variable in
+    its place (`worth`), a play that a log is too coarse to hear by what impacts would say; a play that impacts tell of,
+    which is chosen from none, not significantly worse than without it, for its flights are short and their ends
+    foretold by no law. A delay beside others has to take something, too, of what the log's timing leaves
+    (`takes_nothing`): a machine's own lags may be some sampling steps; and what every machine has, MINOR of what the
+    others leave on held-out runs, and on parts of a motion that all repeat; a ripple, which no base value holds, as
+    much as then stays. No amount may as well be none (`may_be_none`)."""
     problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
         less.append(without(search, w.fit, name))
         if only_late(problem, less[-1], w.fit, name, len(base.z)):
             return False
-        own = name == PLAY and rebounds(problem, (PLAY,))  # has its impacts, or is one that nobody can hear
-        if not (own and problem.struck) and worth(problem, base, w, less[-1])[0] <= (settings.IMPACTS if own else 0.0):
+        played = name == PLAY and rebounds(problem, (PLAY,))  # its impacts are heard, or a log is too coarse for them
+        more = settings.IMPACTS if played else 0.0
+        if not (played and problem.struck) and worth(problem, base, w, less[-1])[0] <= more:
             return False
     unfitted = {prior.effect for prior in kind_of(problem.machine).nuisances if not prior.fitted}
     for name, rest in zip(w.names, less or [near], strict=True):  # so little of what every machine has is its own

@@ -18,7 +18,7 @@ from workbench.diagnose.hypotheses.fit import Fitted, parts_of
 from workbench.diagnose.hypotheses.free_parameters import bounds_of, logarithmic_of
 from workbench.diagnose.hypotheses.problem import Problem, once, rms
 from workbench.diagnose.hypotheses.signatures import Projection
-from workbench.diagnose.location.places import enough, event_gain
+from workbench.diagnose.location.places import event_gain, event_threshold
 from workbench.diagnose.location.profiles import spacing
 from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.verdict.answer import Left
@@ -34,13 +34,13 @@ def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
     near: the fit without effects, left: what it leaves. MINOR of the input is over the limit, whatever tells of it: the
     equation is not this machine's (recorded ones leave 0.3 to 11 %). So are brief events, which no law of the motion
     foretells, that are more than DECISIVE in the logarithm likelier than none: what a machine leaves has longer tails
-    than a normal distribution; on a machine whose whole residual counts it takes twice as much (`enough`). Impacts that
-    come again are a play's: beside them are their rebounds, which no law foretells.
+    than a normal distribution; on a machine whose whole residual counts it takes twice as much
+    (`event_threshold`). Impacts that come again are a play's: beside them are their rebounds, which no law foretells.
     """
     if problem.struck:
         return {"left": settings.IMPACTS, "prior": 0.0}
     told = left_percent(problem, near, left) / own_percent(problem)
-    of_input, limit = left.percent_of_input / (100.0 * settings.MINOR), enough(problem)
+    of_input, limit = left.percent_of_input / (100.0 * settings.MINOR), event_threshold(problem)
     known = max(told, of_input)  # events that say less change nothing
     events = event_gain(problem, near, limit * known**2)
     return {"left": max(known, math.sqrt(max(events, 0.0) / limit)), **stretched(problem, near)}
