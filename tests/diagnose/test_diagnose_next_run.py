@@ -353,6 +353,14 @@ def test_the_chance_to_decide_is_that_of_drawn_likelihoods(apart: float, lead: f
     assert stated == pytest.approx(np.mean(decided), abs=0.09)  # of 200 machines
 
 
+def test_what_the_model_may_be_off_decides_nothing():
+    """An offset beside a friction of each direction: a slow run of 13 s was to decide with a probability of 0.97, for
+    what the friction law may be off would grow with the samples; it left 9.9 of evidence, and both open."""
+    asked, run = odds((0.0, 0.0), (1.0, 1.0)), of_run((0.0, 0.0), (0.0, 2.0 / math.sqrt(50)))
+    off = replace(asked, lost=np.array([0.0, 50.0, 0.0]))
+    assert off.chance(run)[0] <= asked.chance(run)[0] < 0.1
+
+
 def test_a_value_that_the_campaign_left_open_may_decide_though_both_are_alike_at_the_values_fitted():
     """A carriage's mass error of which a short run said little: a long one was to decide with a probability of 0.00,
     and did in 15 of 18 simulations."""

@@ -182,9 +182,10 @@ class Odds:
         self, lines: Sequence[Line], poor: bool = False, times: int = 1, draws: int = DRAWS
     ) -> tuple[float, float]:
         """The probability that a run, driven so many times over, leaves the true hypothesis alone, as the verdict has
-        it; and how far it falls short of that, 0 to 1, where what lacks DECISIVE of evidence lacks all. lines: of each
-        fit on the run. poor: whether the runs do not vary all that tells causes apart with it either: then a rival with
-        HALF of the evidence must not predict what the true one does, but for what is ignored."""
+        it; and how far it falls short of doing so by DECISIVE more, 0 to 1, where what lacks that much of being enough
+        lacks all. What the model may be off decides nothing: a rival loses no more by that than the true one. lines: of
+        each fit on the run. poor: whether the runs do not vary all that tells causes apart with it either: then a rival
+        with HALF of the evidence must not predict what the true one does, but for what is ignored."""
         sizes = [line.own.shape[1] for line in lines]
         widths = [len(fit.z) + size + 1 for fit, size in zip(self.fits, sizes, strict=True)]
         rows = np.asarray(np.linalg.qr(math.sqrt(times) * np.hstack([line.white for line in lines]), mode="r"))
@@ -206,7 +207,7 @@ class Odds:
             refitted = [self._left(k, blocks[k], lines[k].own_hold, drawn) for k in range(len(self.fits))]
             left, held = (np.array(values) for values in zip(*refitted, strict=True))
             none = next(k for k, one in enumerate(self.fits) if not one.effects)
-            gained = (self.evidence + self.paid - more)[:, None] + left[none] - left
+            gained = (self.evidence + self.paid - np.minimum(more, more[true]))[:, None] + left[none] - left
             after = self._freely(np.maximum(gained, 0.0) - self.paid[:, None])
             after[none] = self.evidence[none]
             lead = np.full(many, math.inf)
@@ -222,7 +223,7 @@ class Odds:
                         apart = first + self.paid[true] - self.paid[k] - ignored - APART**2
                         lead = np.where(rival, np.minimum(lead, apart), lead)
             alone += weight * np.mean(lead >= 0.0)
-            short += weight * np.mean(np.clip(-lead / settings.DECISIVE, 0.0, 1.0))
+            short += weight * np.mean(np.clip(0.5 - 0.5 * lead / settings.DECISIVE, 0.0, 1.0))
         return float(alone), float(short)
 
     def _left(self, k: int, block: Array, own_hold: Array, drawn: Array) -> tuple[Array, Array]:
@@ -392,29 +393,23 @@ def _stated(question: Question, offer: Offer) -> Offer:
 
 
 def _designed(question: Question, plain: Offer, others: Sequence[Offer]) -> tuple[Offer, Offer]:
-    """A motion no longer than the plain one that sets the hypotheses further apart, or where that decides a shorter one
-    that does so, too, found by a seeded random search and by varying the best, or the plain one where that finds none;
-    and the best plain one that takes no longer, of others: the shortest where all do."""
+    """A motion no longer than the plain one that falls less short of deciding, or shorter and no further, found by a
+    seeded random search and by varying the best, or the plain one where that finds none; and the best plain one that
+    takes no longer, of others: the shortest where all do."""
     problem, rng = question.problem, np.random.default_rng(0)
     seen, best = seen_in(problem), plain
-    top = max(seen.speed, plain.planned.limits.speed_m_s)
-
-    def better(offer: Offer, best: Offer) -> bool:
-        if not best.decides:
-            return BETTER * offer.short < best.short
-        return offer.chance >= best.chance and BETTER * offer.planned.duration_s < best.planned.duration_s
-
+    top, longest = max(seen.speed, plain.planned.limits.speed_m_s), plain.planned.duration_s
     for _ in range(GENERATIONS):
         design, many = best.design, 4 * DRAWN
         fresh = drawn(problem, many, rng) if design is None else varied(problem, design, many, rng)
-        longest = (best if best.decides else plain).planned.duration_s
         able = [(one, run) for one in fresh if (run := planned_as(problem, seen, one, longest, top))][:DRAWN]
         if not able:
             break
         trial = _ahead(problem, [run for _, run in able], question.hypotheses)
         for k, (one, run) in enumerate(able):
             offer = replace(question.offer(trial, k, run, plain.signals), design=one)
-            if better(offer, best):
+            shorter = BETTER * offer.planned.duration_s < best.planned.duration_s
+            if BETTER * offer.short < best.short or (shorter and offer.short <= best.short):
                 best = offer
     own = plain if best is plain else _stated(question, best)
     if own is plain or (not own.decides and (plain.decides or own.short > plain.short)):
