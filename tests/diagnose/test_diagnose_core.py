@@ -36,6 +36,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.search import SLACK, Search, SearchResult
+from workbench.diagnose.hypotheses.settings import DECISIVE
 from workbench.diagnose.hypotheses.signatures import (
     Projection,
     columns_signed,
@@ -642,6 +643,28 @@ def test_a_pair_does_not_lead_by_a_part_that_was_never_fitted_alone(hoist: Probl
     assert alone is not None and alone.names == ("torque_ripple",)
     assert alone.fit.objective < leading.fit.objective + 10.0 < 0.5 * base.objective
     assert search._leaving_out(found).fits.keys() == found.fits.keys()
+
+
+def test_a_freer_law_does_not_lead_alone_by_a_simpler_one_at_a_poorer_minimum():
+    """Friction of one level both ways was named as one of two levels, 5,339 and 4,727 N, at 0.97: with one level the
+    fit had stopped with half of it, and the base values at the rest."""
+    machine = with_effects(default_hoist(), {"friction_coulomb": {"level_n": 5000.0}})
+    problem = Problem(default_hoist(), hoist_runs(machine))
+    search = Search(problem, [find(name, "hoist") for name in ("friction_coulomb", "friction_coulomb_asymmetric")])
+    result = search.singles()
+    simpler, freer = (search.fits[name,] for name in ("friction_coulomb", "friction_coulomb_asymmetric"))
+    assert simpler.objective < freer.objective + DECISIVE
+    z = simpler.z * np.where(np.arange(len(simpler.z)) < search.count, 1.0, 0.5)
+    half, slopes = problem.evaluate(simpler.free, z)
+    white = problem.errors.whiten(half)
+    poor = replace(simpler, z=z, residual=half, jacobian=slopes, chi2=float(white @ white))
+    search.fits["friction_coulomb",] = poor
+    leading = search.leading(replace(result, fits=dict(search.fits)))
+    assert leading is not None and leading.names == ("friction_coulomb_asymmetric",)
+    found = search._leaving_out(replace(result, fits=dict(search.fits)))
+    assert found.fits["friction_coulomb",].objective < 0.5 * poor.objective
+    again = search._at(found).leading(found)
+    assert again is not None and again.names == ("friction_coulomb",)
 
 
 def test_each_effect_of_a_leading_pair_is_fitted_alone():

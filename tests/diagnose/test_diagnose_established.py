@@ -25,6 +25,7 @@ from workbench.diagnose.hypotheses.evidence import Weighed, weigh
 from workbench.diagnose.hypotheses.fit import Fitted, estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     Names,
+    Scalar,
     base_parameters,
     bounds_of,
     logarithmic_of,
@@ -158,6 +159,22 @@ def test_an_unknown_cause_of_a_hoist_is_sure_by_what_is_left_and_not_by_base_val
     judged = judge.judge(replace(search, fits={(TRUE,): idle}, base=made(search.base), within_tolerances=near))
     assert judged.word == "unknown", judged.ranking
     assert least < judged.ranking[0].probability <= most
+
+
+def test_a_stretch_as_narrow_as_the_log_can_show_is_held_at_its_width(bump: tuple[Campaign, SearchResult]):
+    """Of a narrower and higher one the log shows the same: 0.089 ± 0.069 N m on a servo, truly 0.075, was no cause."""
+    search = bump[1]
+    fit = search.fits[TRUE,]
+    narrow, jacobian = cast(Scalar, fit.free[-1]), fit.jacobian.copy()
+    jacobian[:, -1] = jacobian[:, -3] + 1e-3 * jacobian[:, -1]  # the width's, as the peak's
+
+    def posed(least: float) -> Fitted:
+        free = tuple(replace(narrow, least=least) if one is narrow else one for one in fit.free)
+        return replace(fit, free=free, jacobian=jacobian)
+
+    (value,) = np.unique(fit.setting[narrow.symbol])
+    assert judge.may_be_none(search.problem, posed(0.5 * value), INSIDE_90)
+    assert not judge.may_be_none(search.problem, posed(float(value)), INSIDE_90)
 
 
 def test_a_cause_whose_amount_may_as_well_be_none_is_not_named(

@@ -20,9 +20,10 @@ from workbench.blind.recording import cut
 from workbench.diagnose.diagnose import diagnose
 from workbench.diagnose.hypotheses import evidence, settings
 from workbench.diagnose.hypotheses.evidence import Score, Weighed, lag_explains, smooths
-from workbench.diagnose.hypotheses.fit import estimates
+from workbench.diagnose.hypotheses.fit import Fitted, estimates
 from workbench.diagnose.hypotheses.free_parameters import (
     LOG_TIMING,
+    Scalar,
     base_parameters,
 )
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, play_estimated
@@ -176,7 +177,10 @@ def test_impacts_and_no_standard_error_tell_of_a_play_that_is_heard(
     monkeypatch.setattr(judge, "estimates", lambda problem, fit: {"backlash": (share,)})
     monkeypatch.setattr(judge, "ranges_of", lambda *_: [SimpleNamespace(name="load_share", vanishes_at=0.0)])
     problem = SimpleNamespace(struck=struck, effect=lambda name: None, machine=None, runs=())
-    assert judge.may_be_none(cast(Any, problem), cast(Any, None), 2.5) == none
+    fit = Fitted(
+        ("backlash",), (Scalar("share", 0.0, 1.0),), np.ones(1), np.zeros(1), np.ones((1, 1)), 1.0, 0.0, 1, True
+    )
+    assert judge.may_be_none(cast(Any, problem), fit, 2.5) == none
 
 
 @pytest.mark.parametrize(("plain", "named"), [([10.0], True), ([0.7], False), ([], False)])

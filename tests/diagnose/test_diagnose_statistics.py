@@ -230,6 +230,20 @@ def test_correlated_noise_widens_the_interval_of_a_level_as_theory_says(carry: f
     assert variance(at_the_fit) == pytest.approx(theory + np.mean(at_the_fit) ** 2, rel=1e-3)
 
 
+def test_a_residual_above_the_noise_makes_no_tolerance_wider():
+    """A delay of 25 ms beside a log that may be 6 ms late was 2.3 standard errors off none, and no cause: a residual of
+    three times the noise had widened what the tolerance knows of the log."""
+    n, tolerance, excess = 400, 0.5, 9.0
+    errors = ErrorModel(np.ones(n), np.zeros(n), np.zeros(n), np.zeros(n))
+    problem = SimpleNamespace(errors=errors, share=1.0, samples=n, struck=False)
+    free, both = (Scalar("late", 0.0, 1.0, std=tolerance), Scalar("delay", 0.0, 1.0)), np.ones((n, 2))
+    residual = math.sqrt(excess) * np.resize([1.0, -1.0], n)  # of no mean
+    fit = Fitted(("delay",), free, np.zeros(2), residual, both, excess * n, 0.0, 1, True)
+    spread = covariance(cast(Any, problem), fit)
+    assert spread[0, 0] == pytest.approx(tolerance**2, rel=1e-3)
+    assert spread[1, 1] == pytest.approx(tolerance**2 + excess / n, rel=1e-3)
+
+
 @pytest.mark.parametrize(("effect", "parameter"), SIMPLIFIED)
 def test_what_a_law_simplifies_is_no_more_than_the_value_may_be(effect: Effect, parameter: Any):
     s = of(effect)[parameter.symbol]

@@ -348,29 +348,33 @@ def test_what_adds_nothing_to_a_cause_that_is_not_to_be_named_is_not_asked_again
 
 
 @pytest.mark.parametrize(
-    ("upper", "amount", "slope", "on"),
+    ("upper", "amount", "slope", "explains", "on"),
     [
-        (False, False, 0.5, False),
-        (False, False, -9.0, False),
-        (False, False, 9.0, True),
-        (True, True, -0.5, False),
-        (True, True, 9.0, False),
-        (True, True, -9.0, True),
-        (True, False, -0.5, True),  # a drift as slow as never is no drift
+        (False, False, 0.5, 0.0, False),
+        (False, False, -9.0, 0.0, False),
+        (False, False, 9.0, 0.0, True),
+        (False, False, 9.0, 3000.0, True),
+        (False, False, 9.0, 4000.0, False),  # no more than so real a machine's law may be off
+        (True, True, -0.5, 0.0, False),
+        (True, True, 9.0, 0.0, False),
+        (True, True, -9.0, 0.0, True),
+        (True, False, -0.5, 4000.0, True),  # a drift as slow as never is no drift
     ],
 )
 def test_a_value_speaks_against_a_cause_where_the_data_would_carry_it_over_its_bound(
-    upper: bool, amount: bool, slope: float, on: bool
+    upper: bool, amount: bool, slope: float, explains: float, on: bool, monkeypatch: pytest.MonkeyPatch
 ):
     """A tight stretch as narrow as a servo's log can show was found at its true place and size, its width on its bound
     by chance, and the answer was unknown; an untouched spindle's stretch there asks for less width still. A play of an
-    axis came with all of the load behind it that it may have, and was unknown."""
+    axis came with all of the load behind it that it may have, and was unknown. A stretch that took 84 % of a servo's
+    gap would have been a little narrower still, for what the servo leaves beside it, and was unknown, too."""
+    monkeypatch.setattr(judge, "own_energy", lambda *_: explains)
     at = Scalar("b", 2.0, 1.0, most=3.0, amount=amount) if upper else Scalar("b", 2.0, 1.0, 1.0, amount=amount)
     free = (Scalar("M", 1.0, 0.1, std=1.0), Scalar("F", 0.0, 1.0, amount=True), at)
     rows = ErrorModel(np.ones(4), *np.zeros((3, 4)))
     residual, z = np.array([0.0, 0.0, slope, 1.0]), np.array([0.1, 5.0, 1.0 if upper else -1.0])
     fit = SimpleNamespace(z=z, free=free, residual=residual, jacobian=np.eye(4)[:, :3])
-    w = SimpleNamespace(fit=fit, score=SimpleNamespace(sizes=(1.0, 1.0)))
+    w = SimpleNamespace(names=("a",), fit=fit, score=SimpleNamespace(sizes=(1.0, 1.0)))
     assert judge._on_bound(cast(Any, SimpleNamespace(errors=rows, struck=False)), cast(Any, w), 1) == on
 
 

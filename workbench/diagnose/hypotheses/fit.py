@@ -219,10 +219,11 @@ def unweighed(problem: Problem, fit: Fitted) -> Fitted:
 
 
 def covariance(problem: Problem, fit: Fitted) -> Array:
-    """The covariance of z, (m, m). It grows in proportion to a residual above the noise, and with how far plain least
-    squares are off."""
+    """The covariance of z, (m, m). What the data leave open grows in proportion to a residual above the noise, and with
+    how far plain least squares are off; what tolerances say does not."""
     excess, off = max(1.0, fit.chi2 / max(problem.share * problem.samples, 1.0)), unweighed(problem, fit).z - fit.z
-    return _inverse(problem.errors.whiten(fit.jacobian), bounds_of(fit.free)[2]) * excess + np.outer(off, off)
+    rows = problem.errors.whiten(fit.jacobian) / math.sqrt(excess)
+    return _inverse(rows, bounds_of(fit.free)[2]) + np.outer(off, off)
 
 
 def _inverse(rows: Array, std: Array) -> Array:

@@ -225,12 +225,12 @@ class Search(Fits):
         return self._leaving_out(self._beside_the_leading(result, most))
 
     def _leaving_out(self, result: SearchResult) -> SearchResult:
-        """The result with the leading hypothesis refitted without each of its effects, and by simpler laws, from where
-        it is, as long as another one leads then: these may be at a poorer minimum, or not fitted at all."""
+        """The result with the leading hypothesis refitted without each of several effects, and by simpler laws, from
+        where it is, as long as another one leads then: these may be at a poorer minimum, or not fitted at all."""
         search, before = self._at(result), None
-        while (w := search.leading(result)) is not None and len(w.names) > 1 and w.names != before:
+        while (w := search.leading(result)) is not None and w.names != before:
             before = w.names
-            for kept in combinations(w.fit.effects, len(before) - 1):
+            for kept in combinations(w.fit.effects, len(before) - 1) if len(before) > 1 else ():
                 names = tuple(sorted(kept))
                 search._try(names, lambda fit=w.fit, kept=kept: search._without(fit, kept))  # type: ignore[misc]
                 search._finish(result.base, [names])

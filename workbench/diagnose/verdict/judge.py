@@ -435,8 +435,11 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
 def may_be_none(problem: Problem, fit: Fitted, least: float) -> bool:
     """Whether all amounts of an effect are within `least` standard errors of where they vanish: what a trade of an
     amount for a time constant leaves open is no cause, whatever both take together. A machine's own slow change of
-    friction is one. Of a play that is heard impacts tell: no standard error of its values is below a third of them."""
-    for name, values in estimates(problem, fit).items():
+    friction is one. As narrow as the log can show, a stretch is held at its width. Of a play that is heard impacts
+    tell: no standard error of its values is below a third of them."""
+    shape = np.repeat([not one.amount for one in fit.free], [one.size for one in fit.free])
+    held = shape & (fit.z <= bounds_of(fit.free)[0] + 1e-9)
+    for name, values in estimates(problem, replace(fit, jacobian=np.where(held, 0.0, fit.jacobian))).items():
         off = {r.name: r.vanishes_at for r in ranges_of(problem.effect(name), problem.machine, problem.runs)}
         amounts = [(one, at) for one in values if (at := off[one.name]) is not None]
         small = [np.all(np.abs(np.array(one.value) - at) < least * np.array(one.std_error)) for one, at in amounts]
@@ -527,16 +530,16 @@ def _reasons(
 def _on_bound(problem: Problem, w: Weighed, base: int) -> bool:
     """Whether a shape is at its upper bound, where one law turns into another; or an amount there, or a value at a
     lower bound where the effect does not vanish, and the data would carry it further: let go, the others refitted,
-    chi^2 falls by g C g, by more than the threshold and what a play's law may be off, g its slope there and C its
-    variance. As narrow as the log can show, a true stretch is on its bound, and the load behind a play may be nearly
-    all that moves."""
+    chi^2 falls by g C g, by more than the threshold and what its law may be off (LAW of what it explains, rms), g its
+    slope there and C its variance. As narrow as the log can show, a true stretch is on its bound, and the load behind a
+    play may be nearly all that moves."""
     (lowest, highest, std), z = bounds_of(w.fit.free), w.fit.z
     rows = problem.errors.sized(w.score.sizes).whiten(np.column_stack([w.fit.jacobian, w.fit.residual]))
     slope, information = rows[:, :-1].T @ rows[:, -1] + z / std**2, rows[:, :-1].T @ rows[:, :-1] + np.diag(std**-2.0)
     gain = slope**2 * np.diag(np.linalg.pinv(information, rcond=1e-12, hermitian=True))
     low, high = (z <= lowest + 1e-9) & (z != 0.0) & (slope > 0.0), z >= highest - 1e-9
     shape = np.repeat([not one.amount for one in w.fit.free], [one.size for one in w.fit.free])
-    least = settings.THRESHOLD + inexact(problem, w, base)
+    least = settings.THRESHOLD + settings.LAW**2 * own_energy(problem, w, w.names, base)
     further = (low | (high & (slope < 0.0))) & (gain > least)
     return bool(np.any(((high & shape) | further)[base:]))
 
