@@ -539,8 +539,11 @@ def _on_bound(problem: Problem, w: Weighed, base: int) -> bool:
     gain = slope**2 * np.diag(np.linalg.pinv(information, rcond=1e-12, hermitian=True))
     low, high = (z <= lowest + 1e-9) & (z != 0.0) & (slope > 0.0), z >= highest - 1e-9
     shape = np.repeat([not one.amount for one in w.fit.free], [one.size for one in w.fit.free])
-    least = settings.THRESHOLD + settings.LAW**2 * own_energy(problem, w, w.names, base)
-    further = (low | (high & (slope < 0.0))) & (gain > least)
+    further = (low | (high & (slope < 0.0))) & (gain > settings.THRESHOLD)
+    for name in w.names if np.any(further[base:]) else ():
+        mine = parameters_of(w.fit, (name,), base)[0]
+        least = settings.THRESHOLD + settings.LAW**2 * own_energy(problem, w, (name,), base)
+        further &= (gain > least) | np.repeat([one not in mine for one in w.fit.free], [one.size for one in w.fit.free])
     return bool(np.any(((high & shape) | further)[base:]))
 
 
