@@ -374,7 +374,7 @@ def test_a_value_speaks_against_a_cause_where_the_data_would_carry_it_over_its_b
     rows = ErrorModel(np.ones(4), *np.zeros((3, 4)))
     residual, z = np.array([0.0, 0.0, slope, 1.0]), np.array([0.1, 5.0, 1.0 if upper else -1.0])
     fit = SimpleNamespace(z=z, free=free, residual=residual, jacobian=np.eye(4)[:, :3])
-    w = SimpleNamespace(names=("a",), fit=fit, score=SimpleNamespace(sizes=(1.0, 1.0)))
+    w = SimpleNamespace(names=("b",), fit=fit, score=SimpleNamespace(sizes=(1.0, 1.0)))
     assert judge._on_bound(cast(Any, SimpleNamespace(errors=rows, struck=False)), cast(Any, w), 1) == on
 
 
