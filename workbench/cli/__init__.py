@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import importlib
 import logging
 import os
@@ -55,7 +56,12 @@ class LazyGroup(NamedGroup):
         if cmd_name not in COMMANDS:
             return None
         module, attribute = COMMANDS[cmd_name][0].split(":")
-        command = getattr(importlib.import_module(module), attribute)
+        if module not in sys.modules:
+            gc.disable()  # what modules hold stays: the collector need not go through it, now or later
+            importlib.import_module(module)
+            gc.freeze()
+            gc.enable()
+        command = getattr(sys.modules[module], attribute)
         assert isinstance(command, click.Command)
         return command
 
