@@ -170,20 +170,21 @@ def parts(machine: Machine, runs: Sequence[Run] = ()) -> tuple[Part, ...]:
 @cache
 def _families(kind: str, effects: tuple[Effect, ...]) -> tuple[tuple[Effect, ...], ...]:
     """Of effects in the plant, the smallest first: what is linear in its amounts, with the traces that every machine of
-    the kind has; these and all that is a force or a torque and keeps no state; these and all that keeps one; all."""
+    the kind has; these and all that is a force or a torque and keeps no state; these and all that keeps one; these and
+    all that is neither; these and all that keeps none; all."""
     traces = {trace.effect for trace in KINDS[kind].nuisances if trace.fitted}
-    forces = {port.place for port in KINDS[kind].ports.values()}
+    places = {port.place for port in KINDS[kind].ports.values()}
 
     def linear(effect: Effect) -> bool:
         vanish = [parameter.vanishes_at is not None for parameter in effect.parameters]
         return effect.id in traces or (not effect.memory and all(vanish)) or not any(vanish)
 
-    def forceful(effect: Effect) -> bool:
-        return not effect.memory and effect.place_on(kind) in forces
-
     first = tuple(effect for effect in effects if linear(effect))
-    beside = [lambda effect: False, forceful, lambda effect: bool(effect.memory)]
-    return *(tuple(effect for effect in effects if effect in first or more(effect)) for more in beside), effects
+    memory = [effect for effect in effects if effect.memory]
+    forces = [effect for effect in effects if effect.place_on(kind) in places and effect not in memory]
+    others = [effect for effect in effects if effect not in (*memory, *forces)]
+    beside: Sequence[Sequence[Effect]] = [], forces, memory, others, [*forces, *others]
+    return *(tuple(effect for effect in effects if effect in first or effect in more) for more in beside), effects
 
 
 def idle_sensors(machine: Machine, runs: Sequence[Run] = ()) -> Mapping[str, float]:
