@@ -240,23 +240,17 @@ def estimates(problem: Problem, fit: Fitted, exact: bool = False) -> dict[str, t
     """
     spread = covariance(problem, fit)
     slopes = _slopes(fit)
-    rows = {}
+    rows = dict[str, tuple[Estimate, ...]]()
     for name in fit.effects:
         effect = problem.effect(name)
         ranges = ranges_of(effect, problem.machine, problem.runs)
         simplified = {} if exact else _simplified(effect, ranges, fit.setting)
-        rows[name] = tuple(
-            _estimate(r, fit.setting, slopes[r.symbol], spread, simplified.get(r.symbol, 0.0))
-            for r in ranges
-            if r.symbol in fit.setting
-        )
+        rows[name] = ()
+        for r in [r for r in ranges if r.symbol in fit.setting]:
+            value, least = fit.setting[r.symbol], simplified.get(r.symbol, 0.0) ** 2
+            errors = tuple(float(np.sqrt(max(row @ spread @ row, 0.0) + least)) for row in slopes[r.symbol])
+            rows[name] += (Estimate(r.name, value, errors if isinstance(value, tuple) else errors[0]),)
     return rows
-
-
-def _estimate(r: Ranged, setting: Setting, slopes: Array, spread: Array, simplified: float) -> Estimate:
-    errors = tuple(float(np.sqrt(max(row @ spread @ row, 0.0) + simplified**2)) for row in slopes)
-    value = setting[r.symbol]
-    return Estimate(r.name, value, errors if isinstance(value, tuple) else errors[0])
 
 
 def _simplified(effect: Effect, ranges: Sequence[Ranged], setting: Setting) -> dict[str, float]:

@@ -135,14 +135,11 @@ class Problem:
         tension, noise = 0.5 * self.noise if self.has_tension else None, self.row_noise
         if self.struck:
             input_rms = rms(np.concatenate([u[at] for u, at in zip(self.bench.measured, self.rows, strict=True)]))
-            noise = np.hypot(noise, input_rms * np.exp(-self._apart_s() / GUARD_S))
+            runs = zip(self.bench.runs, self.rows, self.bench.impacts, strict=True)
+            apart = [np.abs(run.time_s[at][:, None] - np.append(hits, math.inf)) for run, at, hits in runs]
+            nearest_s = np.concatenate([np.min(one, axis=1) for one in apart])  # of the impacts of a row's run
+            noise = np.hypot(noise, input_rms * np.exp(-nearest_s / GUARD_S))
         return error_model(self.bench, self.rows, noise, self.share, self.noise, self.pulled, tension)
-
-    def _apart_s(self) -> Array:
-        """(inputs,) the time from each row to the nearest impact of its run."""
-        runs = zip(self.bench.runs, self.rows, self.bench.impacts, strict=True)
-        apart = [np.abs(run.time_s[at][:, None] - np.append(hits, math.inf)) for run, at, hits in runs]
-        return np.concatenate([np.min(one, axis=1) for one in apart])
 
     def noisier(self, noise: float | Array) -> Problem:
         """The same campaign with further noise, rms in the band, of all samples or of each one, (inputs,), independent
@@ -301,7 +298,11 @@ class Problem:
 
     def _simulated(self, settings: Sequence[Setting], thin: bool) -> Array:
         tables = self.tables(settings)
-        gain, offset, tension_gain = np.array([self._sensed(s) for s in settings]).T
+        said = {
+            **dict(zip(SENSOR_KEYS, kind_of(self.machine).sensor_of(self.machine), strict=False)),
+            TENSION_GAIN: 1.0,
+        }
+        gain, offset, tension_gain = (np.array([{**said, **s}[key] for s in settings], float) for key in SENSOR_KEYS)
         torque, tension = [], []
         for j, required in enumerate(self.bench.required(tables, thin)):
             rows, smooth = self.rows[j], self.smooth_at(j, thin)
@@ -354,12 +355,6 @@ class Problem:
         line = kind_of(self.machine).dead_line
         assert line is not None
         return np.asarray(line.force(time_s, states, p, self.bench.model.effects))
-
-    def _sensed(self, setting: Setting) -> list[float]:
-        """The numbers of SENSOR_KEYS."""
-        gain, offset = kind_of(self.machine).sensor_of(self.machine)
-        said = {GAIN: gain, OFFSET: offset, TENSION_GAIN: 1.0, **setting}
-        return [float(x) for x in map(said.__getitem__, SENSOR_KEYS) if not isinstance(x, tuple)]
 
 
 def counting(problem: Problem) -> int:

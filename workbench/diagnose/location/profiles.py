@@ -376,7 +376,8 @@ def basis(problem: Problem, v: Variable) -> tuple[Array, Array]:
 
 
 def hats(v: Variable) -> tuple[Array, Array]:
-    """Piecewise linear between the bins' edges; a line only where few values are known."""
+    """(samples, k) piecewise linear between the bins' edges, a line only where few values are known; and (k, k) what a
+    bend costs: its second differences, squared."""
     knots = v.edges[[0, -1]] if v.straight else v.edges
     which = np.clip(np.searchsorted(knots, v.at, side="right") - 1, 0, len(knots) - 2)
     part = (v.at - knots[which]) / (knots[which + 1] - knots[which])
@@ -387,13 +388,9 @@ def hats(v: Variable) -> tuple[Array, Array]:
     if v.wraps:
         hats[:, 0] += hats[:, -1]
         hats = hats[:, :-1]
-    return hats, _bends(hats.shape[1], v.wraps)
-
-
-def _bends(k: int, wraps: bool) -> Array:
-    eye = np.eye(k)
-    second = np.roll(eye, 1, 0) - 2.0 * eye + np.roll(eye, -1, 0) if wraps else np.diff(eye, 2, axis=0)
-    return np.asarray(second.T @ second, dtype=float)
+    eye = np.eye(hats.shape[1])
+    bend = np.roll(eye, 1, 0) - 2.0 * eye + np.roll(eye, -1, 0) if v.wraps else np.diff(eye, 2, axis=0)
+    return hats, bend.T @ bend
 
 
 def best_of(explained: Sequence[Explained], margin: float = 0.03) -> Explained:
