@@ -298,10 +298,7 @@ class Problem:
 
     def _simulated(self, settings: Sequence[Setting], thin: bool) -> Array:
         tables = self.tables(settings)
-        said = {
-            **dict(zip(SENSOR_KEYS, kind_of(self.machine).sensor_of(self.machine), strict=False)),
-            TENSION_GAIN: 1.0,
-        }
+        said = dict(zip(SENSOR_KEYS, (*kind_of(self.machine).sensor_of(self.machine), 1.0), strict=True))
         gain, offset, tension_gain = (np.array([{**said, **s}[key] for s in settings], float) for key in SENSOR_KEYS)
         torque, tension = [], []
         for j, required in enumerate(self.bench.required(tables, thin)):
