@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from workbench.diagnose.hypotheses.evidence import Weighed
 from workbench.diagnose.hypotheses.fit import estimates
 from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, key_told
-from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, jackknifed
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.verdict.answer import BARRED, Candidate
 from workbench.diagnose.verdict.judge import Judged
@@ -34,7 +34,11 @@ def candidates(
     for k, hypothesis in enumerate(sorted(judged.weighed, key=lambda weighed: weighed.names != judged.names)):
         scored = k < most and (k == 0 or judged.word != "named" or hypothesis.names in likely)
         scored = scored or hypothesis.names in alike
-        unseen = held_out(problem, hypothesis.fit, folds).rms(problem.inputs) if scored else None
+        parameters, unseen = estimates(problem, hypothesis.fit), None
+        if scored:
+            found = held_out(problem, hypothesis.fit, folds)
+            unseen = found.rms(problem.inputs)
+            parameters = {of: tuple(jackknifed(of, one, found) for one in every) for of, every in parameters.items()}
         gap, left = (max((rms or 0.0) ** 2 - problem.noise**2, 0.0) for rms in (without, unseen))
         against = _against(search, judged, hypothesis, keys)
         if unseen is not None and unseen > without:
@@ -47,7 +51,7 @@ def candidates(
                 residual_rms=hypothesis.fit.rms(problem.inputs),
                 held_out_rms=unseen,
                 explained=None if unseen is None else max(1.0 - left / gap, 0.0) if gap > 0.0 else 0.0,
-                parameters=estimates(problem, hypothesis.fit),
+                parameters=parameters,
                 fitted=True,
                 against=tuple(against),
             )

@@ -8,9 +8,9 @@ A parameter in its own unit comes with a standard error:
 plain least squares, of the same residual without its correlation, would put the parameters elsewhere: if the error
 model held, both would agree to within Σ (J. A. Hausman, Specification tests in econometrics, Econometrica 46, 1978),
 and what a real machine leaves itself holds to no such model. It is one step from the fit, but for a play, which has
-many minima (`play_estimated`). s is by how much the value may be off because the
-effect's law simplifies (`Parameter.simplified`): where the law fits every run alike, the residual does not show it,
-neither as a whole nor from run to run.
+many minima (`play_estimated`). s is by how much the value may be off because the effect's law simplifies
+(`Parameter.simplified`): where the law fits every run alike, the residual does not show it, neither as a whole nor from
+run to run. By what the runs differ an answer's values have it at least (`held_out.jackknifed`).
 """
 
 from __future__ import annotations
@@ -29,14 +29,13 @@ from workbench.diagnose.hypotheses.free_parameters import (
     FreeParameter,
     Names,
     Scalar,
-    Setting,
     bounds_of,
     inward,
     logarithmic_of,
     setting_of,
 )
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.effects import Effect, Ranged, ranges_of
+from workbench.effects import ranges_of
 from workbench.identify.fit import DAMPING, Evaluated, minimise
 from workbench.simulate.model_error import ErrorModel
 from workbench.simulate.motion import PLAY
@@ -236,28 +235,22 @@ def _inverse(rows: Array, std: Array) -> Array:
 def estimates(problem: Problem, fit: Fitted, exact: bool = False) -> dict[str, tuple[Estimate, ...]]:
     """Effect -> its parameters: value and standard error, of each run where they are each run's own.
 
-    exact: of laws taken as exact, s = 0, as where two fits of one law are compared.
+    exact: of laws taken as exact, as where two fits of one law are compared; otherwise what the law simplifies is in
+    the standard error (`Parameter.simplified`).
     """
-    spread = covariance(problem, fit)
-    slopes = _slopes(fit)
-    rows = dict[str, tuple[Estimate, ...]]()
+    spread, slopes, rows = covariance(problem, fit), _slopes(fit), dict[str, tuple[Estimate, ...]]()
     for name in fit.effects:
         effect = problem.effect(name)
-        ranges = ranges_of(effect, problem.machine, problem.runs)
-        simplified = {} if exact else _simplified(effect, ranges, fit.setting)
+        declared = list(zip(effect.parameters, ranges_of(effect, problem.machine, problem.runs), strict=True))
+        e = SimpleNamespace(
+            **{p.symbol: fit.setting.get(r.symbol, r.start) for p, r in declared}
+        )  # held: as they start
         rows[name] = ()
-        for r in [r for r in ranges if r.symbol in fit.setting]:
-            value, least = fit.setting[r.symbol], simplified.get(r.symbol, 0.0) ** 2
-            errors = tuple(float(np.sqrt(max(row @ spread @ row, 0.0) + least)) for row in slopes[r.symbol])
+        for p, r in [(p, r) for p, r in declared if r.symbol in fit.setting]:
+            value, s = fit.setting[r.symbol], 0.0 if exact or p.simplified is None else float(p.simplified(e))
+            errors = tuple(float(np.sqrt(max(row @ spread @ row, 0.0) + s**2)) for row in slopes[r.symbol])
             rows[name] += (Estimate(r.name, value, errors if isinstance(value, tuple) else errors[0]),)
     return rows
-
-
-def _simplified(effect: Effect, ranges: Sequence[Ranged], setting: Setting) -> dict[str, float]:
-    """symbol -> s, in the parameter's unit; held values are as they start."""
-    declared = list(zip(effect.parameters, ranges, strict=True))
-    e = SimpleNamespace(**{p.symbol: setting.get(r.symbol, r.start) for p, r in declared})
-    return {r.symbol: abs(float(p.simplified(e))) for p, r in declared if p.simplified is not None}
 
 
 def _slopes(fit: Fitted) -> dict[str, Array]:

@@ -15,6 +15,7 @@ from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import is_lag
 from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, is_timing, uncorrelated
 from workbench.diagnose.hypotheses.free_parameters import (
+    Estimate,
     PhaseOfEachRun,
     Setting,
     bounds_of,
@@ -102,6 +103,20 @@ def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldO
     """
     asked = (fitted, fold_of_row.tobytes(), problem.errors.sizes)
     return once(problem, asked, lambda: _held_out(problem, fitted, fold_of_row))
+
+
+def jackknifed(effect: str, estimate: Estimate, found: HeldOut) -> Estimate:
+    """An estimate whose standard error is no less than what its value differs by between the fits without each fold
+    (J. W. Tukey, Annals of Mathematical Statistics 29, 1958): a real machine's law is not quite the same in every run,
+    of which no covariance of one fit tells. What is each run's own stays as it is."""
+    if isinstance(estimate.value, tuple) or isinstance(estimate.std_error, tuple):
+        return estimate
+    name = f"{effect}__{estimate.name}"
+    off = np.array([found.settings[fold][name] for fold in np.unique(found.fold_of_row)], float) - estimate.value
+    if name.endswith("phase_rad"):
+        off = (off + math.pi) % (2.0 * math.pi) - math.pi
+    spread = math.sqrt(max(len(off) - 1, 0) * float(np.var(off)))
+    return replace(estimate, std_error=max(estimate.std_error, spread))
 
 
 def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:

@@ -218,7 +218,9 @@ def where_of(
         if most_likely.pulses:
             windows, events = _events(problem, most_likely)
         subsystem, regime, places = most_likely.port.subsystem, most_likely.port.regime, most_likely.places
-        said = _placed(most_likely)
+        first, *also = [_part(place) for k, place in enumerate(places) if k == 0 or place.probability > WORTH_SAYING]
+        said = (f"Most likely it lies in the {first}; what it depends on is {most_likely.port.over}.",)
+        said += (f"It may lie in the {' or the '.join(also)}, too.",) if also else ()
     torque, side = gap[: problem.inputs], side_of(problem, gap)
     left = np.where(windows.inside, beside, torque)
     share, interval = share_in_time(problem, torque, left, seed)
@@ -339,14 +341,6 @@ def _events(problem: Problem, most_likely: Placed) -> tuple[Windows, tuple[Event
         events.append(Event(name, begin, end, most_likely.port.subsystem, share, largest))
     held = float(energy[inside].sum() / max(float(energy.sum()), 1e-300))
     return Windows(tuple(spans), inside, held, float(step[inside].sum() / step.sum())), tuple(events)
-
-
-def _placed(most_likely: Placed) -> tuple[str, ...]:
-    """Where it most likely lies, and what else it may be."""
-    first, *rest = most_likely.places
-    text = f"Most likely it lies in the {_part(first)}; what it depends on is {most_likely.port.over}."
-    also = [_part(place) for place in rest if place.probability > WORTH_SAYING]
-    return (text, f"It may lie in the {' or the '.join(also)}, too.") if also else (text,)
 
 
 def _part(place: PlaceProbability) -> str:

@@ -133,11 +133,13 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     numbers, its_price = settings.calibration(), price(problem.active.kind)
     least = max(settings.THRESHOLD, -math.inf if best is None else best.evidence)
     # A mimic has no evidence, unless a law of one variable does without it, and leaves base values where they are: then
-    # its evidence is that law's.
+    # its evidence is that law's, which as a freer one has to be better by the threshold to be as likely.
     laws = [w for w in weighed if w.names in mimics and mimics[w.names].free]
     free = {w.names for w in laws if stretched(problem, w.fit)["prior"] <= 1.0}
     counted = tuple(
-        ((), w.evidence) if w.names in free else (w.names, min(w.evidence, 0.0) if w.names in mimics else w.evidence)
+        ((), w.evidence - settings.THRESHOLD)
+        if w.names in free
+        else (w.names, min(w.evidence, 0.0) if w.names in mimics else w.evidence)
         for w in weighed
         if not w.rival
     ) + (() if rival is None else (((), said),))
