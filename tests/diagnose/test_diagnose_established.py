@@ -177,6 +177,21 @@ def test_a_stretch_as_narrow_as_the_log_can_show_is_held_at_its_width(bump: tupl
     assert not judge.may_be_none(search.problem, posed(float(value)), INSIDE_90)
 
 
+@pytest.mark.parametrize(("better", "word"), [(0.0, "named"), (12.0, "unknown")])
+def test_a_law_of_one_variable_in_a_causes_place_has_to_be_better_by_the_threshold(
+    better: float, word: str, bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
+):
+    """Half of a winch's friction level was unknown at 0.45: beside it presliding, which a free law does without, added
+    1.3 of evidence to 327, and as much was said to speak for an unknown cause."""
+    search, weighed = bump[1], {w.names: w for w in judge.judge(bump[1]).weighed}
+    best = weighed[TRUE,]
+    mimic = replace(best, names=("presliding", TRUE), evidence=best.evidence + better)
+    why = {mimic.names: Constancy("presliding", "torque", 0.0, free=True)}
+    monkeypatch.setattr(judge, "weigh", lambda *_: (mimic, best))
+    monkeypatch.setattr(judge, "established", lambda *_: (best, why))
+    assert judge.judge(search).word == word
+
+
 def test_a_cause_whose_amount_may_as_well_be_none_is_not_named(
     bump: tuple[Campaign, SearchResult], monkeypatch: pytest.MonkeyPatch
 ):
