@@ -9,10 +9,10 @@ import numpy as np
 from tests.support.noisy_runs import hoist_runs, with_effects
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
-from workbench.diagnose.hypotheses.free_parameters import Setting, base_parameters, effect_parameters
+from workbench.diagnose.hypotheses.free_parameters import GAIN, OFFSET, Setting, base_parameters, effect_parameters
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.effects import find, ranges_of
-from workbench.machines import default_hoist
+from workbench.machines import default_hoist, kind_of
 
 
 def rms(values: Array) -> float:
@@ -21,7 +21,8 @@ def rms(values: Array) -> float:
 
 def made_by(problem: Problem, setting: Setting) -> Problem:
     """The problem with the torque that the machine under `setting` takes, to the last bit of it."""
-    gain, offset, _ = problem._sensed(setting)
+    nominal = kind_of(problem.machine).sensor_of(problem.machine)
+    gain, offset = (setting.get(key, value) for key, value in zip((GAIN, OFFSET), nominal, strict=True))
     predicted = [required[:, 0, 0] for required in problem.bench.required(problem.tables([setting]))]
     runs = [
         replace(run, signals={**run.signals, "torque_motor_nm": gain * raw + offset})
