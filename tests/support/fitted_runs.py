@@ -22,7 +22,7 @@ def rms(values: Array) -> float:
 def made_by(problem: Problem, setting: Setting) -> Problem:
     """The problem with the torque that the machine under `setting` takes, to the last bit of it."""
     nominal = kind_of(problem.machine).sensor_of(problem.machine)
-    gain, offset = (setting.get(key, value) for key, value in zip((GAIN, OFFSET), nominal, strict=True))
+    gain, offset = (float(np.mean(setting.get(key, x))) for key, x in zip((GAIN, OFFSET), nominal, strict=True))
     predicted = [required[:, 0, 0] for required in problem.bench.required(problem.tables([setting]))]
     runs = [
         replace(run, signals={**run.signals, "torque_motor_nm": gain * raw + offset})
