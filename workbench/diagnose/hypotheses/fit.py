@@ -242,9 +242,7 @@ def estimates(problem: Problem, fit: Fitted, exact: bool = False) -> dict[str, t
     for name in fit.effects:
         effect = problem.effect(name)
         declared = list(zip(effect.parameters, ranges_of(effect, problem.machine, problem.runs), strict=True))
-        e = SimpleNamespace(
-            **{p.symbol: fit.setting.get(r.symbol, r.start) for p, r in declared}
-        )  # held: as they start
+        e = SimpleNamespace(**{p.symbol: fit.setting.get(r.symbol, r.start) for p, r in declared})
         rows[name] = ()
         for p, r in [(p, r) for p, r in declared if r.symbol in fit.setting]:
             value, s = fit.setting[r.symbol], 0.0 if exact or p.simplified is None else float(p.simplified(e))
