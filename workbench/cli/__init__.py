@@ -58,9 +58,11 @@ class LazyGroup(NamedGroup):
         module, attribute = COMMANDS[cmd_name][0].split(":")
         if module not in sys.modules:
             gc.disable()  # what modules hold stays: the collector need not go through it, now or later
-            importlib.import_module(module)
-            gc.freeze()
-            gc.enable()
+            try:
+                importlib.import_module(module)
+            finally:
+                gc.freeze()
+                gc.enable()
         command = getattr(sys.modules[module], attribute)
         assert isinstance(command, click.Command)
         return command

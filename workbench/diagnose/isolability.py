@@ -143,7 +143,9 @@ def separations(best: Mapping[str, Projected], priors: int, n: float) -> Array:
     for i, one in enumerate(signatures):
         vector = _twice_visible(one, priors, n)
         for j in range(len(signatures)):
-            if i != j and not _special_case(raw[i], raw[j]):
+            small, large = sorted((raw[i], raw[j]), key=lambda space: space.shape[1])  # base values not projected out
+            part = small.shape[1] < large.shape[1] and np.linalg.norm(small - large @ (large.T @ small)) < SPECIAL
+            if i != j and not part:
                 apart[i, j] = _distance(vector - spaces[j] @ (spaces[j].T @ vector), priors, n)
     return np.asarray(np.maximum(apart, apart.T), dtype=float)
 
@@ -161,14 +163,6 @@ def _twice_visible(projected: Projected, priors: int, n: float) -> Array:
     data, prior = float(np.sum(vector[:-priors] ** 2)), float(np.sum(vector[-priors:] ** 2))
     amount = smallest_amount(data, prior, projected.columns.shape[1] + len(projected.signature.at), n)
     return np.asarray(vector * (2.0 * amount), dtype=float) if math.isfinite(amount) else np.zeros(len(vector))
-
-
-def _special_case(a: Array, b: Array) -> bool:
-    """Whether the smaller space is part of the larger one, before the base parameters are projected out."""
-    small, large = (a, b) if a.shape[1] <= b.shape[1] else (b, a)
-    if small.shape[1] == large.shape[1]:
-        return False
-    return bool(np.linalg.norm(small - large @ (large.T @ small)) < SPECIAL)
 
 
 def _near_the_best(search: SearchResult, n: float) -> list[str]:
