@@ -668,6 +668,25 @@ def test_a_freer_law_does_not_lead_alone_by_a_simpler_one_at_a_poorer_minimum():
     assert again is not None and again.names == ("friction_coulomb",)
 
 
+def test_a_hypothesis_does_not_lead_by_another_one_at_a_poorer_minimum():
+    """A winch's friction level was named as friction with its load at 0.96: the load was always the same, and the level
+    was held where friction turned over otherwise."""
+    machine = with_effects(default_hoist(), {"friction_coulomb": {"level_n": 5000.0}})
+    loaded = [run for run in hoist_runs(machine) if run.payload_kg]  # all alike
+    problem = Problem(default_hoist(), loaded)
+    search = Search(problem, [find(name, "hoist") for name in ("friction_coulomb", "friction_load_dependent")])
+    result, true = search.singles(), search.fits["friction_coulomb",]
+    z = true.z * np.where(np.arange(len(true.z)) < search.count, 1.0, 0.98)
+    left, slopes = problem.evaluate(true.free, z)
+    white = problem.errors.whiten(left)
+    search.fits["friction_coulomb",] = replace(true, z=z, residual=left, jacobian=slopes, chi2=float(white @ white))
+    load, level = search.weighed(replace(result, fits=dict(search.fits)))
+    assert load.names == ("friction_load_dependent",) and load.evidence > level.evidence + DECISIVE
+    found = search._leaving_out(replace(result, fits=dict(search.fits)))
+    both = [w.evidence for w in search._at(found).weighed(found)]
+    assert both == pytest.approx([load.evidence, load.evidence], abs=0.1)
+
+
 def test_each_effect_of_a_leading_pair_is_fitted_alone():
     """An offset was named as a carriage's mass at 0.99: only the mass and both together had been fitted."""
     machine = with_effects(default_hoist(), {"torque_offset": {"offset_nm": -60.0}})
