@@ -420,9 +420,9 @@ def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     """What speaks against a fit, whatever its law."""
     last, more = w.names[-1], w.fit.chi2 / max(near.chi2, 1e-300) - 1.0  # as weighed: near standstill no law is exact
     nothing = more > -settings.FORETOLD and takes_nothing(problem, near, w.fit)
-    # Worse: by more than one standard deviation of one value.
-    if (w.fit.chi2 - near.chi2 > 1.0 or nothing) and not (problem.struck and PLAY in w.names):
-        return Constancy(last, NOTHING, more)  # what a play leaves are the rebounds
+    # Worse: by more than one standard deviation of one value. A play leaves its rebounds, but takes something.
+    if nothing or (w.fit.chi2 - near.chi2 > 1.0 and not (problem.struck and PLAY in w.names)):
+        return Constancy(last, NOTHING, more)
     undone = cancellation(problem, w.fit, len(near.z))
     # True causes may happen to cancel, as a drift where later runs carry more; what imitates leaves a remainder.
     if undone > -math.log(settings.HALF) and w.score.excess > 1.0:
