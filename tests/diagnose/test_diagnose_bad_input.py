@@ -7,7 +7,8 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import Names
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.readiness.checks import check_runs, rigid_of
+from workbench.diagnose.readiness.checks import Rigid, _machine_faults, check_runs, rigid_of
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import with_values
@@ -217,6 +218,19 @@ WARNED: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
 def test_what_runs_cannot_show_is_a_warning(hoist: Campaign, name: str):
     made, said = WARNED[name]
     assert any(said in text for text in check_runs(made(hoist)))
+
+
+@pytest.mark.parametrize(
+    ("inertias", "where"), [((0.45, 0.47, 0.46), "all runs"), ((0.45, 0.47, 1.56), "2 of the 3 runs")]
+)
+def test_an_odd_inertia_is_said_of_the_runs_that_have_it(inertias: tuple[float, ...], where: str, axis: Campaign):
+    """“About 0.47 times … in all runs” stood below a run with 1.56."""
+    rigid = [Rigid(f"run_{value}", value, 0.01, None, 0.0) for value in inertias]
+    runs, plant = [SimpleNamespace(name=r.run) for r in rigid], SimpleNamespace(input="force_n")
+    bench = SimpleNamespace(machine=axis.machine, runs=runs, impacts=[[0.1]], plant=plant)
+    warnings: list[str] = []
+    assert not list(_machine_faults(cast(Any, bench), rigid, warnings))
+    assert f"in {where}" in warnings[-1]
 
 
 @pytest.mark.parametrize(("stride", "coarse"), [(10, False), (50, True)])

@@ -314,9 +314,10 @@ def _machine_faults(bench: InverseSimulation, rigid: Sequence[Rigid], warnings: 
         known = [value for r in rigid if (value := getattr(r, attribute)) is not None]
         typical = float(np.median(known)) if known else 1.0
         if not 1.0 / odd_ratio <= typical <= odd_ratio:
+            so = sum((value > 1.0) == (typical > 1.0) and not 1.0 / odd_ratio <= value <= odd_ratio for value in known)
+            where = "all runs" if so == len(known) else f"{so} of the {len(known)} runs that show it"
             warnings.append(
-                f"The {what} is about {typical:.2f} times what machine.yaml says in all runs; is it this machine's "
-                "file?"
+                f"The {what} is about {typical:.2f} times what machine.yaml says in {where}; is it this machine's file?"
             )
 
 
