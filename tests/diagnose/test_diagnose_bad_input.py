@@ -152,6 +152,11 @@ ON_AXIS: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
     "speed against position": (
         lambda c: changed(c, ("lift",), _with_speed), "position_m changes -1 times as fast as velocity_m_s says",
     ),
+    "speed of another motion": (
+        lambda c: changed(c, ("lift",), lambda run: replace(run, signals={
+            **run.signals, "velocity_m_s": np.cos(7.0 * run.time_s)})),
+        "position_m does not change as velocity_m_s says; are both of one motion and one clock",
+    ),
 }  # fmt: skip
 
 

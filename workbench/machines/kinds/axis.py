@@ -470,11 +470,14 @@ def cross_checks(
     at, speed = m.position_signal, m.speed_signal
     if at in run and speed in run:
         ratio = slope(smooth(run[speed]), np.gradient(smooth(run[at]), run.time_s))
-        yield declare.CrossCheck(
-            ratio,
-            f"{at} changes {ratio:.3g} times as fast as {speed} says; is the sign of one of them flipped, "
-            "or are they in different units?",
+        said = (
+            f"{at} changes {ratio:.3g} times as fast as {speed} says; is the sign of one of them flipped, or are they "
         )
+        said += "in different units?"
+        if ratio == 0.0:
+            said = f"{at} does not change as {speed} says; are both of one motion and one clock, or does the log hold "
+            said += "old values?"
+        yield declare.CrossCheck(ratio, said)
 
 
 def _transmitted(p: Any, s: Any, u: Array, acceleration: Array, payload_kg: float) -> tuple[Array, float]:
