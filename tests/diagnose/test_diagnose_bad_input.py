@@ -225,6 +225,21 @@ def test_what_runs_cannot_show_is_a_warning(hoist: Campaign, name: str):
     assert any(said in text for text in check_runs(made(hoist)))
 
 
+@pytest.mark.parametrize(("tolerance", "refused"), [(0.01, True), (0.3, False)])
+def test_runs_that_differ_by_less_than_the_machine_is_known_are_not_refused(
+    tolerance: float, refused: bool, axis: Campaign
+):
+    """A servo whose inertia is known to a quarter was refused: a brisk motion shows 1.1 of it, another one 0.4."""
+    known = axis.machine.model_copy(
+        update={"tolerances": axis.machine.tolerances.model_copy(update={"inertia": tolerance})}
+    )
+    two = replace(scaled(axis, ("again",), force_n=2.0), machine=known)
+    if refused:
+        assert "another machine" in refusal(two)
+    else:
+        assert any("another machine" in said for said in check_runs(two))
+
+
 @pytest.mark.parametrize(
     ("inertias", "where"), [((0.45, 0.47, 0.46), "all runs"), ((0.45, 0.47, 1.56), "2 of the 3 runs")]
 )

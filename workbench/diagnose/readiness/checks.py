@@ -290,7 +290,7 @@ def _machine_faults(bench: InverseSimulation, rigid: Sequence[Rigid], warnings: 
     holds_load, struck = kind_of(bench.machine).holds_load, any(len(impacts) for impacts in bench.impacts)
     # A hoist's inertia is a warning only: a slow run hardly shows it, and a load that swings hides some of it; the load
     # that is held says more. So is all where impacts of a play come again: the inertia behind it goes with the motor
-    # part of the time only.
+    # part of the time only. And so is what machine.yaml itself does not say closer.
     for attribute, apart, what, remedy, one_machine in (
         ("hold", LOADS_APART, "load", ", or is payload_kg wrong", not struck),
         ("inertia", INERTIAS_APART, "inertia", ", or is their speed in another unit" if holds_load else "",
@@ -306,7 +306,8 @@ def _machine_faults(bench: InverseSimulation, rigid: Sequence[Rigid], warnings: 
             f"{_range(odd)} times the nominal one, that of {listed([n for n, _ in others])} {_range(others)} times; "
             f"{is_it} of another machine{remedy}?"
         )
-        if one_machine:
+        stated = SURE * getattr(bench.machine.tolerances, attribute, 0.0)
+        if one_machine and any(abs(value - 1.0) > stated for _, value in ratios):
             rest = [run.name for run in bench.runs if run.name not in dict(odd)]
             yield f"{said} Mend {'it' if len(odd) == 1 else 'them'}, or take the others alone ({','.join(rest)})", None
         warnings.append(f"{said[0].upper()}{said[1:]}")
