@@ -73,6 +73,18 @@ def test_a_filter_whose_lag_a_late_motion_undoes_is_no_filter(
     assert lag_explains(problem, cast(Any, near), cast(Any, fits)) != smoother
 
 
+@pytest.mark.parametrize(("left", "takes", "idle"), [(1.0, False, True), (1.0, True, False), (0.8, False, False)])
+def test_a_play_that_takes_nothing_makes_no_impacts(
+    left: float, takes: bool, idle: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """A small servo on a pendulum was given a play for its impacts, at 0.50, with none of its load behind it: 0.434 of
+    0.435 N m were left."""
+    monkeypatch.setattr(judge, "takes_nothing", lambda *_: not takes)
+    near, play = (cast(Any, SimpleNamespace(chi2=chi2)) for chi2 in (1.0, left))
+    assert judge.idle_play(cast(Any, None), near, {("backlash",): play, ("torque_scale",): near}) == idle
+    assert not judge.idle_play(cast(Any, None), near, {("torque_scale",): near})
+
+
 def test_a_play_is_heard_in_a_late_log(shared_data: Path):
     campaign = late(read_campaign(shared_data / "axes" / "17"), 0.004)
     search = Search(Problem(campaign.machine, campaign.runs), [])

@@ -196,17 +196,16 @@ def test_what_adds_to_a_law_that_is_none_is_no_imitation_of_it(
 
 
 @pytest.mark.parametrize(("left", "over"), [(0.95, "residual"), (0.85, None)])
-@pytest.mark.parametrize("name", ["speed_delay", "backlash"])
 def test_a_cause_takes_something_where_the_weighed_residual_falls(
-    name: str, left: float, over: str | None, monkeypatch: pytest.MonkeyPatch
+    left: float, over: str | None, monkeypatch: pytest.MonkeyPatch
 ):
     """A late speed of a servo bench took a seventh of what is weighed, and a twentieth of an energy that lies mostly
-    where no law is exact: the answer was unknown. A play of a pendulum took nothing, and was named for its impacts."""
-    for one, value in (("takes_nothing", True), ("cancellation", 0.0), ("smooths", False), ("_on_bound", False)):
-        monkeypatch.setattr(judge, one, lambda *_, value=value: value)
-    fit, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (left, 1.0))
-    problem = SimpleNamespace(struck=name == "backlash", machine=KINDS["axis-rotary"].example())
-    why = judge._against(cast(Any, problem), cast(Any, SimpleNamespace(names=(name,), fit=fit)), cast(Any, near))
+    where no law is exact: the answer was unknown."""
+    for name, value in (("takes_nothing", True), ("cancellation", 0.0), ("smooths", False), ("_on_bound", False)):
+        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
+    late, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (left, 1.0))
+    weighed = SimpleNamespace(names=("speed_delay",), fit=late)
+    why = judge._against(cast(Any, SimpleNamespace(struck=False)), cast(Any, weighed), cast(Any, near))
     assert (why and why.over) == over
 
 

@@ -122,7 +122,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     whatever their evidence.
     """
     problem, near = search.problem, search.within_tolerances
-    if problem.struck and lag_explains(problem, near, search.fits):
+    if problem.struck and (idle_play(problem, near, search.fits) or lag_explains(problem, near, search.fits)):
         problem = once(problem, "without impacts", problem.without_impacts)
         search = replace(search, problem=problem)
     weighed = weigh(problem, search.base, near, search.fits, search.rivals)
@@ -201,6 +201,18 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
         groups=groups,
         mimics=mimics,
     )
+
+
+def idle_play(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> bool:
+    """Whether a play alone takes nothing: then no play makes the impacts. Beside other causes a small one may be told of
+    by its impacts only."""
+    play = fits.get((PLAY,))
+    return play is not None and _idle(problem, near, play)
+
+
+def _idle(problem: Problem, near: Fitted, fit: Fitted) -> bool:
+    """Whether a fit takes as little of the gap as chance does (`takes_nothing`), and of what is weighed."""
+    return fit.chi2 > (1.0 - settings.FORETOLD) * near.chi2 and takes_nothing(problem, near, fit)
 
 
 def unlisted(
@@ -419,10 +431,9 @@ def rebounds(problem: Problem, names: Names) -> bool:
 def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
     """What speaks against a fit, whatever its law."""
     last, more = w.names[-1], w.fit.chi2 / max(near.chi2, 1e-300) - 1.0  # as weighed: near standstill no law is exact
-    nothing = more > -settings.FORETOLD and takes_nothing(problem, near, w.fit)
-    # Worse: by more than one standard deviation of one value. A play leaves its rebounds, but takes something.
-    if nothing or (w.fit.chi2 - near.chi2 > 1.0 and not (problem.struck and PLAY in w.names)):
-        return Constancy(last, NOTHING, more)
+    # Worse: by more than one standard deviation of one value.
+    if (w.fit.chi2 - near.chi2 > 1.0 or _idle(problem, near, w.fit)) and not (problem.struck and PLAY in w.names):
+        return Constancy(last, NOTHING, more)  # what a play leaves are the rebounds
     undone = cancellation(problem, w.fit, len(near.z))
     # True causes may happen to cancel, as a drift where later runs carry more; what imitates leaves a remainder.
     if undone > -math.log(settings.HALF) and w.score.excess > 1.0:
