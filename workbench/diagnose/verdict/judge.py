@@ -204,7 +204,7 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
 
 
 def idle_play(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> bool:
-    """Whether a play alone takes nothing: then no play makes the impacts. Of a small one beside other causes these may be
+    """Whether a play alone takes nothing: then no play makes the impacts. Of a small one beside others these may be
     all that tells."""
     play = fits.get((PLAY,))
     return play is not None and _idle(problem, near, play)
