@@ -353,8 +353,8 @@ def established(
     each with what speaks against it.
 
     base, near: the fits without effects, the latter within the tolerances. A hypothesis that leaves more than `near`,
-    by more than chance, whose effects undo each other, or that sits on a bound is not established either: the next
-    about as good is looked at. Behind a mimic only what it is made of is, for whatever else is about as good imitates
+    by more than chance, whose effects undo each other, or that sits on a bound is not established either: the next with
+    HALF of the evidence is looked at. Behind a mimic only what it is made of is, for whatever else is about as good imitates
     the same cause; but for what adds to it, where a free law does without it. every: evidence of all hypotheses.
     """
     mimics: dict[Names, Constancy] = {}
@@ -368,10 +368,10 @@ def established(
     objections = {w.names: asked(_against, w, w, near) for w in able}
     no_laws = {names: why for names, why in objections.items() if why is not None}
     laws = [w for w in able if w.names not in no_laws]
-    imitated, passed = False, list[Names]()
+    imitated, passed, lead = False, list[Names](), laws[0].evidence if laws else 0.0
     for w in laws:
-        part = any(set(w.names) < set(names) for names in mimics) and w.evidence > settings.HALF * laws[0].evidence
-        as_good = not imitated and w.evidence > laws[0].evidence - settings.DECISIVE
+        part = any(set(w.names) < set(names) for names in mimics) and w.evidence > settings.HALF * lead
+        as_good = not imitated and w.evidence > min(lead - settings.DECISIVE, settings.HALF * lead)
         if not (part or as_good or _adds_to_free_laws(w, mimics, every)):
             passed.append(w.names)
             continue
