@@ -354,8 +354,8 @@ def established(
 
     base, near: the fits without effects, the latter within the tolerances. A hypothesis that leaves more than `near`,
     by more than chance, whose effects undo each other, or that sits on a bound is not established either: the next with
-    HALF of the evidence is looked at. Behind a mimic only what it is made of is, for whatever else is about as good imitates
-    the same cause; but for what adds to it, where a free law does without it. every: evidence of all hypotheses.
+    HALF of the evidence is looked at. Behind a mimic only what it is made of is, for whatever else is about as good
+    imitates the same cause; but for what adds to it, where a free law does without it. every: evidence of all.
     """
     mimics: dict[Names, Constancy] = {}
 
