@@ -1,9 +1,11 @@
 """`python -m benchmarks.recordings CLONES OUT`: public recordings of real machines, each as a campaign in OUT.
 
-CLONES holds clones of the repositories of `SOURCES`; what is missing there is left out, and said so. Torque is the
-logged current times the constants of the data sheets beside the logs. Each machine.yaml is a start: inertia, viscous
-friction, one Coulomb level for both directions and a constant, by least squares over all runs below `BAND_HZ`, samples
-below `SLOWEST` of the top speed left out; a sealed test of a recording identifies the machine on its runs anew.
+CLONES holds clones of the repositories of `SOURCES`, at the commit if one is named; what is missing there is left out,
+and said so. Torque is the logged current times the constants of the data sheets beside the logs. Of servos whose
+voltage is a gain times the way to their goal it is that, and what their motor induces is viscous friction. Each
+machine.yaml is a start: inertia, viscous friction, one Coulomb level for both directions and a constant, by least
+squares over all runs below `BAND_HZ`, samples below `SLOWEST` of the top speed left out; a sealed test of a recording
+identifies the machine on its runs anew.
 
 Workbooks ask for openpyxl, which the project does not install.
 """
@@ -11,6 +13,7 @@ Workbooks ask for openpyxl, which the project does not install.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -28,6 +31,8 @@ SOURCES = {
     "camber-control": "nicolazande/camber-control",
     "TTK4900_CDPR": "eliasoa/TTK4900_CDPR",
     "dynamic_calibration": "shamilmamedov/dynamic_calibration",
+    "sysid": "kscalelabs/sysid at d66b22c",
+    "bam": "Rhoban/bam at af22604",
 }
 SLOWEST = 0.05  # of the top speed
 BAND_HZ = 10.0
@@ -39,7 +44,9 @@ TOE_N_PER_A = 0.0461 * 1000.0 * 2.0 * math.pi * 327.6 / 42.0
 CRANK_NM_PER_A = -0.0481 * 2.0 * math.pi * 24.06 / 48.0 * 180.0 / math.pi
 WINCH_NM_PER_A = -8.27 / 150.0  # 5 kg on the drum of 20 mm take 0.98 Nm; going up the log has 1.04, coming down 0.87
 ROBOT_NM_PER_A = 10.0, 10.6956, 8.4566, 9.0029, 9.48, 10.1232  # of each joint, from runs with a known load
-GRAVITY = {"robot_elbow"}  # these turn about an axis that lies
+# Of a gain of 1 rad: from the known mass of the pendulum, as the slope of the gain's torque over its weight's.
+PENDULUM_NM = {"sts3250": 1.82, "sts3215": 1.27, "xl330": 0.002}
+GRAVITY = {"robot_elbow", *PENDULUM_NM}  # these turn about an axis that lies
 Signals = dict[str, Array]
 
 
@@ -124,6 +131,33 @@ def robot(joint: int) -> Callable[[Path], Iterator[tuple[str, Signals]]]:
     return read
 
 
+def pendulum(
+    name: str, folder: str, gains: tuple[int, ...], mass_kg: float, length_m: float
+) -> Callable[[Path], Iterator[tuple[str, Signals]]]:
+    """A small servo swings a mass on an arm, 6 s a log at 200 Hz, each motion at each of some gains of its position."""
+
+    def read(clones: Path) -> Iterator[tuple[str, Signals]]:
+        logs = sorted((clones / folder).glob("*.json"))
+        if not logs:
+            raise FileNotFoundError(f"no logs in {clones / folder}")
+        seen = dict[str, int]()
+        for log in (json.loads(file.read_text(encoding="utf-8")) for file in logs if file.stat().st_size):
+            known = log["mass"] == mass_kg and log["length"] == length_m and log["kp"] in gains
+            if not known or log["trajectory"] not in ("sin_sin", "sin_time_square", "up_and_down"):
+                continue
+            motion = f"{log['trajectory']}_{log['kp']}"
+            seen[motion] = seen.get(motion, 0) + 1
+            time, angle, speed, goal = (
+                np.array([row[column] for row in log["entries"]])
+                for column in ("timestamp", "position", "speed", "goal_position")
+            )
+            yield f"{motion}_{seen[motion]}", {
+                "time_s": time, "angle_rad": angle, "speed_rad_s": speed, "angle_reference_rad": goal,
+                "torque_nm": PENDULUM_NM[name] * log["kp"] * (goal - angle)}  # fmt: skip
+
+    return read
+
+
 FAMILIES: dict[str, Callable[[Path], Iterator[tuple[str, Signals]]]] = {
     "spin_ups": spin_ups,
     "servo": servo("data/Lorenz_Jm_{}.txt"),
@@ -137,6 +171,9 @@ FAMILIES: dict[str, Callable[[Path], Iterator[tuple[str, Signals]]]] = {
     "robot_base": robot(1),
     "robot_elbow": robot(3),
     "robot_wrist": robot(6),
+    "sts3250": pendulum("sts3250", "sysid/data/feetech/STS_3250/processed", (4,), 0.535, 0.15),
+    "sts3215": pendulum("sts3215", "sysid/data/feetech/STS_3215_12V_20250317/processed", (4,), 0.535, 0.15),
+    "xl330": pendulum("xl330", "bam/bam/data.bak/processed", (100, 200, 400), 0.49, 0.1),
 }
 
 
