@@ -86,6 +86,9 @@ def test_every_name_of_the_face_is_what_its_stub_says_it_is():
         thing = getattr(importlib.import_module(module), name)
         assert thing is getattr(wb, name) or inspect.unwrap(getattr(wb, name)) is thing
         assert (thing.__doc__ or "").strip(), name
+        assert (inspect.getdoc(getattr(wb, name)) or "").startswith(inspect.getdoc(thing) or "?"), name
+        if name in _VERBS:  # `help` of a package shows no signature of its own
+            assert all(option in getattr(wb, name).__doc__ for option in inspect.signature(thing).parameters), name
 
 
 def test_the_face_loads_nothing_until_a_name_is_used():

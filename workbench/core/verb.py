@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import sys
 from types import ModuleType
 from typing import Any
@@ -25,8 +26,13 @@ class Verb(ModuleType):
         return self.__wrapped__(*args, **options)
 
     @property
+    def __doc__(self) -> str:  # type: ignore[override]
+        task = self.__wrapped__
+        return f"{inspect.getdoc(task)}\n\n{self.__name__}{inspect.signature(task)}"
+
+    @property
     def __wrapped__(self) -> Any:
-        """The function; `help`, `inspect.signature` and notebooks follow it."""
+        """The function; `inspect.signature` and notebooks follow it."""
         name = self.__name__.rpartition(".")[2]
         return attribute(f"workbench.api:{name}")
 
