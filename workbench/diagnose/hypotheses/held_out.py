@@ -82,12 +82,13 @@ def folds_by_motion(problem: Problem) -> np.ndarray:
 
 def in_parts(problem: Problem) -> list[int]:
     """The runs that no others can foretell: where two at most count, for one alone tells little of what it does not
-    vary; and one that makes nearly all of the way forward, or back: no other tells friction from an offset of the
-    sensor there."""
-    counted, ways = np.unique(problem.run_of_row), problem.ways
+    vary; one that makes nearly all of the way forward, or back: no other tells friction from an offset of the sensor
+    there; and one that has nearly all of the squares of the speed: no other tells what grows with it."""
+    counted, ways, squares = np.unique(problem.run_of_row), problem.ways, problem.squares
     own = ways > settings.FORETOLD * np.sum(ways, axis=0)  # what stands still goes both ways, by noise
     most = ways > (1.0 - settings.FORETOLD) * np.sum(ways, axis=1, keepdims=True)
-    return [int(j) for j in counted if len(counted) <= 2 or np.any(own[:, j] & most[:, j])]
+    fastest = squares > (1.0 - settings.FORETOLD) * np.sum(squares)
+    return [int(j) for j in counted if len(counted) <= 2 or fastest[j] or np.any(own[:, j] & most[:, j])]
 
 
 def held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:

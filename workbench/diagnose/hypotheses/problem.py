@@ -224,6 +224,12 @@ class Problem:
             ways[:, j] = np.sum(np.maximum(along, 0.0)), np.sum(np.maximum(-along, 0.0))
         return ways
 
+    @property
+    def squares(self) -> Array:
+        """(runs,) the integral of the square of the speed over what counts of each run, m²/s (rad²/s)."""
+        motions = zip(self.runs, self.bench.motions, self.rows, strict=True)
+        return np.array([np.sum((motion.speed**2 * np.gradient(run.time_s))[rows]) for run, motion, rows in motions])
+
     def with_own(self, effects: Names) -> Problem:
         """The same campaign of a machine that has these effects of its own."""
         return self._with(own=effects, kept={})
