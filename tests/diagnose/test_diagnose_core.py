@@ -18,14 +18,16 @@ from scipy.optimize import minimize
 from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
+from workbench.blind.measures import INSIDE_90
 from workbench.core.record import LogTraits
 from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses.evidence import Score
-from workbench.diagnose.hypotheses.fit import fit_hypothesis
+from workbench.diagnose.hypotheses.fit import estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
     GAIN,
     LOG_TIMING,
     OFFSET,
+    Estimate,
     FreeParameter,
     Scalar,
     Wave,
@@ -34,6 +36,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     effect_parameters,
     setting_of,
 )
+from workbench.diagnose.hypotheses.held_out import widened
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
 from workbench.diagnose.hypotheses.search import SLACK, Search, SearchResult
 from workbench.diagnose.hypotheses.settings import DECISIVE
@@ -41,6 +44,7 @@ from workbench.diagnose.hypotheses.signatures import (
     Projection,
     columns_signed,
     linear_gain,
+    other_waves,
     signatures_of,
     stepped_aside,
 )
@@ -685,6 +689,31 @@ def test_a_hypothesis_does_not_lead_by_another_one_at_a_poorer_minimum():
     found = search._leaving_out(replace(result, fits=dict(search.fits)))
     both = [w.evidence for w in search._at(found).weighed(found)]
     assert both == pytest.approx([load.evidence, load.evidence], abs=0.1)
+
+
+def test_a_wave_that_is_fitted_beside_the_true_one_says_so():
+    """A servo's ripple of order 3 was found at 3.166 ± 0.0005: its log shows 18 turns, and what the servo leaves chose
+    among the orders a wave apart. In a log that is long enough nothing chooses."""
+    true = {"amplitude_nm": 3.0, "order_per_turn": 3.0, "phase_rad": 1.0}
+    problem = Problem(rotary_axis(), axis_runs(with_effects(rotary_axis(), {"torque_ripple": true})))
+    effect = find("torque_ripple", problem.active.kind)
+    ranges, search = ranges_of(effect, problem.machine, problem.runs), Search(problem, [effect])
+
+    def estimated(order: float) -> tuple[Estimate, Estimate]:
+        at = {r.symbol: {**true, "order_per_turn": order}[r.name] for r in ranges}
+        more, z = effect_parameters(effect, ranges, at)
+        fit = search._fit((effect.id,), [*search.held, *more], np.array([0.0] * search.count + z))
+        weight, waves = other_waves(problem, fit, effect.id, search.count)
+        told = {one.name: one for one in estimates(problem, fit)[effect.id]}["order_per_turn"]
+        return told, widened(effect.id, told, waves, weight)
+
+    (_, sure), (told, wider) = estimated(3.0), estimated(4.4)
+    assert cast(float, sure.value) == pytest.approx(3.0, abs=3.0 * cast(float, sure.std_error))
+    assert cast(float, sure.std_error) < 0.002
+    off = cast(float, wider.value) - 3.0  # another minimum: by its slopes as sure as the true one
+    assert off > 1.0 and off > 5.0 * cast(float, told.std_error)
+    assert off < INSIDE_90 * cast(float, wider.std_error)
+    assert other_waves(problem, search.base_fit(), "friction_coulomb", search.count)[1] == []
 
 
 def test_each_effect_of_a_leading_pair_is_fitted_alone():

@@ -8,8 +8,9 @@ from collections.abc import Collection, Mapping
 from workbench.diagnose.hypotheses.evidence import Weighed
 from workbench.diagnose.hypotheses.fit import estimates
 from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, key_told
-from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, jackknifed
+from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, jackknifed, widened
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
+from workbench.diagnose.hypotheses.signatures import other_waves
 from workbench.diagnose.verdict.answer import BARRED, Candidate
 from workbench.diagnose.verdict.judge import Judged
 
@@ -38,7 +39,10 @@ def candidates(
         if scored:
             found = held_out(problem, hypothesis.fit, folds)
             unseen = found.rms(problem.inputs)
-            parameters = {of: tuple(jackknifed(of, one, found) for one in every) for of, every in parameters.items()}
+            for of, every in parameters.items():
+                weight, waves = other_waves(problem, hypothesis.fit, of, len(search.base.z))
+                told = [widened(of, one, waves, weight) for one in every]
+                parameters[of] = tuple(jackknifed(of, one, found) for one in told)
         gap, left = (max((rms or 0.0) ** 2 - problem.noise**2, 0.0) for rms in (without, unseen))
         against = _against(search, judged, hypothesis, keys)
         if unseen is not None and unseen > without:

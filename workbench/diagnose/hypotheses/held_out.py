@@ -110,14 +110,20 @@ def jackknifed(effect: str, estimate: Estimate, found: HeldOut) -> Estimate:
     """An estimate whose standard error is no less than what its value differs by between the fits without each fold
     (J. W. Tukey, Annals of Mathematical Statistics 29, 1958): a real machine's law is not quite the same in every run,
     of which no covariance of one fit tells. What is each run's own stays as it is."""
-    if isinstance(estimate.value, tuple) or isinstance(estimate.std_error, tuple):
+    return widened(effect, estimate, [found.settings[fold] for fold in np.unique(found.fold_of_row)])
+
+
+def widened(effect: str, estimate: Estimate, others: Sequence[Setting], likely: Array | None = None) -> Estimate:
+    """An estimate whose standard error is no less than its distance from the values of others, rms, as `likely` as each
+    is; without that no less than the jackknife's of as many fits, each of which lacks one part."""
+    if isinstance(estimate.value, tuple) or isinstance(estimate.std_error, tuple) or not others:
         return estimate
     name = f"{effect}__{estimate.name}"
-    off = np.array([found.settings[fold][name] for fold in np.unique(found.fold_of_row)], float) - estimate.value
+    off = np.array([other[name] for other in others], float) - estimate.value
     if name.endswith("phase_rad"):
         off = (off + math.pi) % (2.0 * math.pi) - math.pi
-    spread = math.sqrt(max(len(off) - 1, 0) * float(np.var(off)))
-    return replace(estimate, std_error=max(estimate.std_error, spread))
+    square = (len(off) - 1) * float(np.var(off)) if likely is None else float(np.average(off**2, weights=likely))
+    return replace(estimate, std_error=max(estimate.std_error, math.sqrt(square)))
 
 
 def _held_out(problem: Problem, fitted: Fitted, fold_of_row: np.ndarray) -> HeldOut:

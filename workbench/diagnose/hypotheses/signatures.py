@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fit import Fitted, is_timing, parameters_of
+from workbench.diagnose.hypotheses.fit import Fitted, is_timing, parameters_of, parts_of
 from workbench.diagnose.hypotheses.free_parameters import (
     FreeParameter,
     Scalar,
@@ -36,6 +36,7 @@ SHAPES_TRIED = 4  # of a shape that says nothing else
 SIZES = (0.2, 0.07, 0.025, 0.008)  # of the steps of a pattern search: of a value, or of LEAST of its scale if more
 LEAST = 0.1
 AGAIN = 2  # steps of one size
+BESIDE, WAVES_BESIDE = 0.3, 241  # of a wave that was found, each way: others that are tried, and how many
 
 
 @dataclass(frozen=True)
@@ -291,6 +292,37 @@ def start_of(problem: Problem, signature: Signature, amounts: Array) -> tuple[li
             value = r.vanishes_at + scale * float(amount)
             at[r.symbol] = min(max(value, r.lowest), r.highest)
     return effect_parameters(effect, ranges, at)
+
+
+def other_waves(problem: Problem, fit: Fitted, name: str, base: int) -> tuple[Array, list[Setting]]:
+    """Waves that could stand in an effect's place: how likely each is, (k,), and its values; none of an effect that is
+    no wave whose length is sought.
+
+    A log shows a wave through a window: lengths of which one more or less fits on the way fit nearly as well, and what
+    a machine leaves may choose among them, of which no slope at one tells. All else is refitted linearly. base: how
+    many of the first z are the base parameters'.
+    """
+    effect, ranges = problem.effect(name), ranges_of(problem.effect(name), problem.machine, problem.runs)
+    own, waves = parameters_of(fit, (name,), base)[0], [r for r in ranges if r.scan in ("order", "waves")]
+    if not waves:
+        return np.zeros(0), []
+    mine, off = (
+        np.repeat([one in own for one in fit.free], [one.size for one in fit.free]),
+        {r.symbol: r.vanishes_at for r in ranges if r.vanishes_at is not None},
+    )
+    rest = replace(
+        fit,
+        free=tuple(one for one in fit.free if one not in own),
+        z=fit.z[~mine],
+        jacobian=fit.jacobian[:, ~mine],
+        residual=fit.residual + parts_of(problem, fit, [(name,)])[0],
+    )
+    tried = float(np.mean(fit.setting[waves[0].symbol])) * np.linspace(1.0 - BESIDE, 1.0 + BESIDE, WAVES_BESIDE)
+    found = signatures_of(problem, [effect], {**fit.setting, **off}, {name: [{waves[0].symbol: at} for at in tried]})
+    gains = Projection.of(problem, rest).gains(found)
+    more = np.array([data + prior for data, prior, _ in gains]) / max(1.0, fit.chi2 / (problem.share * problem.samples))
+    starts = [start_of(problem, one, amounts) for one, (_, _, amounts) in zip(found, gains, strict=True)]
+    return np.exp(0.5 * (more - np.max(more))), [setting_of(free, np.array(z)) for free, z in starts]
 
 
 def stepped_aside(problem: Problem, at: Fitted, taken: Array, delay: bool = False) -> Array:
