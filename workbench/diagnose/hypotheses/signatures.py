@@ -306,10 +306,8 @@ def other_waves(problem: Problem, fit: Fitted, name: str, base: int) -> tuple[Ar
     own, waves = parameters_of(fit, (name,), base)[0], [r for r in ranges if r.scan in ("order", "waves")]
     if not waves:
         return np.zeros(0), []
-    mine, off = (
-        np.repeat([one in own for one in fit.free], [one.size for one in fit.free]),
-        {r.symbol: r.vanishes_at for r in ranges if r.vanishes_at is not None},
-    )
+    mine = np.repeat([one in own for one in fit.free], [one.size for one in fit.free])
+    off = {r.symbol: r.vanishes_at for r in ranges if r.vanishes_at is not None}
     rest = replace(
         fit,
         free=tuple(one for one in fit.free if one not in own),
