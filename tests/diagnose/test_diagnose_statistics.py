@@ -564,7 +564,7 @@ def linear_runs(wrong: float, seed: int, last: float = 1.0) -> tuple[Any, Fitted
     problem = SimpleNamespace(
         runs=range(6), run_of_row=of, inputs=len(of), samples=len(of), errors=errors, kept={}, residuals=residuals,
         pulled=of[:0],
-        differences=differences, ways=np.ones((2, 6)),
+        differences=differences, ways=np.ones((2, 6)), squares=np.ones(6),
     )  # fmt: skip
     return problem, fit(6), fit(7)
 

@@ -258,6 +258,7 @@ def told_by(
         samples=left.size,
         inputs=left.size,
         ways=np.ones((2, len(left))),
+        squares=np.ones(len(left)),
     )
     base, effect = Scalar("base", 0.0, 1.0, std=1.0), Scalar("effect", 0.0, 1.0)
     bent = float(column @ (column * strain - remainder)) / float(column @ column + 1.0)
