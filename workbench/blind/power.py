@@ -55,11 +55,6 @@ class Power:
     few: tuple[str, ...]
     run: str
 
-    @property
-    def best_ratio(self) -> float:
-        """The smallest size that shows with one more run over that without."""
-        return min((one.ratio for one in self.effects if one.ratio is not None), default=1.0)
-
 
 def power_of_rig(scores: Sequence[Score]) -> Power | None:
     """The power of the runs of one machine, from all its folders, and what one more run would buy, in a checkout. None
