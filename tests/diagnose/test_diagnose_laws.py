@@ -25,6 +25,7 @@ from workbench.diagnose.gap import Shrink
 from workbench.diagnose.hypotheses import fits, search, settings
 from workbench.diagnose.hypotheses.fit import Fitted, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import Estimate, FreeParameter
+from workbench.diagnose.hypotheses.held_out import HeldOut, held_out
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.signatures import Signature, start_of
 from workbench.diagnose.readiness.checks import check_runs
@@ -201,6 +202,21 @@ WITHIN: dict[str, Values] = {
         "friction.viscous_nm_s_per_rad": 0.103,
     },
 }  # fmt: skip
+
+
+def test_a_quick_diagnosis_predicts_left_out_runs_by_its_answer_alone(monkeypatch: pytest.MonkeyPatch):
+    asked: list[tuple[str, ...]] = []
+
+    def watched(problem: Problem, fitted: Fitted, folds: np.ndarray) -> HeldOut:
+        asked.append(fitted.effects)
+        return held_out(problem, fitted, folds)
+
+    monkeypatch.setattr("workbench.diagnose.gap.held_out", watched)
+    again = replace(hoist_runs(default_hoist(), seed=2)[0], name="again")
+    campaign = Campaign("made", Path("made"), default_hoist(), (*hoist_runs(default_hoist()), again))
+    answer = diagnose(campaign, candidates=["friction_viscous", "heave"], quick=True)
+    assert answer.verdict.word == "no_gap" and len(answer.candidates) == 2
+    assert asked == [(), ()]
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.proof)])

@@ -348,8 +348,8 @@ def diagnose(
         replayed = replay_runs(corrected, campaign.runs, problem.band_hz, impacts)
     folds = folds_of(search, judged.names, unknown)
     shrink = shrink_of(search, keys, judged.names, folds, seed, unknown)
-    answers = [fit] if fit is not None else []
-    alike_runs = alike_of(problem, [*answers, *(w.fit for w in judged.weighed), search.within_tolerances])
+    answers = [*([fit] if fit is not None else []), *(w.fit for w in judged.weighed if not quick)]
+    alike_runs = alike_of(problem, [*answers, search.within_tolerances])
     # Noise of the machine whose residual stands beside it: one as given, of a late log, had a quarter more in one run.
     noise = with_motion_noise(Problem(corrected, campaign.runs, problem.band_hz), seed).run_noise
     delivered = delivered_of(noise, refitted_replay, replayed, alike_runs)
