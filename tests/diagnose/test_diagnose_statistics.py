@@ -33,11 +33,11 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.diagnose.hypotheses.held_out import HeldOut, folds_by_run, held_out, jackknifed
 from workbench.diagnose.hypotheses.problem import Problem, counting
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.hypotheses.settings import FORETOLD
+from workbench.diagnose.hypotheses.settings import FORETOLD, calibration
 from workbench.diagnose.location.where import laws_left
 from workbench.diagnose.residual_tests import ResidualTest, independent_stride, residual_test, residual_tests
 from workbench.diagnose.verdict import unknown_cause
-from workbench.diagnose.verdict.answer import Left
+from workbench.diagnose.verdict.answer import Left, logistic_argument
 from workbench.diagnose.verdict.judge import takes_nothing
 from workbench.diagnose.verdict.unknown_cause import cancellation, signs_of, tolerance_excess
 from workbench.effects import Effect, find, library_effects, ranges_of
@@ -423,6 +423,24 @@ def test_brief_events_have_to_be_likelier_where_all_that_is_left_counts(
         near = fit_hypothesis(problem, (), free, np.zeros(len(free)), 60)
         told.append(signs_of(problem, near, Left(0.0, 0.0, False))["left"] > 1.0)
     assert told == [False, True]
+
+
+def test_brief_events_are_not_sought_where_what_is_left_says_all_already(
+    shared_data: Path, monkeypatch: pytest.MonkeyPatch
+):
+    campaign = read_campaign(shared_data / "axes" / "01")
+    problem, sought = Problem(campaign.machine, campaign.runs), list[float]()
+    free = list(base_parameters(problem.machine, problem.runs).values())
+    near = fit_hypothesis(problem, (), free, np.zeros(len(free)), 60)
+
+    def gained(problem: Problem, fit: Fitted, least: float) -> float:
+        sought.append(least)
+        return 1e9
+
+    monkeypatch.setattr(unknown_cause, "event_gain", gained)
+    numbers, signs = calibration(), [signs_of(problem, near, Left(1.0, percent, True)) for percent in (20.0, 30.0)]
+    assert len(sought) == 1
+    assert logistic_argument(signs[0], numbers) == logistic_argument(signs[1], numbers) > 0.0
 
 
 def test_a_machine_whose_equation_leaves_a_fifth_of_its_input_is_none_without_a_gap(shared_data: Path):
