@@ -536,6 +536,15 @@ def test_what_cannot_lead_is_not_fitted_to_its_end(hoist: Problem, monkeypatch: 
     assert gone_on == [10.0, 75.0]
 
 
+def test_what_a_thin_search_fits_ends_sooner_but_the_fit_that_all_are_held_against():
+    """The larger the residual, the less a little of it tells."""
+    machine = with_effects(default_hoist(), {"friction_viscous": {"viscous_n_s_per_m": 9000.0}})
+    search = Search(Problem(default_hoist(), hoist_runs(machine)), [])
+    base, other = (search._fit(names, search.held, np.zeros(search.count)) for names in ((), ("heave",)))
+    assert other.settled and other.evaluations < 0.5 * base.evaluations
+    assert other.objective < 1.05 * base.objective
+
+
 def test_friction_near_one_that_was_tried_is_not_offered_again(hoist: Problem, monkeypatch: pytest.MonkeyPatch):
     @dataclass(frozen=True)
     class Made:
@@ -677,7 +686,7 @@ def test_a_hypothesis_does_not_lead_by_another_one_at_a_poorer_minimum():
     was held where friction turned over otherwise."""
     machine = with_effects(default_hoist(), {"friction_coulomb": {"level_n": 5000.0}})
     loaded = [run for run in hoist_runs(machine) if run.payload_kg]  # all alike
-    problem = Problem(default_hoist(), loaded)
+    problem = Problem(default_hoist(), loaded).exact()
     search = Search(problem, [find(name, "hoist") for name in ("friction_coulomb", "friction_load_dependent")])
     result, true = search.singles(), search.fits["friction_coulomb",]
     z = true.z * np.where(np.arange(len(true.z)) < search.count, 1.0, 0.98)

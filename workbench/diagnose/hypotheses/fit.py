@@ -44,7 +44,7 @@ BREAKDOWNS = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # of one fit
 ROUND = 4  # steps with the base parameters' signatures as they were
 WORTH = 0.05  # of the objective: less is not worth another step, nor another round
 WORTH_OF_ALL = 2e-5  # the same, of the whole
-WORTH_OF_PLAY = 1.0  # the same, in a search, of a play that is heard: its law is off by more
+WORTH_ROUGHLY = 1.0  # the same, of what is refitted where it counts, and of a play that is heard
 SLOPE_STEP = 1e-4  # of z, for the values' slopes
 
 Raw = dict[bytes, tuple[Array, Array]]  # z -> residual and Jacobian, in the input's unit
@@ -91,13 +91,16 @@ def fit_hypothesis(
     most: int = 25,
     base: int = 0,
     known: Array | None = None,
+    roughly: bool = False,
 ) -> Fitted:
     """The minimum of chi^2 and prior, started at z, in at most about `most` evaluations.
 
     base: how many of the first z are the base parameters'. Their signatures hardly change on
     the way, so they are differenced anew only every few steps; all but those of friction near standstill
     and of the log's timing, which an effect's own delay has to stay parallel to. known: (samples, base or more) their
-    Jacobian at a point near z, None where they are to be differenced at z.
+    Jacobian at a point near z, None where they are to be differenced at z. roughly: of what is refitted
+    where it counts; a step has to gain WORTH_ROUGHLY, times chi^2 over what noise and model error would leave: of a
+    poor fit's values a little of its residual tells as much less.
     """
     lowest, highest, std = bounds_of(free)
     z = np.clip(z, lowest, highest)
@@ -128,9 +131,11 @@ def fit_hypothesis(
         return full, full_white
 
     before = _objective(white, z, std)
-    worth = WORTH_OF_PLAY if PLAY in effects and problem.struck and problem.thin else WORTH
+    worth = WORTH_ROUGHLY if PLAY in effects and problem.struck and problem.thin else WORTH
     enough = max(worth, WORTH_OF_ALL * before)
     while evaluations < most:
+        if roughly:
+            worth = enough = WORTH_ROUGHLY * max(1.0, before / max(problem.share * problem.samples, 1.0))
         raw = {z.tobytes(): (residual, jacobian)}  # the minimum is sought in whitened rows
 
         def evaluate(at: Array, kept: Array = jacobian, known: Array = slopes, raw: Raw = raw) -> Evaluated:

@@ -261,7 +261,9 @@ class Fits:
         """The fit of a hypothesis from a start. What was fitted once is kept: each pass asks for some of it again."""
         asked = (self.problem, names, tuple(free), z.tobytes(), most, known is None)
         if asked not in self._fitted:
-            self._fitted[asked] = fit_hypothesis(self.problem, names, free, z, most, self.count, known)
+            # What counts is refitted at every sample; against the base fit all others are held.
+            roughly = len(names) > 0 and self.problem.thin and not self.problem.fine
+            self._fitted[asked] = fit_hypothesis(self.problem, names, free, z, most, self.count, known, roughly)
         return self._fitted[asked]
 
     def _try(self, names: Names, fit: Callable[[], Fitted]) -> None:

@@ -254,9 +254,9 @@ def _elsewhere(problem: Problem, fitted: Fitted, std: Array) -> list[Fitted]:
 
     def found() -> list[Fitted]:
         nominal, base = np.where(turns, 0.0, fitted.z), int(np.count_nonzero(np.isfinite(std)))
-        coarse, known = problem.coarse([fitted.setting]), fitted.jacobian
-        try:
-            other = fit_hypothesis(coarse, fitted.effects, fitted.free, nominal, MOST_EVALUATIONS, base, known)
+        coarse, known, rough = problem.coarse([fitted.setting]), fitted.jacobian, not problem.fine
+        try:  # what each fold makes of it is followed to its end
+            other = fit_hypothesis(coarse, fitted.effects, fitted.free, nominal, MOST_EVALUATIONS, base, known, rough)
         except BREAKDOWNS:  # the simulation breaks down there: that is no minimum
             return []
         residual = fitted.residual + problem.differences(fitted.setting, [other.setting], fitted.residual)[1][0]

@@ -341,9 +341,8 @@ class Search(Fits):
         if standstill > 1.0 and max(size, standstill) > TOO_SMALL:
             standstill *= STEP  # a fit has bent itself to what is near standstill, and asks for less than there is
         sizes = (max(size, 1.0), standstill)
-        now = self.problem.errors.sizes
-        same = max(abs(math.log(a / b)) for a, b in zip(sizes, now, strict=True)) < math.log(TOO_SMALL)
-        return None if same else sizes
+        apart = (abs(math.log(a / b)) for a, b in zip(sizes, self.problem.errors.sizes, strict=True))
+        return None if max(apart) < math.log(TOO_SMALL) else sizes
 
     def with_sizes(self, sizes: Sizes) -> Search:
         """The same search with other sizes of the model error, begun at what this one has found."""
@@ -360,8 +359,7 @@ class Search(Fits):
         if self._begun is None:
             within = self._within_tolerances(base)
             self._tell(Progress(Stage.SEARCH, Task.SIGNATURES))
-            near = replace(within, free=base.free)
-            found = self._signatures([*self.effects.values(), *self.rivals.values()], near)
+            found = self._signatures([*self.effects.values(), *self.rivals.values()], replace(within, free=base.free))
             self.scanned = self.scanned or found
             self._begun = within, found
         within, signatures = self._begun
@@ -384,8 +382,7 @@ class Search(Fits):
         if np.all(np.abs(base.z) <= TOLERANCES * np.minimum(bounds_of(self.held)[2], 1.0)):
             return base
         held = [within(k, limit) for k, limit in zip(self.held, far, strict=True)]
-        z = np.clip(base.z, -reach, reach)
-        return self._fit((), held, z)
+        return self._fit((), held, np.clip(base.z, -reach, reach))
 
     def _singles(self, base: Fitted, near: Fitted, signatures: Sequence[Signature], refitted: int) -> None:
         promised = self._promised(near, signatures)
@@ -446,9 +443,8 @@ class Search(Fits):
             return False
         base, alone = self.base_fit(), [fit for names, fit in self.fits.items() if len(names) == 1]
         gains = [beyond_model_error(self.problem, base, fit, base.objective - fit.objective) for fit in alone]
-        best = max(gains, default=0.0)
         most = promise + IN_PART * self._strained(base).get(name, 0.0) + SLACK
-        return most < OUT_OF_REACH * best
+        return most < OUT_OF_REACH * max(gains, default=0.0)
 
     def _from_base(self, base: Fitted, names: Sequence[str]) -> None:
         """Fits started from the unrestricted base fit too, where that promises more than the fit so far: the first one
