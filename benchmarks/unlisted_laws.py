@@ -41,10 +41,10 @@ STEP, WAVE = r"step\(x .*\) sign v", r"(cos|sin)\(2π x/.*\) sign v"
 FORMS = {
     "fan": r"v \|v\|", "rail_step": STEP, "roller": WAVE,
     "quadratic_drag": r"v \|v\|", "guide_step": STEP, "friction_wave": WAVE,
-    "cable_chain": r"\(x − .*\)", "chain_end": r"\(x − .*\)²",
+    "cable_chain": r"\(x [−+] .*\)", "chain_end": r"\(x [−+] .*\)²",
 }  # fmt: skip
 LEVELS = {"1", "sign v"}
-BESIDE = {"chain_end": r"\(x − .*\)", "friction_wave": WAVE, "roller": WAVE}  # columns of the same term
+BESIDE = {"chain_end": r"\(x [−+] .*\)", "friction_wave": WAVE, "roller": WAVE}  # columns of the same term
 FAMILY = {
     "hoist": ("hoist_practice", "hoist_small", "hoist_middle"),
     "axis": ("axis_std", "axis_rates", "axis_encoder"),
