@@ -155,7 +155,7 @@ ON_AXIS: dict[str, tuple[Callable[[Campaign], Campaign], str]] = {
     "speed of another motion": (
         lambda c: changed(c, ("lift",), lambda run: replace(run, signals={
             **run.signals, "velocity_m_s": np.cos(7.0 * run.time_s)})),
-        "position_m does not change as velocity_m_s says; are both of one motion and one clock",
+        "position_m does not change as velocity_m_s says; are both of one motion and clock",
     ),
 }  # fmt: skip
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from workbench.core.run import Array
 from workbench.diagnose.hypotheses import settings
-from workbench.diagnose.hypotheses.fit import Fitted, parameters_of, parts_of
+from workbench.diagnose.hypotheses.fit import Fitted, others_of, parts_of
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names, nuisance_std
 from workbench.diagnose.hypotheses.problem import Problem, once, rms
 from workbench.diagnose.hypotheses.signatures import Projection
@@ -333,12 +333,10 @@ def own_energy(problem: Problem, w: Weighed, names: Names, base: int) -> float:
     are the base parameters'."""
 
     def found() -> float:
-        own = parameters_of(w.fit, names, base)[0]
-        stays = np.repeat([one not in own for one in w.fit.free], [one.size for one in w.fit.free])
-        free = tuple(one for one in w.fit.free if one not in own)
-        others = replace(w.fit, free=free, z=w.fit.z[stays], jacobian=w.fit.jacobian[:, stays])
         sized = problem.with_model_error(w.score.sizes)
-        return float(np.sum(Projection.of(sized, others).clean(parts_of(problem, w.fit, [names]).T) ** 2))
+        return float(
+            np.sum(Projection.of(sized, others_of(w.fit, names, base)).clean(parts_of(problem, w.fit, [names]).T) ** 2)
+        )
 
     return once(problem, (w.fit, names, "own energy", w.score.sizes), found)
 

@@ -192,6 +192,14 @@ def parameters_of(fit: Fitted, effects: Collection[str], base: int) -> tuple[lis
     return mine, np.array(z)
 
 
+def others_of(fit: Fitted, effects: Collection[str], base: int) -> Fitted:
+    """A fit with all its parameters but those of these effects. base: as in `parameters_of`."""
+    own = parameters_of(fit, effects, base)[0]
+    stays = np.repeat([one not in own for one in fit.free], [one.size for one in fit.free])
+    free = tuple(one for one in fit.free if one not in own)
+    return replace(fit, free=free, z=fit.z[stays], jacobian=fit.jacobian[:, stays])
+
+
 def parts_of(problem: Problem, fit: Fitted, groups: Sequence[Names]) -> Array:
     """(groups, samples): the change of the prediction by the effects of each group, at the fit's values; rows of the
     input first, then of the tension."""

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from workbench.core.run import Array
-from workbench.diagnose.hypotheses.fit import Fitted, is_timing, parameters_of, parts_of
+from workbench.diagnose.hypotheses.fit import Fitted, is_timing, others_of, parameters_of, parts_of
 from workbench.diagnose.hypotheses.free_parameters import (
     FreeParameter,
     Scalar,
@@ -303,23 +303,17 @@ def other_waves(problem: Problem, fit: Fitted, name: str, base: int) -> tuple[Ar
     many of the first z are the base parameters'.
     """
     effect, ranges = problem.effect(name), ranges_of(problem.effect(name), problem.machine, problem.runs)
-    own, waves = parameters_of(fit, (name,), base)[0], [r for r in ranges if r.scan in ("order", "waves")]
+    waves = [r for r in ranges if r.scan in ("order", "waves")]
     if not waves:
         return np.zeros(0), []
-    mine = np.repeat([one in own for one in fit.free], [one.size for one in fit.free])
+    rest = replace(others_of(fit, (name,), base), residual=fit.residual + parts_of(problem, fit, [(name,)])[0])
     off = {r.symbol: r.vanishes_at for r in ranges if r.vanishes_at is not None}
-    rest = replace(
-        fit,
-        free=tuple(one for one in fit.free if one not in own),
-        z=fit.z[~mine],
-        jacobian=fit.jacobian[:, ~mine],
-        residual=fit.residual + parts_of(problem, fit, [(name,)])[0],
-    )
     tried = float(np.mean(fit.setting[waves[0].symbol])) * np.linspace(1.0 - BESIDE, 1.0 + BESIDE, WAVES_BESIDE)
     found = signatures_of(problem, [effect], {**fit.setting, **off}, {name: [{waves[0].symbol: at} for at in tried]})
     gains = Projection.of(problem, rest).gains(found)
     more = np.array([data + prior for data, prior, _ in gains]) / max(1.0, fit.chi2 / (problem.share * problem.samples))
     starts = [start_of(problem, one, amounts) for one, (_, _, amounts) in zip(found, gains, strict=True)]
+    more = np.nan_to_num(more, nan=-np.inf)  # the simulation breaks down there
     return np.exp(0.5 * (more - np.max(more))), [setting_of(free, np.array(z)) for free, z in starts]
 
 

@@ -471,12 +471,11 @@ def cross_checks(
     if at in run and speed in run:
         ratio = slope(smooth(run[speed]), np.gradient(smooth(run[at]), run.time_s))
         said = (
-            f"{at} changes {ratio:.3g} times as fast as {speed} says; is the sign of one of them flipped, or are they "
+            f"{at} does not change as {speed} says; are both of one motion and clock, or does the log hold old values?"
         )
-        said += "in different units?"
-        if ratio == 0.0:
-            said = f"{at} does not change as {speed} says; are both of one motion and one clock, or does the log hold "
-            said += "old values?"
+        if ratio != 0.0:
+            said = f"{at} changes {ratio:.3g} times as fast as {speed} says; is the sign of one of them flipped, "
+            said += "or are they in different units?"
         yield declare.CrossCheck(ratio, said)
 
 
