@@ -15,7 +15,6 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.free_parameters import Estimate, Names
 
 VerdictWord = Literal["named", "no_gap", "unknown"]
-SAYS_ALL = 2.0  # the squares of an unknown cause's signs: what is more makes it no likelier
 BARRED = "takes too little, or a free law does without it, or its amount may as well be zero"  # see `judge.deserved`
 WITHOUT_EFFECTS = {"no_gap": "no gap", "unknown": "unknown cause", "named": "a listed effect, not found"}
 
@@ -198,7 +197,7 @@ def shared(ranking: Sequence[Hypothesis], alike: Names, most: float = 0.5) -> tu
 def logistic_argument(signs: Mapping[str, float], numbers: Mapping[str, float]) -> float:
     """Of an unknown cause: below 0 it is the less likely. A sign at its limit, 1, brings it to 0, and many to no more
     than speaks against such a cause where there is none."""
-    return numbers["unknown_bias"] * (1.0 - min(sum(value**2 for value in signs.values()), SAYS_ALL))
+    return numbers["unknown_bias"] * (1.0 - min(sum(value**2 for value in signs.values()), 2.0))
 
 
 def none_missed(signs: Mapping[str, float], stands: bool, numbers: Mapping[str, float]) -> Mapping[str, float]:

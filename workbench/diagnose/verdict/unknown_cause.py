@@ -21,7 +21,7 @@ from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.location.places import event_gain, event_threshold
 from workbench.diagnose.location.profiles import spacing
 from workbench.diagnose.location.where import laws_left
-from workbench.diagnose.verdict.answer import SAYS_ALL, Left
+from workbench.diagnose.verdict.answer import Left, logistic_argument
 from workbench.diagnose.verdict.constancy import by_halves
 from workbench.logs.doubts import dead_band
 from workbench.machines import kind_of
@@ -41,8 +41,8 @@ def signs_of(problem: Problem, near: Fitted, left: Left) -> dict[str, float]:
         return {"left": settings.IMPACTS, "prior": 0.0}
     of_input, limit = left.percent_of_input / (100.0 * settings.MINOR), event_threshold(problem)
     known = max(left_percent(problem, near, left) / own_percent(problem), of_input)
-    # Events that say less change nothing, nor do any where all is said.
-    events = event_gain(problem, near, limit * known**2) if known**2 < SAYS_ALL else 0.0
+    all_said = logistic_argument({"left": known}, {"unknown_bias": 1.0}) <= -1.0
+    events = 0.0 if all_said else event_gain(problem, near, limit * known**2)  # those that say less change nothing
     return {"left": max(known, math.sqrt(max(events, 0.0) / limit)), **stretched(problem, near)}
 
 
