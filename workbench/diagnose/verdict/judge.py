@@ -280,7 +280,7 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     foretold by no law. A delay beside others has to take something, too, of what the log's timing leaves
     (`takes_nothing`): a machine's own lags may be some sampling steps; and what every machine has, MINOR of what the
     others leave on held-out runs, and on parts of a motion that all repeat; a ripple, which no base value holds, as
-    much as then stays. Nor may an amount as well be none of a machine that leaves itself laws (`may_be_none`)."""
+    much as then stays. No amount may as well be none (`may_be_none`)."""
     problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
@@ -321,7 +321,7 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
         or (problem.struck and PLAY not in rest.effects and told(rest, -by_chance))
         for rest in sorted(less, key=lambda rest: rest.objective)
     )
-    return enough and not (may_be_none(problem, w.fit, least) and problem.fine)
+    return enough and not may_be_none(problem, w.fit, least)
 
 
 def only_late(problem: Problem, less: Fitted, fit: Fitted, name: str, base: int) -> bool:
