@@ -21,6 +21,7 @@ from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
 from workbench.blind.measures import INSIDE_90
 from workbench.core.record import LogTraits
 from workbench.core.run import Array, Run
+from workbench.diagnose.hypotheses import signatures as signatures_module
 from workbench.diagnose.hypotheses.evidence import Score
 from workbench.diagnose.hypotheses.fit import estimates, fit_hypothesis
 from workbench.diagnose.hypotheses.free_parameters import (
@@ -700,7 +701,7 @@ def test_a_hypothesis_does_not_lead_by_another_one_at_a_poorer_minimum():
     assert both == pytest.approx([load.evidence, load.evidence], abs=0.1)
 
 
-def test_a_wave_that_is_fitted_beside_the_true_one_says_so():
+def test_a_wave_that_is_fitted_beside_the_true_one_says_so(monkeypatch: pytest.MonkeyPatch):
     """A servo's ripple of order 3 was found at 3.166 ± 0.0005: its log shows 18 turns, and what the servo leaves chose
     among the orders a wave apart. In a log that is long enough nothing chooses."""
     true = {"amplitude_nm": 3.0, "order_per_turn": 3.0, "phase_rad": 1.0}
@@ -723,6 +724,16 @@ def test_a_wave_that_is_fitted_beside_the_true_one_says_so():
     assert off > 1.0 and off > 5.0 * cast(float, told.std_error)
     assert off < INSIDE_90 * cast(float, wider.std_error)
     assert other_waves(problem, search.base_fit(), "friction_coulomb", search.count)[1] == []
+    whole = signatures_of
+
+    def broken(*given: Any) -> list[Any]:  # half of them
+        return [replace(one, columns=one.columns * (np.nan if k % 2 else 1.0)) for k, one in enumerate(whole(*given))]
+
+    monkeypatch.setattr(signatures_module, "signatures_of", broken)
+    (told, again) = estimated(3.0)
+    assert (
+        cast(float, again.std_error) == pytest.approx(cast(float, sure.std_error), rel=0.5) and told.value == sure.value
+    )
 
 
 def test_each_effect_of_a_leading_pair_is_fitted_alone():

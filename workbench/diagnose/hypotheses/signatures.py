@@ -310,11 +310,12 @@ def other_waves(problem: Problem, fit: Fitted, name: str, base: int) -> tuple[Ar
     off = {r.symbol: r.vanishes_at for r in ranges if r.vanishes_at is not None}
     tried = float(np.mean(fit.setting[waves[0].symbol])) * np.linspace(1.0 - BESIDE, 1.0 + BESIDE, WAVES_BESIDE)
     found = signatures_of(problem, [effect], {**fit.setting, **off}, {name: [{waves[0].symbol: at} for at in tried]})
-    gains = Projection.of(problem, rest).gains(found)
+    sound = [one for one in found if np.all(np.isfinite(one.columns))]  # beside some the simulation may break down
+    gains = Projection.of(problem, rest).gains(sound)
     more = np.array([data + prior for data, prior, _ in gains]) / max(1.0, fit.chi2 / (problem.share * problem.samples))
-    starts = [start_of(problem, one, amounts) for one, (_, _, amounts) in zip(found, gains, strict=True)]
-    more = np.nan_to_num(more, nan=-np.inf)  # the simulation breaks down there
-    return np.exp(0.5 * (more - np.max(more))), [setting_of(free, np.array(z)) for free, z in starts]
+    starts = [start_of(problem, one, amounts) for one, (_, _, amounts) in zip(sound, gains, strict=True)]
+    likely = np.exp(0.5 * (more - np.max(more, initial=-np.inf)))
+    return likely, [setting_of(free, np.array(z)) for free, z in starts]
 
 
 def stepped_aside(problem: Problem, at: Fitted, taken: Array, delay: bool = False) -> Array:
