@@ -730,10 +730,8 @@ def test_a_wave_that_is_fitted_beside_the_true_one_says_so(monkeypatch: pytest.M
         return [replace(one, columns=one.columns * (np.nan if k % 2 else 1.0)) for k, one in enumerate(whole(*given))]
 
     monkeypatch.setattr(signatures_module, "signatures_of", broken)
-    (told, again) = estimated(3.0)
-    assert (
-        cast(float, again.std_error) == pytest.approx(cast(float, sure.std_error), rel=0.5) and told.value == sure.value
-    )
+    _, again = estimated(4.4)
+    assert off < INSIDE_90 * cast(float, again.std_error)
 
 
 def test_each_effect_of_a_leading_pair_is_fitted_alone():
