@@ -709,12 +709,12 @@ def test_a_wave_that_is_fitted_beside_the_true_one_says_so(monkeypatch: pytest.M
     effect = find("torque_ripple", problem.active.kind)
     ranges, search = ranges_of(effect, problem.machine, problem.runs), Search(problem, [effect])
 
-    def estimated(order: float) -> tuple[Estimate, Estimate]:
+    def estimated(order: float, name: str = "order_per_turn") -> tuple[Estimate, Estimate]:
         at = {r.symbol: {**true, "order_per_turn": order}[r.name] for r in ranges}
         more, z = effect_parameters(effect, ranges, at)
         fit = search._fit((effect.id,), [*search.held, *more], np.array([0.0] * search.count + z))
         weight, waves = other_waves(problem, fit, effect.id, search.count)
-        told = {one.name: one for one in estimates(problem, fit)[effect.id]}["order_per_turn"]
+        told = {one.name: one for one in estimates(problem, fit)[effect.id]}[name]
         return told, widened(effect.id, told, waves, weight)
 
     (_, sure), (told, wider) = estimated(3.0), estimated(4.4)
@@ -724,14 +724,15 @@ def test_a_wave_that_is_fitted_beside_the_true_one_says_so(monkeypatch: pytest.M
     assert off > 1.0 and off > 5.0 * cast(float, told.std_error)
     assert off < INSIDE_90 * cast(float, wider.std_error)
     assert other_waves(problem, search.base_fit(), "friction_coulomb", search.count)[1] == []
-    whole = signatures_of
+    amplitude, whole = estimated(4.4, "amplitude_nm"), signatures_of
+    assert cast(float, amplitude[1].std_error) > 1.2 * cast(float, amplitude[0].std_error)
 
     def broken(*given: Any) -> list[Any]:  # half of them
         return [replace(one, columns=one.columns * (np.nan if k % 2 else 1.0)) for k, one in enumerate(whole(*given))]
 
     monkeypatch.setattr(signatures_module, "signatures_of", broken)
-    _, again = estimated(4.4)
-    assert off < INSIDE_90 * cast(float, again.std_error)
+    _, again = estimated(4.4, "amplitude_nm")
+    assert cast(float, again.std_error) == pytest.approx(cast(float, amplitude[1].std_error), rel=0.1)
 
 
 def test_each_effect_of_a_leading_pair_is_fitted_alone():
