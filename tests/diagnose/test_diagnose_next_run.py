@@ -632,6 +632,8 @@ def test_the_run_that_a_closer_value_would_let_decide_is_named(
     assert "that run" not in need or best.planned.words in named
     assert best.planned.words in said and need.endswith("would set them apart by 6.0 standard deviations.")
     assert f"known to {CLOSER:g} of it" in need
+    far, _ = advising._why(question, replace(best, separation=6.0))  # "a closer tolerance is needed", for as much
+    assert far.endswith("No single value of the machine, known more closely, would either.")
     for favoured, words in ((False, "apart from a and from b"), (True, "over a and over b")):
         three = [fits[0], *(replace(fits[1], effects=(name,)) for name in "ab")]
         asked = Question(heavier.problem, three, [], None if favoured else odds((0.0, 0.0), (1.0, 1.0)), (0.0, 0.0))

@@ -22,6 +22,7 @@ from workbench.diagnose.diagnose import Diagnosis, differing
 from workbench.diagnose.gap import delivered_of
 from workbench.diagnose.hypotheses.free_parameters import Estimate
 from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.location.places import Event, PlaceProbability
 from workbench.diagnose.residual_tests import Correlation, ResidualTest
 from workbench.diagnose.tables import Curve
 from workbench.diagnose.verdict.answer import Candidate, Hypothesis, Reason, ReasonKind, Verdict
@@ -213,6 +214,26 @@ def test_a_place_of_a_named_cause_is_no_share_of_what_the_refit_leaves():
     assert "% of what the runs leave without it, all else equal (90 %" in said["named"]
     assert "% of what the runs leave without them, all else equal (90 %" in said["pair"]
     assert "% of the gap's energy (90 %" in said["unknown"]
+
+
+def test_a_place_that_is_one_of_several_is_not_said_to_be_the_place():
+    """A blow was said to lie at the payload, at 29 %, as likely as at the platform; and not when."""
+    d = made_diagnosis("unknown")
+    assert d.where is not None
+    places = tuple(
+        PlaceProbability(*one) for one in [("payload", 0.35), ("motor", 0.33), ("drum", 0.3), ("guide", 0.02)]
+    )
+    event = Event("half", 5.16, 5.64, "payload", 0.96, 240.0)
+    struck = dataclasses.replace(d.where, subsystem="payload", regime="event", places=places, events=(event,))
+    said = diagnosis.where_sentence(dataclasses.replace(d, where=struck))
+    assert said.startswith(
+        "The gap lies most likely at the payload (35 %), the motor (33 %) or the drum (30 %), at single events, "
+        "in half from 5.2 to 5.6 s: in windows"
+    )
+    alone = dataclasses.replace(struck, places=(PlaceProbability("payload", 1.0),), events=())
+    assert "The gap lies at the payload, at single events: in" in diagnosis.where_sentence(
+        dataclasses.replace(d, where=alone)
+    )
 
 
 @pytest.mark.parametrize("times", [1.2, 2.2])

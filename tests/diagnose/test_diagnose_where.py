@@ -314,6 +314,19 @@ def test_motor_signals_alone_do_not_say_what_an_impact_struck(struck: Placed):
     assert len(struck.places) > 3
 
 
+@pytest.mark.parametrize(("side", "pull"), [("drive", 0.0), ("carriage", 1.0)])
+def test_a_logged_tension_says_on_which_side_of_the_wire_an_impact_was(tmp_path: Path, side: str, pull: float):
+    """The report asks for it where places on both sides are likely."""
+    campaign = read_campaign(simulated_campaign(tmp_path / "pulled", true_machine({}), tension=True))
+    survey = looked_at(Problem(campaign.machine, campaign.runs))
+    shapes = [(pulse_at(c, begin_of(survey), 1.5) * (c is survey.runs[2]))[:, None] for c in survey.runs]
+    rows, noise = at_rows(survey, shapes), np.random.default_rng(3).normal(size=len(survey.residual))
+    force = survey.shown(rows, pull, False)[:, 0] * 1.5 / np.sqrt(np.mean(rows**2))
+    places = weighed(replace(survey, residual=survey.noise * (noise + force))).places
+    on_carriage = sum(place.probability for place in places if place.subsystem in where.CARRIAGE_SIDE)
+    assert on_carriage > 0.95 if side == "carriage" else on_carriage < 0.05
+
+
 def test_noise_has_no_events(even_places: Survey):
     noise = np.random.default_rng(3).normal(scale=even_places.noise, size=len(even_places.residual))
     quiet = replace(even_places, residual=noise)

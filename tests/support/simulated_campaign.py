@@ -15,7 +15,7 @@ from workbench.simulate.loop import LoopCase, simulate_loop
 
 # What the nominal machine does not know: the levels, within three tolerances of the nominal 6000 and 4500 N.
 TRUTH = {"guide.coulomb_hoisting_n": 7200.0, "guide.coulomb_lowering_n": 5400.0}
-TORQUE_NOISE_NM, SPEED_NOISE_RAD_S = 2.0, 0.03
+TORQUE_NOISE_NM, SPEED_NOISE_RAD_S, TENSION_NOISE_N = 2.0, 0.03, 200.0
 PAYLOADS = {"empty": 0.0, "half": 4500.0, "full": 9000.0}
 
 
@@ -23,10 +23,12 @@ def true_machine(values: Mapping[str, float] = TRUTH) -> Hoist:
     return with_values(default_hoist(), values)
 
 
-def simulated_campaign(folder: Path, truth: Hoist | None = None, seed: int = 3, reference: bool = False) -> Path:
+def simulated_campaign(
+    folder: Path, truth: Hoist | None = None, seed: int = 3, reference: bool = False, tension: bool = False
+) -> Path:
     """Three runs of 16 s at 100 Hz, one a payload, of the machine `truth`; machine.yaml is the nominal one.
 
-    reference: whether the speed reference is logged."""
+    reference, tension: whether the speed reference, the dead line's tension is logged."""
     machine = true_machine() if truth is None else truth
     noise = np.random.default_rng(seed)
     limits = Limits(speed_m_s=0.5, acceleration_m_s2=0.5, jerk_m_s3=2.0)
@@ -49,6 +51,8 @@ def simulated_campaign(folder: Path, truth: Hoist | None = None, seed: int = 3, 
         }
         if reference:
             columns["speed_reference_rad_s"] = np.interp(run.time_s, 0.001 * np.arange(len(speed)), speed)
+        if tension:
+            columns["tension_dead_line_n"] = run["tension_dead_line_n"] + noise.normal(scale=TENSION_NOISE_N, size=n)
         (folder / "runs" / f"{run.name}.csv").write_text(csv_text(columns), encoding="utf-8")
         entries.append(
             f"- {{name: {run.name}, file: runs/{run.name}.csv, payload_kg: {run.payload_kg}, "

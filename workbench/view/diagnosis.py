@@ -14,7 +14,7 @@ import yaml
 
 from workbench.core.errors import InputError
 from workbench.core.names import listed
-from workbench.core.numbers import NOTHING, figures, signed, with_error
+from workbench.core.numbers import NOTHING, figures, signed, whole_percent, with_error
 from workbench.core.run import integrated
 from workbench.core.shown import View
 from workbench.core.table import Column, Table, table_of, words
@@ -23,6 +23,7 @@ from workbench.core.whole_folder import whole_folder, write_json
 from workbench.diagnose.diagnose import NOISY, Diagnosis
 from workbench.diagnose.hypotheses.free_parameters import Estimate, Names
 from workbench.diagnose.isolation.planned import Planned
+from workbench.diagnose.location.where import likely_of
 from workbench.diagnose.progress import Progress, Stage, Task
 from workbench.diagnose.residual_tests import ALL_RUNS, ResidualTest
 from workbench.diagnose.verdict.answer import WITHOUT_EFFECTS, Candidate, Hypothesis, percent_of
@@ -86,7 +87,9 @@ def place_name(subsystem: str) -> str:
     return subsystem.replace("_", " ")
 
 
-said = Sentences("view/diagnosis_words.j2", figures=figures, listed=listed, place=place_name, REGIMES=REGIMES)
+said = Sentences(
+    "view/diagnosis_words.j2", figures=figures, listed=listed, place=place_name, percent=whole_percent, REGIMES=REGIMES
+)
 
 
 def probability_sentence(d: Diagnosis) -> str:
@@ -110,7 +113,8 @@ def effect_sentences(d: Diagnosis) -> list[str]:
 
 
 def where_sentence(d: Diagnosis) -> str:
-    return said.where(d.where, d.verdict.word == "named", len(d.verdict.effects) > 1, d.delivered.runs)
+    likely = likely_of(d.where.places) if d.where else []
+    return said.where(d.where, d.verdict.word == "named", len(d.verdict.effects) > 1, d.delivered.runs, likely)
 
 
 def shrink_sentence(d: Diagnosis) -> str:

@@ -542,13 +542,15 @@ def _place_of(fit: Fitted, symbol: str) -> int | None:
     )
 
 
-def _closer(problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared], run: str = "that run") -> str:
+def _closer(
+    problem: Problem, fits: Sequence[Fitted], *data: Sequence[Compared], run: str = "that run", without: float = 0.0
+) -> str:
     """What would set hypotheses apart that no run does: one base parameter whose value were known more closely; "" if
-    none would."""
+    none would, or no further than without, in standard deviations."""
     keys = {key: one.symbol for key, one in base_parameters(problem.machine, problem.runs).items() if one.std == 1.0}
     apart = {key: _apart(problem, fits, *data, closer=symbol)[0] for key, symbol in keys.items()}
     key = max(apart, key=lambda key: apart[key], default="")
-    if not key or apart[key] < APART:
+    if not key or apart[key] < max(APART, BETTER * without):
         return ""
     return (
         f"A closer tolerance is needed: with {key} known to {CLOSER:g} of it {run} would set them apart by "
@@ -585,7 +587,8 @@ def _why(question: Question, best: Offer) -> tuple[str, bool]:
         inexact = "of the noise: what the model may be off leaves them open, and a run is likely to do so, too"
         return f"{begin} {inexact}. The best, {run} would {by}{decides}.", True
     hopeless = nothing and chance < 0.005
-    closer = _closer(problem, fits, question.known, best.shown, run=run if hopeless else "that run")
+    which = run if hopeless else "that run"
+    closer = _closer(problem, fits, question.known, best.shown, run=which, without=best.separation)
     no_value = "No single value of the machine, known more closely, would either."
     if hopeless:
         return f"{begin}, and no run on the menu would. {closer or no_value}", bool(closer)

@@ -187,6 +187,7 @@ CREEPING = 0.15  # of the fastest speed
 EXPLAINS_LITTLE = 0.3
 EDGE = 0.1  # of an event's largest force: where it begins and ends
 WORTH_SAYING = 0.1  # of a place's probability
+CARRIAGE_SIDE = {"guide", "payload", "platform", "wire"}  # of what the dead line's tension shows
 
 
 def where_of(
@@ -218,9 +219,10 @@ def where_of(
         if most_likely.pulses:
             windows, events = _events(problem, most_likely)
         subsystem, regime, places = most_likely.port.subsystem, most_likely.port.regime, most_likely.places
-        first, *also = [_part(place) for k, place in enumerate(places) if k == 0 or place.probability > WORTH_SAYING]
-        said = (f"Most likely it lies in the {first}; what it depends on is {most_likely.port.over}.",)
-        said += (f"It may lie in the {' or the '.join(also)}, too.",) if also else ()
+        said = (f"What it depends on is {most_likely.port.over}.",)
+        line, sides = kind_of(problem.machine).dead_line, {p.subsystem in CARRIAGE_SIDE for p in likely_of(places)}
+        if line and not problem.has_tension and len(sides) > 1:
+            said += (f"With {line.signal} logged runs tell which side of the wire a force acts on.",)
     torque, side = gap[: problem.inputs], side_of(problem, gap)
     left = np.where(windows.inside, beside, torque)
     share, interval = share_in_time(problem, torque, left, seed)
@@ -343,8 +345,9 @@ def _events(problem: Problem, most_likely: Placed) -> tuple[Windows, tuple[Event
     return Windows(tuple(spans), inside, held, float(step[inside].sum() / step.sum())), tuple(events)
 
 
-def _part(place: PlaceProbability) -> str:
-    return f"{place.subsystem.replace('_', ' ')} ({whole_percent(place.probability)})"
+def likely_of(places: Sequence[PlaceProbability]) -> list[PlaceProbability]:
+    """The likeliest place, and those that are worth saying beside it."""
+    return [place for k, place in enumerate(places) if k == 0 or place.probability > WORTH_SAYING]
 
 
 def _percent(explained: Explained) -> str:
