@@ -241,7 +241,7 @@ def test_all_faults_of_all_runs_are_told_at_once_with_what_goes_on(tmp_path):
     assert "a.csv: a: is empty; " in str(caught.value)
     assert "runs.yaml:4: c: runs/c.csv: no such file" in str(caught.value)
     assert caught.value.sound == ("b",)
-    with pytest.raises(InputError, match=r"; leave it out: --runs b$"):
+    with pytest.raises(InputError, match=r"; without what is at fault: --runs b$"):
         load_campaign(tmp_path)
     assert [run.name for run in read_campaign(tmp_path, select="b").runs] == ["b"]
 

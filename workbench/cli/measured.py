@@ -35,7 +35,7 @@ def load_campaign(
     try:
         campaign = read_campaign(path, select=runs, check_effects=check)
     except RunsError as error:
-        remedy = f"; leave it out: --runs {','.join(error.sound)}" if error.sound else ""
+        remedy = f"; without what is at fault: --runs {','.join(error.sound)}" if error.sound else ""
         raise InputError(error.problem + remedy, file=error.file, line=error.line, place=error.place) from error
     campaign = replace(campaign, doubts=tuple(doubts_of(campaign.machine, campaign.runs)))
     check_band(band_hz, campaign.runs)
