@@ -24,7 +24,7 @@ from tests.support.emps_campaign import emps_in
 from workbench.blind import make as making
 from workbench.blind.make import Asked
 from workbench.blind.power import LEAST, power_of, thresholds
-from workbench.blind.recorded import SINGLES, bent
+from workbench.blind.recorded import SINGLES, bent, write_case
 from workbench.blind.recording import Recording, recording, rms
 from workbench.blind.seal import Order, key_of, read_manifest, unseal
 from workbench.core.errors import InputError
@@ -279,6 +279,22 @@ def test_with_what_the_label_says_the_bent_axis_leaves_what_the_machine_does(emp
     before, after = explained(known_of(emps), name)
     assert before > 1.1
     assert abs(after**2 - 1.0) < 0.2 * (before**2 - 1.0)
+
+
+def test_a_listed_effect_that_the_machine_has_of_its_own_is_known_of_it_before_a_piece_is_bent(
+    emps: Path, tmp_path: Path
+):
+    """A motor's own cogging was named beside each cause, and called wrong."""
+    made = SINGLES["ripple"](np.random.default_rng(1), known_of(emps))
+    assert made is not None
+    write_case(tmp_path / "cogging", known_of(emps), made, SEED)
+    known = recording(tmp_path / "cogging")
+    own, true = known.machine.effects["torque_ripple"], made.parameters
+    wave = next(name for name in true if name.startswith("waves_per"))
+    assert own[wave] == pytest.approx(true[wave], rel=0.02)
+    assert bent("ripple", SEED, known) is None
+    found = bent("gain", SEED, known)
+    assert found is not None and found[0].machine.effects == known.machine.effects
 
 
 def test_a_bent_sensor_leaves_the_lateness_that_a_log_has(emps: Path):

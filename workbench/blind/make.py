@@ -28,6 +28,7 @@ from workbench.blind import recorded
 from workbench.blind.recording import recording
 from workbench.blind.seal import CAMPAIGNS, Label, Order, Truth, fernet, hashes, key_of, read_manifest, seal, write_key
 from workbench.core.errors import InputError, check_known
+from workbench.core.names import listed
 from workbench.core.whole_folder import check_free, whole_folder
 
 Tell = Callable[[str], None]
@@ -142,7 +143,8 @@ def maker_of(asked: Asked, seed: int, tell: Tell) -> Maker:
     if asked.kind not in (None, known.machine.kind):
         raise InputError(f"{asked.kind}, but the machine is of kind {known.machine.kind}", place="kind")
     share = 100.0 * known.remainder_rms / known.input_rms
-    tell(f"{known.name} identified on {len(known.runs)} runs; it leaves {share:.1f} % of its input")
+    own = f", which has {listed(list(known.machine.effects))} of its own," if known.machine.effects else ""
+    tell(f"{known.name}{own} identified on {len(known.runs)} runs; it leaves {share:.1f} % of its input")
     return Maker(recorded.ordered(seed, known, asked.cases, asked.case), partial(recorded.made, known))
 
 

@@ -1,7 +1,8 @@
 """Recordings of a real machine as blind campaigns: one piece of what is known of the machine is bent, or one effect is
 added to the logged input by its law with the real motion.
 
-What the machine has of its own stays in the recording, as it does at every user's. Bends of machine.yaml leave the logs
+What the machine has of its own stays in the recording, as it does at every user's; listed effects of it are in its
+machine.yaml (`recording`). Bends of machine.yaml leave the logs
 as they are; bends of a sensor and added effects leave machine.yaml as it is.
 """
 
@@ -319,7 +320,7 @@ def bent(name: str, seed: Sequence[int], known: Recording) -> tuple[Bent, Array]
     rng = np.random.default_rng([*seed, 1])
     for _ in range(TRIES):
         made = (SINGLES | UNLISTED)[name](rng, known)
-        if made is None:
+        if made is None or made.entry in known.machine.effects:  # what it has already cannot be added
             return None
         change = known.residual(made.machine, made.runs) - known.own
         if known.left(change, 2.0) >= SHOWS * known.remainder_rms:

@@ -15,6 +15,7 @@ from scipy.optimize import lsq_linear
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array, Run, integrated
+from workbench.diagnose.diagnose import diagnose
 from workbench.effects import effects_for, sizes_of
 from workbench.identify.identify import LATE, Identification, identify
 from workbench.logs import Campaign, read_campaign
@@ -25,6 +26,7 @@ KINDS = ("hoist", "axis-linear", "axis-rotary")
 FEW, LONG_S = 4, 12.0  # fewer runs are cut into parts where they are that long
 ALIKE = 0.15  # of the remainder: another cause that leaves less, base values refitted within 1 tolerance, is alike
 SAMPLES = 3000  # of all moving ones, for these two
+SURE = 0.9  # probability from which on an effect that is named is the machine's own
 FLOOR = {"inertia": 0.01, "coulomb": 0.05, "viscous": 0.05, "gravity": 0.02}  # relative, one standard deviation
 
 
@@ -93,7 +95,7 @@ class Recording:
         sizes, columns = sizes_of(self.machine, self.runs), {}
         for name, effect in effects_for(self.plant).items():
             ranges = effect.ranges(sizes)
-            if not effect.listed or any(r.vanishes_at is None for r in ranges):
+            if not effect.listed or name in self.machine.effects or any(r.vanishes_at is None for r in ranges):
                 continue
             off = {r.name: float(r.vanishes_at or 0.0) for r in ranges}
             each, bounds = [], []
@@ -143,10 +145,20 @@ def rms(values: Array) -> float:
 
 
 def recording(path: Path) -> Recording:
-    """The campaign in a folder, its machine identified on all runs. InputError where it cannot be read or fitted."""
+    """The campaign in a folder, its machine identified on all runs: its values, and the listed effects that the
+    diagnosis names of it, for those it has whatever is bent. InputError where it cannot be read or fitted."""
     campaign = read_campaign(path)
     if kind_of(campaign.machine).name not in KINDS:
         raise InputError(f"a machine of kind '{campaign.machine.kind}'; recorded takes hoists and axes", file=path)
+    known = _known(campaign, path)
+    found = diagnose(replace(campaign, machine=known.machine), study=False)
+    if found.verdict.word != "named" or found.verdict.probability < SURE:
+        return known
+    effects = {**campaign.machine.effects, **{name: found.corrected.effects[name] for name in found.verdict.effects}}
+    return _known(replace(campaign, machine=campaign.machine.model_copy(update={"effects": effects})), path)
+
+
+def _known(campaign: Campaign, path: Path) -> Recording:
     found = _identified(campaign)
     machine = found.machine.model_copy(update={"identified": {}})  # the record of the fit would tell what is bent
     if kind_of(machine).whole:  # an axis
