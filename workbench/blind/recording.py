@@ -152,9 +152,11 @@ def recording(path: Path) -> Recording:
         raise InputError(f"a machine of kind '{campaign.machine.kind}'; recorded takes hoists and axes", file=path)
     known = _known(campaign, path)
     found = diagnose(replace(campaign, machine=known.machine), study=False)
-    if found.verdict.word != "named" or found.verdict.probability < SURE:
+    likely = {n: sum(r.probability for r in found.verdict.ranking if n in r.effects) for n in found.verdict.effects}
+    own = {name: found.corrected.effects[name] for name, probability in likely.items() if probability > SURE}
+    if not own:
         return known
-    effects = {**campaign.machine.effects, **{name: found.corrected.effects[name] for name in found.verdict.effects}}
+    effects = {**campaign.machine.effects, **own}
     return _known(replace(campaign, machine=campaign.machine.model_copy(update={"effects": effects})), path)
 
 
