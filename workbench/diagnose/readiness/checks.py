@@ -288,14 +288,13 @@ def _machine_faults(bench: InverseSimulation, rigid: Sequence[Rigid], warnings: 
     yield from _wrong_signs(bench, rigid)
     yield from _wrong_units(bench, rigid)
     holds_load, struck = kind_of(bench.machine).holds_load, any(len(impacts) for impacts in bench.impacts)
-    # A hoist's inertia is a warning only: a slow run hardly shows it, and a load that swings hides some of it; the load
-    # that is held says more. So is all where impacts of a play come again: the inertia behind it goes with the motor
-    # part of the time only. And so is what machine.yaml itself does not say closer.
-    for attribute, apart, what, remedy, one_machine in (
-        ("hold", LOADS_APART, "load", ", or is payload_kg wrong", not struck),
-        ("inertia", INERTIAS_APART, "inertia", ", or is their speed in another unit" if holds_load else "",
-         not struck and not holds_load),
-    ):  # fmt: skip
+    # An inertia is a warning only: a slow run hardly shows it, a load that swings, on a wire or on the machine, hides
+    # some of it or adds to it; the load that is held says more. So is all where impacts of a play come again: the
+    # inertia behind it goes with the motor part of the time only.
+    for attribute, apart, what, remedy in (
+        ("hold", LOADS_APART, "load", ", or is payload_kg wrong"),
+        ("inertia", INERTIAS_APART, "inertia", ", or is their speed in another unit" if holds_load else ""),
+    ):
         ratios = [(r.run, float(value)) for r in rigid if (value := getattr(r, attribute)) is not None]
         if (split := _two_groups(ratios, apart)) is None:
             continue
@@ -306,8 +305,7 @@ def _machine_faults(bench: InverseSimulation, rigid: Sequence[Rigid], warnings: 
             f"{_range(odd)} times the nominal one, that of {listed([n for n, _ in others])} {_range(others)} times; "
             f"{is_it} of another machine{remedy}?"
         )
-        stated = SURE * getattr(bench.machine.tolerances, attribute, 0.0)
-        if one_machine and any(abs(value - 1.0) > stated for _, value in ratios):
+        if attribute == "hold" and not struck:
             rest = [run.name for run in bench.runs if run.name not in dict(odd)]
             yield f"{said} Mend {'it' if len(odd) == 1 else 'them'}, or take the others alone ({','.join(rest)})", None
         warnings.append(f"{said[0].upper()}{said[1:]}")
