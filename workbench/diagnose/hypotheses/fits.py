@@ -17,9 +17,11 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.run import Array
+from workbench.diagnose.hypotheses import settings
 from workbench.diagnose.hypotheses.evidence import beyond, beyond_model_error, cost, discounted, nested, score_of
 from workbench.diagnose.hypotheses.fit import BREAKDOWNS, Fitted, fit_hypothesis, parameters_of, parts_of
 from workbench.diagnose.hypotheses.free_parameters import (
+    LOG_TIMING,
     FreeParameter,
     Names,
     Scalar,
@@ -28,7 +30,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     nuisance_parameters,
     setting_of,
 )
-from workbench.diagnose.hypotheses.problem import Problem
+from workbench.diagnose.hypotheses.problem import Problem, rms
 from workbench.diagnose.hypotheses.signatures import Projection, Signature, signatures_of, start_of, stepped_aside
 from workbench.diagnose.progress import Progress, Stage, Task, Tell
 from workbench.effects import Effect, Ranged, ranges_of
@@ -109,7 +111,24 @@ class Fits:
                 problem = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
                 raise InputError(problem)
             self._base = min(fits, key=lambda fit: fit.objective)
+            for z in self._late(self._base):
+                with suppress(*BREAKDOWNS):
+                    self._base = min(self._base, self._fit((), self.held, z), key=lambda fit: fit.objective)
         return self._base
+
+    def _late(self, fit: Fitted) -> list[Array]:
+        """z with a motion that is logged late by each delay that is tried, where a fit leaves more than HALF of the
+        input, rms: a delay longer than the motion's pulses has a minimum of its own."""
+        problem = self.problem
+        measured = np.concatenate([u[at] for u, at in zip(problem.bench.measured, problem.rows, strict=True)])
+        left = rms(fit.residual[: problem.inputs])
+        if LOG_TIMING not in self.base or left < settings.HALF * float(np.std(measured)):
+            return []
+        (delay,) = self._ranges(problem.effect("speed_delay"))
+        starts = [fit.z.copy() for _ in delay.tries]
+        for z, late_s in zip(starts, delay.tries, strict=True):
+            z[self._place_of(self.base[LOG_TIMING])] = late_s / self.base[LOG_TIMING].scale
+        return starts
 
     def _starts(self) -> list[Array]:
         """z where the base fit begins: nominal or as another search has found it, with a little of each nuisance that
