@@ -366,6 +366,15 @@ def test_runs_too_short_for_the_band_are_refused(campaign: Campaign):
         identify(replace(campaign, runs=tuple(short)))
 
 
+def test_a_run_that_stands_still_takes_no_error_bar_away():
+    """All of them were not a number, where a run of a drive below its breakaway torque was among the runs."""
+    moving = axis_campaign(AXIS)
+    first = moving.runs[0]
+    rest = {name: np.full(len(first.time_s), values[0]) for name, values in first.signals.items()}
+    found = identify(replace(moving, runs=(*moving.runs, replace(first, name="rest", signals=rest)))).fit
+    assert found.std_error == pytest.approx(identify(moving).fit.std_error, rel=0.05)
+
+
 def test_a_machine_that_stands_still_is_nothing_to_fit():
     settings = PiSettings(kp_nm_s_per_rad=31.0, ki_nm_per_rad=122.0)
     still = simulate_loop([LoopCase("still", NOMINAL, 4500.0, 8.0, settings, np.zeros(8000))])[0].run

@@ -145,15 +145,20 @@ def rms(values: Array) -> float:
 
 
 def recording(path: Path) -> Recording:
-    """The campaign in a folder, its machine identified on all runs: its values, and the listed effects that the
-    diagnosis names of it, for those it has whatever is bent. InputError where it cannot be read or fitted."""
+    """The campaign in a folder, its machine identified on all runs: its values, and the effects that the diagnosis
+    names of it or that explain an unknown cause, for those it has whatever is bent. InputError where it cannot be read
+    or fitted."""
     campaign = read_campaign(path)
     if kind_of(campaign.machine).name not in KINDS:
         raise InputError(f"a machine of kind '{campaign.machine.kind}'; recorded takes hoists and axes", file=path)
     known = _known(campaign, path)
     found = diagnose(replace(campaign, machine=known.machine), study=False)
     likely = {n: sum(r.probability for r in found.verdict.ranking if n in r.effects) for n in found.verdict.effects}
-    own = {name: found.corrected.effects[name] for name, probability in likely.items() if probability > SURE}
+    own = {
+        name: values
+        for name, values in found.corrected.effects.items()
+        if likely.get(name, float(found.verdict.word == "unknown")) > SURE
+    }
     if not own:
         return known
     effects = {**campaign.machine.effects, **own}

@@ -261,7 +261,7 @@ def _covariance(jacobian: Array, residual: Array, prior: Array, model: OutputMod
     scores = jacobian * residual[:, None]
     middle = prior.T @ prior
     begin = 0
-    for length in model.run_lengths:
+    for length in filter(None, model.run_lengths):  # a run that stands still holds none
         # Bartlett's weights are those of sums over a window: their outer products, once for every place of it.
         lags = min(model.lags, length - 1)
         total = np.cumsum(scores[begin : begin + length], axis=0)

@@ -272,12 +272,12 @@ def beside_own_law(search: SearchResult, again: Callable[[Fitted], SearchResult]
 
 def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
-    does, and the runs by themselves not significantly worse; or a play the input, fitted by plain least squares
-    (`weighed_both_ways`), or as it is, and better at all, where impacts tell of it; and with each one of several than
-    without it, at SIGNIFICANT for all that they were chosen from, and better than with a free law of one variable in
-    its place (`worth`), a play that a log is too coarse to hear by what impacts would say; a play that impacts tell of,
-    which is chosen from none, not significantly worse than without it, for its flights are short and their ends
-    foretold by no law. A delay beside others has to take something, too, of what the log's timing leaves
+    does, and the runs by themselves not significantly worse, nor all in all, in energy; or a play the input, fitted by
+    plain least squares (`weighed_both_ways`), or as it is, and better at all, where impacts tell of it; and with each
+    one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than with a free law
+    of one variable in its place (`worth`), a play that a log is too coarse to hear by what impacts would say; a play
+    that impacts tell of, which is chosen from none, not significantly worse than without it, for its flights are short
+    and their ends foretold by no law. A delay beside others has to take something, too, of what the log's timing leaves
     (`takes_nothing`): a machine's own lags may be some sampling steps; and what every machine has, MINOR of what the
     others leave on held-out runs, and on parts of a motion that all repeat; a ripple, which no base value holds, as
     much as then stays. No amount may as well be none (`may_be_none`)."""
@@ -314,6 +314,9 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     alone = (significance(problem, near, w.fit, by_runs_alone=by_runs) > enough for by_runs, enough in asked)
     heard = problem.struck and PLAY in w.names  # its impacts tell of it
     if not (all(alone) or told(near, 0.0 if heard else by_chance)):
+        return False
+    before, after = (held_out(problem, one, folds_by_run(problem)).rms(problem.inputs) for one in (near, w.fit))
+    if not heard and after**2 > (1.0 + settings.FORETOLD) * before**2:  # row by row no worse, and worse all in all
         return False
     least = float(-ndtri(settings.SIGNIFICANT / len({name for known in search.fits for name in known})))
     enough = all(
