@@ -254,7 +254,7 @@ def _unanswered(runs: Sequence[Run], predicted: Sequence[Array], measured: Seque
         f, cross = _cross(run, x, y)
         own, other = (np.maximum(_cross(run, signal, signal)[1].real, 1e-300) for signal in (x, y))
         k = max(2 * (len(x) // _segment(run)) - 1, 2)
-        coherence = np.clip((k * np.abs(cross) ** 2 / (own * other) - 1.0) / (k - 1.0), 0.0, 1.0)
+        coherence = np.clip((k * np.abs(cross) ** 2 / np.maximum(own * other, 1e-300) - 1.0) / (k - 1.0), 0.0, 1.0)
         spectra.append((f, (1.0 - coherence) * own))
     return spectra
 
