@@ -201,6 +201,7 @@ def test_a_play_is_named_where_plain_least_squares_foretells_left_out_runs(
 ):
     """It left 34 of 61 N in left-out runs; a whitened residual, which holds little of a play, gained 0.8 deviations."""
     monkeypatch.setattr(judge, "may_be_none", lambda *_: False)
+    monkeypatch.setattr(judge, "twice_as_much", lambda *_: False)
     monkeypatch.setattr(judge, "weighed_both_ways", lambda problem, fit, base: [fit, *plain])
     monkeypatch.setattr(judge, "significance", lambda problem, near, fit, **_: 0.8)
     monkeypatch.setattr(judge, "folds_by_run", lambda problem: None)
@@ -217,7 +218,12 @@ def test_a_play_that_impacts_tell_of_is_named_where_its_own_fit_foretells_left_o
 ):
     """Its fit by plain least squares may be the poorer one: of 724 N m in left-out runs 768 were left by that beside a
     ripple, and 706 by its own."""
-    for name, value in (("may_be_none", False), ("significance", 0.8), ("folds_by_run", None)):
+    for name, value in (
+        ("may_be_none", False),
+        ("twice_as_much", False),
+        ("significance", 0.8),
+        ("folds_by_run", None),
+    ):
         monkeypatch.setattr(judge, name, lambda *_, value=value, **__: value)
     monkeypatch.setattr(judge, "weighed_both_ways", lambda problem, fit, base: [fit, -0.7])
     monkeypatch.setattr(judge, "held_out", lambda problem, fit, folds: fit)
@@ -370,6 +376,7 @@ def test_a_play_that_impacts_tell_of_is_told_beside_another_cause_as_it_is_alone
     problem = SimpleNamespace(**{**vars(AXIS), "struck": struck})
     search = SimpleNamespace(problem=problem, base=fits[play,], within_tolerances=fits[play,], fits=fits)
     monkeypatch.setattr(judge, "may_be_none", lambda *_: False)
+    monkeypatch.setattr(judge, "twice_as_much", lambda *_: False)
     monkeypatch.setattr(judge, "significance", lambda problem, rest, *_, **__: 9.0 if play in rest.effects else 0.3)
     monkeypatch.setattr(judge, "worth", lambda *_: (40.0, "speed"))
     monkeypatch.setattr(judge, "only_late", lambda *_: False)
@@ -392,7 +399,12 @@ def test_a_play_that_is_heard_has_to_foretell_left_out_runs_better_and_not_by_mo
     }
     problem = SimpleNamespace(**{**vars(AXIS), "struck": struck})
     search = SimpleNamespace(problem=problem, base=fits[()], within_tolerances=fits[()], fits=fits)
-    for name, value in {"may_be_none": False, "significance": 0.3, "folds_by_run": None}.items():
+    for name, value in {
+        "may_be_none": False,
+        "twice_as_much": False,
+        "significance": 0.3,
+        "folds_by_run": None,
+    }.items():
         monkeypatch.setattr(judge, name, lambda *_, value=value, **__: value)
     monkeypatch.setattr(judge, "weighed_both_ways", lambda problem, fit, base: (fit, fit))
     monkeypatch.setattr(judge, "held_out", lambda problem, fit, folds: fit)

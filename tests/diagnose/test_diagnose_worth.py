@@ -226,6 +226,22 @@ def test_effects_that_cancel_are_none_where_they_leave_more_than_a_machine_witho
     assert (why and why.over) == over
 
 
+@pytest.mark.parametrize(("after", "named"), [(0.9, True), (1.3, True), (1.6, False)])
+def test_a_cause_that_leaves_held_out_runs_twice_the_energy_is_none(
+    after: float, named: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """A drive's torque filter: "the residual on runs held out, 0.049 N m, stays", and it was 0.030 before. Row by row,
+    where none counts for more than before, it was no worse."""
+    near, fit = SimpleNamespace(effects=(), z=()), SimpleNamespace(effects=("torque_filter",), z=())
+    left = {id(near): 1.0, id(fit): after}
+    monkeypatch.setattr(judge, "held_out", lambda problem, one, folds: SimpleNamespace(rms=lambda _: left[id(one)]))
+    for name, value in {"folds_by_run": None, "significance": 9.0, "may_be_none": False}.items():
+        monkeypatch.setattr(judge, name, lambda *_, value=value, **__: value)
+    monkeypatch.setattr(judge, "nuisance_std", lambda *_: {})
+    search = SimpleNamespace(problem=AXIS, base=near, within_tolerances=near, fits={("torque_filter",): fit})
+    assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=("torque_filter",), fit=fit))) == named
+
+
 @pytest.mark.parametrize("idle", ["friction_coulomb", "torque_scale"])
 def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     idle: str, monkeypatch: pytest.MonkeyPatch
@@ -245,6 +261,7 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
 
     late: list[str] = []
     monkeypatch.setattr(judge, "may_be_none", lambda *_: False)
+    monkeypatch.setattr(judge, "twice_as_much", lambda *_: False)
     monkeypatch.setattr(judge, "significance", lambda *fits, by_runs_alone=False: 9.0)
     monkeypatch.setattr(judge, "worth", worth)
     monkeypatch.setattr(judge, "only_late", lambda problem, less, fit, name, base: name in late)
@@ -274,6 +291,7 @@ def test_a_play_that_nobody_can_hear_says_beside_others_what_impacts_would(
         "worth": (worth, "speed"),
         "significance": 9.0,
         "may_be_none": False,
+        "twice_as_much": False,
         "only_late": False,
     }.items():
         monkeypatch.setattr(judge, name, lambda *_, value=value, **__: value)
@@ -384,6 +402,7 @@ def test_what_every_machine_has_a_little_of_is_no_cause_where_most_of_the_gap_st
     """An untouched servo bench had a ripple of its own named, of 5.2 waves a turn in four of its runs and of 6.0 in
     others, that took 18 and 12 % of what it leaves on held-out runs."""
     monkeypatch.setattr(judge, "may_be_none", lambda *_: False)
+    monkeypatch.setattr(judge, "twice_as_much", lambda *_: False)
     monkeypatch.setattr(judge, "significance", lambda *fits, by_runs_alone=False: 9.0)
     for folds in ("folds_by_run", "folds_by_motion"):
         monkeypatch.setattr(judge, folds, lambda _: None)
@@ -452,6 +471,7 @@ def test_no_cause_is_named_for_what_left_out_runs_gain_by_chance_or_lose(
     """A dead band of a hoist's log came as a drift of friction that left-out runs gained 0.8 deviations by; a bent
     sensor of a motor bench as an offset that they lost 2.3 by."""
     monkeypatch.setattr(judge, "may_be_none", lambda *_: False)
+    monkeypatch.setattr(judge, "twice_as_much", lambda *_: False)
     monkeypatch.setattr(
         judge, "significance", lambda *fits, by_runs_alone=False: by_runs if by_runs_alone else deviations
     )

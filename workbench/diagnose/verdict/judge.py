@@ -272,14 +272,14 @@ def beside_own_law(search: SearchResult, again: Callable[[Fitted], SearchResult]
 
 def deserved(search: SearchResult, w: Weighed) -> bool:
     """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
-    does, and the runs by themselves not significantly worse, nor all in all, in energy; or a play the input, fitted by
-    plain least squares (`weighed_both_ways`), or as it is, and better at all, where impacts tell of it; and with each
-    one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than with a free law
-    of one variable in its place (`worth`), a play that a log is too coarse to hear by what impacts would say; a play
-    that impacts tell of, which is chosen from none, not significantly worse than without it, for its flights are short
-    and their ends foretold by no law. A delay beside others has to take something, too, of what the log's timing leaves
-    (`takes_nothing`): a machine's own lags may be some sampling steps; and what every machine has, MINOR of what the
-    others leave on held-out runs, and on parts of a motion that all repeat; a ripple, which no base value holds, as
+    does, and the runs by themselves not significantly worse, nor all in all (`twice_as_much`); or a play the input,
+    fitted by plain least squares (`weighed_both_ways`), or as it is, and better at all, where impacts tell of it; and
+    with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than with a
+    free law of one variable in its place (`worth`), a play that a log is too coarse to hear by what impacts would say;
+    a play that impacts tell of, which is chosen from none, not significantly worse than without it, for its flights are
+    short and their ends foretold by no law. A delay beside others has to take something, too, of what the log's timing
+    leaves (`takes_nothing`): a machine's own lags may be some sampling steps; and what every machine has, MINOR of what
+    the others leave on held-out runs, and on parts of a motion that all repeat; a ripple, which no base value holds, as
     much as then stays. No amount may as well be none (`may_be_none`)."""
     problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
@@ -315,8 +315,7 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     heard = problem.struck and PLAY in w.names  # its impacts tell of it
     if not (all(alone) or told(near, 0.0 if heard else by_chance)):
         return False
-    before, after = (held_out(problem, one, folds_by_run(problem)).rms(problem.inputs) for one in (near, w.fit))
-    if not heard and after**2 > (1.0 + settings.FORETOLD) * before**2:  # row by row no worse, and worse all in all
+    if not heard and twice_as_much(problem, near, w.fit):
         return False
     least = float(-ndtri(settings.SIGNIFICANT / len({name for known in search.fits for name in known})))
     enough = all(
@@ -325,6 +324,13 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
         for rest in sorted(less, key=lambda rest: rest.objective)
     )
     return enough and not may_be_none(problem, w.fit, least)
+
+
+def twice_as_much(problem: Problem, near: Fitted, fit: Fitted) -> bool:
+    """Whether held-out runs keep twice the energy of the input's residual with an effect: row by row it may be no worse
+    (`significance`), and where friction turns over by far."""
+    before, after = (held_out(problem, one, folds_by_run(problem)).rms(problem.inputs) for one in (near, fit))
+    return settings.HALF * after**2 > before**2
 
 
 def only_late(problem: Problem, less: Fitted, fit: Fitted, name: str, base: int) -> bool:
