@@ -1,11 +1,11 @@
 """`python -m benchmarks.recordings CLONES OUT`: public recordings of real machines, each as a campaign in OUT.
 
 CLONES holds clones of the repositories of `SOURCES`, at the commit if one is named; what is missing there is left out,
-and said so. Torque is the logged current times the constants of the data sheets beside the logs. Of servos whose
-voltage is a gain times the way to their goal it is that, and what their motor induces is viscous friction. Each
-machine.yaml is a start: inertia, viscous friction, one Coulomb level for both directions and a constant, by least
-squares over all runs below `BAND_HZ`, samples below `SLOWEST` of the top speed left out; a sealed test of a recording
-identifies the machine on its runs anew.
+and said so. Torque is the logged current times the constants of the data sheets beside the logs, or what the drive
+itself makes of its current. Of servos whose voltage is a gain times the way to their goal it is that, and what their
+motor induces is viscous friction. Each machine.yaml is a start: inertia, viscous friction, one Coulomb level for both
+directions and a constant, by least squares over all runs below `BAND_HZ`, samples below `SLOWEST` of the top speed left
+out; a sealed test of a recording identifies the machine on its runs anew.
 
 Workbooks ask for openpyxl, which the project does not install.
 """
@@ -33,11 +33,18 @@ SOURCES = {
     "dynamic_calibration": "shamilmamedov/dynamic_calibration",
     "sysid": "kscalelabs/sysid at d66b22c",
     "bam": "Rhoban/bam at af22604",
-}
+    "actuator-dynamometer": "karthikurs/actuator-dynamometer at 1ab6e56",
+    "torque_limited_simple_pendulum": "dfki-ric-underactuated-lab/torque_limited_simple_pendulum at ed17ea2",
+    "TMotorCANControl": "neurobionics/TMotorCANControl at bb8d071",
+    "Control-Lab---0-Inertia-and-Friction-Estimation":
+        "giuliosavian/Control-Lab---0-Inertia-and-Friction-Estimation at d70f9b7",
+    "Friction-Identification-for-Manipulators_usb2fdcan":
+        "YIZHIXIAOCANGSHU/Friction-Identification-for-Manipulators_usb2fdcan at 4c6df01",
+}  # fmt: skip
 SLOWEST = 0.05  # of the top speed
 BAND_HZ = 10.0
 INERTIA_KG_M2 = {"servo_bm": 1.5e-4, "servo_40": 1.5e-4}  # these hold their speed; the servo's other runs tell it
-MILLI, DEGREE = 1e-3, math.pi / 180.0
+MILLI, DEGREE, RPM = 1e-3, math.pi / 180.0, 2.0 * math.pi / 60.0
 # Nm of the motor a ampere, and N of the spindle a Nm: 50.95 and 327.6 turns a metre of the two linear actuators.
 SPINDLE_N_PER_MA = 0.0706 * 2.0 * math.pi * 50.95 / 48.0
 TOE_N_PER_A = 0.0461 * 1000.0 * 2.0 * math.pi * 327.6 / 42.0
@@ -46,8 +53,12 @@ WINCH_NM_PER_A = -8.27 / 150.0  # 5 kg on the drum of 20 mm take 0.98 Nm; going 
 ROBOT_NM_PER_A = 10.0, 10.6956, 8.4566, 9.0029, 9.48, 10.1232  # of each joint, from runs with a known load
 # Of a gain of 1 rad: from the known mass of the pendulum, as the slope of the gain's torque over its weight's.
 PENDULUM_NM = {"sts3250": 1.82, "sts3215": 1.27, "xl330": 0.002}
-GRAVITY = {"robot_elbow", *PENDULUM_NM}  # these turn about an axis that lies
+FREE_NM_PER_A = 1.3146  # at the output: what those of its logs that note a torque apply
+GEARED_NM_PER_A = 14.0 * 7.68128e-3  # ratio and constant of its DATA.mat, before the gear's losses
+IDLE_S = 0.2  # no loop waits for its next sample so long
+GRAVITY = {"robot_elbow", "swing_up", *PENDULUM_NM}  # these turn about an axis that lies
 Signals = dict[str, Array]
+Reader = Callable[[Path], Iterator[tuple[str, Signals]]]
 
 
 def spin_ups(clones: Path) -> Iterator[tuple[str, Signals]]:
@@ -57,7 +68,7 @@ def spin_ups(clones: Path) -> Iterator[tuple[str, Signals]]:
                      "torque_nm": 0.0459 * data[:, 6]}  # fmt: skip
 
 
-def servo(pattern: str) -> Callable[[Path], Iterator[tuple[str, Signals]]]:
+def servo(pattern: str) -> Reader:
     """Five repeats of one motion at 1 kHz."""
 
     def read(clones: Path) -> Iterator[tuple[str, Signals]]:
@@ -119,7 +130,7 @@ def winch(clones: Path) -> Iterator[tuple[str, Signals]]:
                      "speed_rad_s": 2.0 * math.pi * data[:, 2], "torque_nm": WINCH_NM_PER_A * data[:, 3]}  # fmt: skip
 
 
-def robot(joint: int) -> Callable[[Path], Iterator[tuple[str, Signals]]]:
+def robot(joint: int) -> Reader:
     """One joint turns to and fro in 10 s, the five others rest; one log of a minute."""
 
     def read(clones: Path) -> Iterator[tuple[str, Signals]]:
@@ -131,9 +142,7 @@ def robot(joint: int) -> Callable[[Path], Iterator[tuple[str, Signals]]]:
     return read
 
 
-def pendulum(
-    name: str, folder: str, gains: tuple[int, ...], mass_kg: float, length_m: float
-) -> Callable[[Path], Iterator[tuple[str, Signals]]]:
+def pendulum(name: str, folder: str, gains: tuple[int, ...], mass_kg: float, length_m: float) -> Reader:
     """A small servo swings a mass on an arm, 6 s a log at 200 Hz, each motion at each of some gains of its position."""
 
     def read(clones: Path) -> Iterator[tuple[str, Signals]]:
@@ -158,7 +167,52 @@ def pendulum(
     return read
 
 
-FAMILIES: dict[str, Callable[[Path], Iterator[tuple[str, Signals]]]] = {
+def drive(logs: str, columns: tuple[int, ...], runs: dict[str, str], nm_per_unit: float = 1.0) -> Reader:
+    """What a drive notes of itself: `columns` of time, angle, speed, and torque or current; `runs` by what their logs
+    put into `logs`. What comes before a pause of `IDLE_S`, waiting for the loop to run, is left out."""
+
+    def read(clones: Path) -> Iterator[tuple[str, Signals]]:
+        for run, name in runs.items():
+            data = np.genfromtxt(clones / logs.format(name), delimiter=",", usecols=columns)
+            data = data[np.isfinite(data).all(axis=1)]
+            data = data[np.flatnonzero(np.diff(data[:, 0], prepend=-math.inf) > IDLE_S)[-1] :]
+            yield run, {"time_s": data[:, 0], "angle_rad": data[:, 1], "speed_rad_s": data[:, 2],
+                        "torque_nm": nm_per_unit * data[:, 3]}  # fmt: skip
+
+    return read
+
+
+def geared(clones: Path) -> Iterator[tuple[str, Signals]]:
+    """A DC motor and its gear in stairs of 50 rpm and in triangles; of 1 kHz every fourth sample, for the log ends at
+    20 Hz. Both triangles are labelled rpm; the first is in rad/s, as the motor's speed beside it says."""
+    folder = clones / "Control-Lab---0-Inertia-and-Friction-Estimation/LAB0/Sim-Mat/Final_v"
+    data, again = (loadmat(str(folder / file), simplify_cells=True) for file in ("DATA.mat", "MotorData_inertia.mat"))
+    (current, speed, *_), (current_again, speed_again, *_) = data["MotorData"]["signals"], again["MotorData"]["signals"]
+    for name, time, current_a, speed_rad_s in (
+        ("stairs_up", data["t1"], data["cur1"], data["wl1"]),
+        ("stairs_down", data["t2"], data["cur2"], data["wl2"]),
+        ("triangles", data["t3"], current["values"], speed["values"]),
+        ("triangles_again", again["MotorData"]["time"], current_again["values"], RPM * speed_again["values"]),
+    ):
+        yield name, {"time_s": time[::4], "speed_rad_s": speed_rad_s[::4],
+                     "torque_nm": GEARED_NM_PER_A * current_a[::4]}  # fmt: skip
+
+
+def joint_drive(motor: int) -> Reader:
+    """A geared joint motor free on the bench: torque ramps until it breaks loose, speeds to 8 rad/s held, ramps; three
+    rounds at 48 Hz, torque of its own feedback. Its position wraps at 12.5 rad and is left out."""
+
+    def read(clones: Path) -> Iterator[tuple[str, Signals]]:
+        rounds = clones / "Friction-Identification-for-Manipulators_usb2fdcan/results/runs/20260425_162832_identify-all"
+        for number in (1, 2, 3):
+            with np.load(rounds / f"group_0{number}/motor_0{motor}/capture.npz") as log:
+                yield f"round_{number}", {"time_s": log["time"], "speed_rad_s": log["velocity"],
+                                          "torque_nm": log["torque_feedback"]}  # fmt: skip
+
+    return read
+
+
+FAMILIES: dict[str, Reader] = {
     "spin_ups": spin_ups,
     "servo": servo("data/Lorenz_Jm_{}.txt"),
     "servo_bm": servo("data/Lorenz_Bm_{}.txt"),
@@ -174,6 +228,37 @@ FAMILIES: dict[str, Callable[[Path], Iterator[tuple[str, Signals]]]] = {
     "sts3250": pendulum("sts3250", "sysid/data/feetech/STS_3250/processed", (4,), 0.535, 0.15),
     "sts3215": pendulum("sts3215", "sysid/data/feetech/STS_3215_12V_20250317/processed", (4,), 0.535, 0.15),
     "xl330": pendulum("xl330", "bam/bam/data.bak/processed", (100, 200, 400), 0.49, 0.1),
+    # A gimbal motor and what hangs on its shaft, under random current.
+    "bench_rotor": drive(
+        "actuator-dynamometer/futek_data/futek_test_06_05_2021_{}.csv",
+        (0, 4, 5, 6),
+        {f"06_{clock}": clock for clock in ("14-28-13", "14-29-55", "17-09-17")},
+    ),
+    # 0.68 kg on an arm of half a metre, swung up from hanging after two plans.
+    "swing_up": drive(
+        "torque_limited_simple_pendulum/results/control_method_{}/data_measured.csv",
+        (0, 1, 2, 3),
+        {plan: plan for plan in ("ddp", "direct_collocation")},
+    ),
+    # Turns free: steps and a rising sweep of its position.
+    "qdd_free": drive(
+        "TMotorCANControl/src/TMotorCANControl/test/saved_logs/control_mode_tests/{}/log.csv",
+        (0, 1, 2, 4),
+        {
+            name.removesuffix("_motorside"): name
+            for name in (
+                "mit_poscon",
+                "full_state_feedback",
+                "position_wraparound_test",
+                "position_step_Kp10_Kd0.5_1rad",
+                "position_step_Kp10_Kd0.5_10rad_motorside",
+            )
+        },
+        FREE_NM_PER_A,
+    ),
+    "gear_motor": geared,
+    "joint_drive": joint_drive(1),
+    "small_drive": joint_drive(5),
 }
 
 

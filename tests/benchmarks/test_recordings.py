@@ -41,3 +41,14 @@ def test_a_joint_of_a_robot_begins_with_its_gravity(tmp_path: Path):
     assert get_value(read.machine, "gravity.sine_nm") == pytest.approx(-37.0, rel=0.01)
     assert get_value(read.machine, "inertia_kg_m2") == pytest.approx(4.0, rel=0.05)
     assert read.runs[0].time_s[0] == 0.0 and math.isclose(read.runs[0].duration_s, 40.0, abs_tol=0.02)
+
+
+def test_what_a_drive_notes_before_its_loop_runs_is_left_out(tmp_path: Path):
+    time = np.concatenate([[0.1, 0.2], 0.9 + 0.002 * np.arange(500)])
+    columns = np.column_stack([time, np.sin(time), np.cos(time), 0.5 * time])
+    np.savetxt(
+        tmp_path / "step.csv", columns, delimiter=",", header="# of one drive\ntime,angle,speed,current", comments=""
+    )
+    ((name, read),) = recordings.drive("{}.csv", (0, 1, 2, 3), {"first": "step"}, 2.0)(tmp_path)
+    assert name == "first" and np.array_equal(read["time_s"], time[2:])
+    assert read["torque_nm"] == pytest.approx(time[2:])
