@@ -22,10 +22,10 @@ from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.readiness.checks import Rigid, _machine_faults, check_runs, rigid_of
+from workbench.diagnose.readiness.checks import Rigid, _machine_faults, check_runs, rigid_of, slope_of
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
-from workbench.machines import with_values
+from workbench.machines import kind_of, with_values
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import lowpass
 from workbench.simulate.noise import informative_band
@@ -351,6 +351,19 @@ def test_a_motion_that_is_late_by_much_of_its_period_is_late_and_not_upside_down
     assert found.verdict.effects == ("speed_delay",)
     (told,) = found.corrected.effects["speed_delay"].values()
     assert told == pytest.approx(0.22, abs=0.002)
+
+
+def test_an_even_speed_whose_log_is_coarse_is_of_the_same_motion(axis: Campaign):
+    """A motor held at a turn a second, shaken by its cogging, in a speed that its drive shows late and in steps was
+    refused as of another motion than its angle."""
+    time = axis.runs[0].time_s
+    shaken = 0.1 * time + 2e-5 * np.sin(90.0 * time)
+    coarse = 5e-3 * np.round((0.1 + 1.8e-3 * np.cos(90.0 * (time - 0.01))) / 5e-3)
+    even = Run("even", time, {"position_m": shaken, "velocity_m_s": coarse, "force_n": 41.0 + 0.0 * time})
+    faults = kind_of(axis.machine).cross_checks
+    assert faults is not None
+    (found,) = faults(axis.machine, even, shaken, lambda x: lowpass(time, x, 89.6), slope_of)
+    assert found.ratio == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_motion_that_is_late_by_more_than_its_pulses_is_late(axis: Campaign):

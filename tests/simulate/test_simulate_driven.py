@@ -348,6 +348,11 @@ def test_a_quick_reversal_is_no_rest():
     assert np.all(moving(TIME, speed, 100.0, 2.0))
 
 
+def test_reversals_that_follow_one_another_within_a_period_of_the_band_are_no_rest():
+    """A motor that turned to and fro twice a second was refused, where its band ended at 2.5 Hz: "hardly moves"."""
+    assert np.all(moving(TIME, 10.0 * np.sin(2.0 * np.pi * 2.1 * TIME), 10.0, 2.5))
+
+
 def test_noise_at_rest_is_no_motion():
     noise = np.random.default_rng(5).normal(0.0, 0.5, len(TIME))
     keep = moving(TIME, speed_profile((10.0, 20.0)) + noise, 100.0, 2.0)

@@ -296,7 +296,8 @@ def diagnose(
     effects = chosen_effects(campaign, candidates)
     problem = Problem(campaign.machine, campaign.runs, band_hz)
     if band_hz is None and (band := usable_band(problem.bench, seed)) < problem.band_hz:
-        problem = Problem(campaign.machine, campaign.runs, band)
+        narrow = Problem(campaign.machine, campaign.runs, band)
+        problem = narrow if narrow.inputs else problem  # slower than its reversals nothing counts
     problem = with_motion_noise(problem, seed)
     state = condition(campaign, problem, math.sqrt(problem.noise**2 - problem.input_noise**2))
 

@@ -68,19 +68,20 @@ def moving(time_s: Array, speed: Array, scale: float, band_hz: float) -> np.ndar
     A machine at rest may stick anywhere within its friction: a held load says nothing
     about friction, and the low-pass smears that. It rests when it is slower than
     RESTS_BELOW of the speed scale for a period of the band or longer; a quick reversal is no
-    rest, the overshoot of a stop belongs to it.
+    rest, nor are many that follow one another, the overshoot of a stop belongs to it.
     """
     still = np.abs(lowpass(time_s, speed, band_hz)) < RESTS_BELOW * scale
     keep = np.ones(len(time_s), dtype=bool)
     guard = 0.5 / band_hz
     spans: list[list[float]] = []
     for begin, end in zip(*stretches(still), strict=True):
+        rests_s = time_s[end - 1] - time_s[begin]
         if spans and time_s[begin] - spans[-1][1] < 1.0 / band_hz:
-            spans[-1][1] = time_s[end - 1]
+            spans[-1][1:] = time_s[end - 1], spans[-1][2] + rests_s
         else:
-            spans.append([time_s[begin], time_s[end - 1]])
-    for since, until in spans:
-        if until - since >= 1.0 / band_hz:
+            spans.append([time_s[begin], time_s[end - 1], rests_s])
+    for since, until, rests_s in spans:
+        if until - since >= 1.0 / band_hz and 2.0 * rests_s >= until - since:
             keep &= (time_s < since - guard) | (time_s > until + guard)
     return keep
 

@@ -466,10 +466,11 @@ def rigid(m: Axis, payload_kg: float) -> declare.RigidBody:
 def cross_checks(
     m: Axis, run: Run, position: Array, smooth: Callable[[Array], Array], slope: Callable[[Array, Array], float]
 ) -> Iterator[declare.CrossCheck]:
-    """Position against speed, where both are logged."""
+    """Position against the way that the speed makes, where both are logged: at an even speed what either shows beside
+    that is its noise."""
     at, speed = m.position_signal, m.speed_signal
     if at in run and speed in run:
-        ratio = slope(smooth(run[speed]), np.gradient(smooth(run[at]), run.time_s))
+        ratio = slope(integrated(run[speed], run.time_s), run[at])
         said = (
             f"{at} does not change as {speed} says; are both of one motion and clock, or does the log hold old values?"
         )
