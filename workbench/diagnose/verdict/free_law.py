@@ -89,9 +89,10 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     if regimes == {"time"}:
         runs = np.eye(len(problem.runs))
         levels = np.where(forward(problem), 1.0, -1.0)[:, None] * runs[problem.run_of_row[: problem.inputs]]
-        shape = alone.clean(np.pad(levels, ((0, problem.samples - problem.inputs), (0, 0))))
-        one = score(shape, alone.residual, [runs], rms, its)
-        least = min(least, (one - only - paid - settings.DECISIVE, "friction of each run"))
+        shape = np.pad(levels, ((0, problem.samples - problem.inputs), (0, 0)))
+        each = [np.column_stack([fit.clean(shape), fit.residual]) for fit in (alone, beside)]
+        one, both = _alone_and_beside(each, [runs], rms, its)
+        least = min(least, (one - both - paid - settings.DECISIVE, "friction of each run"))
     return least
 
 
