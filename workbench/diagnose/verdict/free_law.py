@@ -92,7 +92,12 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
         shape = np.pad(levels, ((0, problem.samples - problem.inputs), (0, 0)))
         each = [np.column_stack([fit.clean(shape), fit.residual]) for fit in (alone, beside)]
         one, both = _alone_and_beside(each, [runs], rms, its)
-        least = min(least, (one - both - paid - settings.DECISIVE, "friction of each run"))
+        values, vectors = np.linalg.eigh(each[0][:, :-1].T @ each[0][:, :-1])
+        shown = values > 1e-9 * values[-1]  # a level of all runs is the base fit's
+        levels = (vectors.T @ each[0][:, :-1].T @ each[0][:, -1])[shown] / values[shown]
+        apiece = float(np.mean(np.log1p(np.mean(levels**2) * values[shown])))
+        paid = max(paid, apiece * (len(cause.fit.z) - len(less.z)))
+        least = min(least, (min(one - only, one - both - paid - settings.DECISIVE), "friction of each run"))
     return least
 
 
