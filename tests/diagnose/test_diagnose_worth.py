@@ -438,6 +438,17 @@ def test_runs_that_each_have_a_friction_of_their_own_are_no_drift(
     assert judged_to_help(searched(Problem(machine, runs), [find(name, "axis-rotary")], 1)).word == word
 
 
+@pytest.mark.parametrize(("share", "named"), [(0.12, False), (0.2, True)])
+def test_a_little_more_friction_near_standstill_is_every_axis_own(share: float, named: bool):
+    """A geared motor and a robot's wrist, untouched, had a peak named that took a tenth of what they leave."""
+    machine, name = rotary_axis(), "friction_stribeck"
+    level = share * machine.role("coulomb_forward")
+    peak = {"peak_forward_nm": level, "peak_backward_nm": level, "stribeck_speed_rad_s": 0.4}
+    runs = axis_runs(with_effects(machine, {name: peak}), noise=0.1)
+    judged = judged_to_help(searched(Problem(machine, runs), [find(name, "axis-rotary")], 1))
+    assert (judged.names == (name,)) == named, judged.ranking
+
+
 def test_a_drift_of_many_runs_whose_friction_differs_a_little_is_a_drift():
     """Nine runs of a joint's drive, whose levels lay about an exponential by a tenth of it, were unknown at 958 of
     evidence: a level of each run explained as much."""

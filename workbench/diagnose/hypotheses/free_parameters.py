@@ -304,11 +304,11 @@ def nuisance_parameters(machine: Any, runs: Sequence[Run]) -> dict[str, FreePara
 
 
 def nuisance_std(machine: Any, runs: Sequence[Run], name: str) -> dict[str, float]:
-    """Symbol -> standard deviation of the nuisance amount of an effect that is not fitted. Empty for other effects."""
+    """Symbol -> standard deviation of each nuisance amount of an effect that is not fitted. Empty for other effects."""
     kind = kind_of(machine)
     sizes = kind.sizes(machine, runs)
     std = next((t.std(machine, sizes) for t in kind.nuisances if t.effect == name and not t.fitted), 0.0)
     if std <= 0.0:
         return {}
-    amount = next(r for r in ranges_of(find(name, kind.name), machine, runs) if r.vanishes_at is not None)
-    return {amount.symbol: std}
+    ranges = ranges_of(find(name, kind.name), machine, runs)
+    return {r.symbol: std for r in ranges if r.vanishes_at is not None}

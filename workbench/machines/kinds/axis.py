@@ -484,6 +484,10 @@ def _transmitted(p: Any, s: Any, u: Array, acceleration: Array, payload_kg: floa
     return np.asarray(p.G * np.sin(s.x) + p.C), float(p.M)
 
 
+def _level(m: Axis) -> float:
+    return 0.5 * float(m.role("coulomb_forward") + m.role("coulomb_backward"))
+
+
 def _way(s: Any, p: Any) -> Array:
     return np.clip(s.v / p.v_s, -1.0, 1.0)
 
@@ -637,6 +641,7 @@ def axis_kind(
         nuisances=(
             declare.NuisancePrior("torque_ripple", lambda m, sizes: 0.003 * sizes.force, fitted=False),
             declare.NuisancePrior("presliding", lambda m, sizes: 0.0005 * sizes.length),
+            declare.NuisancePrior("friction_stribeck", lambda m, sizes: 0.05 * _level(m), fitted=False),
         ),
         model_error=declare.ModelError(0.004, 0.004, standstill=0.05, slow=0.05, time_s=0.06, of_largest=True),
         whole="axis",
