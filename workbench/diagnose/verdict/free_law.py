@@ -29,7 +29,8 @@ variable: then such an f alone is better than the cause alone, and does without 
 rest may be worth a parameter; a true cause takes beside f about what it takes alone. A cause that bends is worth less
 than nothing, by as much as f alone is better. A freer f is not asked: over the place it can be a true ripple, and what
 else the machine has there. A cause that goes with the time has to be DECISIVE better than levels of friction of each
-run, too: three or four runs of any machine differ, and lie near some exponential.
+run, too: three or four runs of any machine differ, and lie near some exponential. Of twice as many runs as it has
+values, a level among them, it may be so with levels beside it, which then differ less.
 
 A true cause leaves less for f to take, or something that f cannot take, and is worth much. Several effects that only
 imitate one law together (a bent sensor by gain, offset and friction with the load) are worth less than nothing.
@@ -92,12 +93,9 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
         shape = np.pad(levels, ((0, problem.samples - problem.inputs), (0, 0)))
         each = [np.column_stack([fit.clean(shape), fit.residual]) for fit in (alone, beside)]
         one, both = _alone_and_beside(each, [runs], rms, its)
-        values, vectors = np.linalg.eigh(each[0][:, :-1].T @ each[0][:, :-1])
-        shown = values > 1e-9 * values[-1]  # a level of all runs is the base fit's
-        levels = (vectors.T @ each[0][:, :-1].T @ each[0][:, -1])[shown] / values[shown]
-        apiece = float(np.mean(np.log1p(np.mean(levels**2) * values[shown])))
-        paid = max(paid, apiece * (len(cause.fit.z) - len(less.z)))
-        least = min(least, (min(one - only, one - both - paid - settings.DECISIVE), "friction of each run"))
+        many = settings.HALF * len(np.unique(problem.run_of_row)) > len(cause.fit.z) - len(less.z)
+        beside_levels = one - (both if many else only) - paid - settings.DECISIVE
+        least = min(least, (min(one - only, beside_levels), "friction of each run"))
     return least
 
 
