@@ -25,7 +25,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out
 from workbench.diagnose.hypotheses.problem import Problem
-from workbench.diagnose.hypotheses.search import TOLERANCES, TURNED, Search
+from workbench.diagnose.hypotheses.search import TOLERANCES, TURNED, Search, searched
 from workbench.diagnose.law import Law, Term, find_law, solved
 from workbench.diagnose.location.places import placed
 from workbench.diagnose.location.profiles import spacing, times
@@ -33,7 +33,7 @@ from workbench.diagnose.location.where import laws_left, where_of
 from workbench.diagnose.machines import refitted_machine
 from workbench.diagnose.unknown import Explained, explain, explained_machine, with_unknown
 from workbench.diagnose.verdict.answer import percent_of
-from workbench.effects import ranges_of
+from workbench.effects import find, ranges_of
 from workbench.effects.active import logged, of
 from workbench.effects.loading import load_effects
 from workbench.effects.registry import forget_users
@@ -236,6 +236,20 @@ def test_a_table_whose_gain_is_chance_is_dropped(seed: int):
     explanation = explain(problem, base)
     assert explanation.fitted is base and "which may be chance" in explanation.sentences[0]
     assert with_unknown(problem.machine, explanation) is problem.machine
+
+
+def test_an_unlisted_effect_that_takes_next_to_nothing_is_not_in_the_machine():
+    """ "With friction_step, an effect that is not listed, 0.0011 N m are left", of as much: 3 % of the energy."""
+
+    def shaking(position: Array, speed: Array) -> Array:
+        step = 0.6 * np.sign(speed) * (position > 0.05)
+        return np.asarray(4.0 * np.sin(40.0 * np.arange(len(position)) / 1000.0) + step)
+
+    problem = Problem(LinearAxis.model_validate(AXIS), axis_runs(shaking, ("a", "b", "c")))
+    (rival,) = searched(problem, [find("friction_step", "axis-linear")], 1).fits.values()
+    found = explain(problem, base_fit(problem, bounded=True), [rival])
+    assert not found.effects and "not listed" not in " ".join(found.sentences)
+    assert found.held_out.rms(problem.inputs) >= held_out(problem, rival, folds_by_run(problem)).rms(problem.inputs)
 
 
 def test_a_table_of_a_late_log_is_driven_as_its_file_replays():

@@ -94,7 +94,7 @@ def _plain(value: float, decimals: int) -> str:
 
 REFINED = 2  # tables that are tried on points of their own choice
 DRIVEN, NEAR = 2, 0.05  # tables that are driven: the best, and others that explain nearly as much
-USEFUL = 0.1  # of the gap's energy on what was left out: a table that takes less away stays out of the machine
+USEFUL = 0.1  # of the gap's energy on what was left out: what takes less away stays out of the machine
 STRETCHED = 0.9  # of it: what base parameters leave beyond their tolerances is stated where it is less
 SHOWN = 0.02  # the same, for a curve to be shown
 
@@ -140,14 +140,14 @@ def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = (), pla
     unseen, rival = min(
         ((held_out(problem, fit, folds), fit) for fit in rivals), key=lambda one: one[0].rms(problem.inputs)
     )
-    if unseen.rms(problem.inputs) > found.held_out.rms(problem.inputs):
+    share = _share(problem, alone, unseen.rms(problem.inputs))
+    if share < USEFUL or unseen.rms(problem.inputs) > found.held_out.rms(problem.inputs):
         return found
     keys = base_parameters(problem.machine, problem.runs)
     machines = tuple(machine_of(problem, keys, rival.effects, setting) for setting in unseen.settings)
     whole = corrected_machine(problem, keys, rival)
     effects = {name: whole.effects[name] for name in rival.effects}
     values = ", ".join(powers(f"{key} {value:.3g}") for of in effects.values() for key, value in of.items())
-    share = _share(problem, alone, unseen.rms(problem.inputs))
     sentence = (
         f"{' and '.join(effects)}, in the library and not listed, explains {percent_of(share)} of the gap's energy on "
         f"{_left_out(problem)} ({values}). machine.yaml holds it."
