@@ -34,7 +34,6 @@ SOURCES = {
     "sysid": "kscalelabs/sysid at d66b22c",
     "bam": "Rhoban/bam at af22604",
     "actuator-dynamometer": "karthikurs/actuator-dynamometer at 1ab6e56",
-    "torque_limited_simple_pendulum": "dfki-ric-underactuated-lab/torque_limited_simple_pendulum at ed17ea2",
     "TMotorCANControl": "neurobionics/TMotorCANControl at bb8d071",
     "Control-Lab---0-Inertia-and-Friction-Estimation":
         "giuliosavian/Control-Lab---0-Inertia-and-Friction-Estimation at d70f9b7",
@@ -56,7 +55,7 @@ PENDULUM_NM = {"sts3250": 1.82, "sts3215": 1.27, "xl330": 0.002}
 FREE_NM_PER_A = 1.3146  # at the output: what those of its logs that note a torque apply
 GEARED_NM_PER_A = 14.0 * 7.68128e-3  # ratio and constant of its DATA.mat, before the gear's losses
 IDLE_S = 0.2  # no loop waits for its next sample so long
-GRAVITY = {"robot_elbow", "swing_up", *PENDULUM_NM}  # these turn about an axis that lies
+GRAVITY = {"robot_elbow", *PENDULUM_NM}  # these turn about an axis that lies
 Signals = dict[str, Array]
 Reader = Callable[[Path], Iterator[tuple[str, Signals]]]
 
@@ -233,12 +232,6 @@ FAMILIES: dict[str, Reader] = {
         "actuator-dynamometer/futek_data/futek_test_06_05_2021_{}.csv",
         (0, 4, 5, 6),
         {f"06_{clock}": clock for clock in ("14-28-13", "14-29-55", "17-09-17")},
-    ),
-    # 0.68 kg on an arm of half a metre, swung up from hanging after two plans.
-    "swing_up": drive(
-        "torque_limited_simple_pendulum/results/control_method_{}/data_measured.csv",
-        (0, 1, 2, 3),
-        {plan: plan for plan in ("ddp", "direct_collocation")},
     ),
     # Turns free: steps and a rising sweep of its position.
     "qdd_free": drive(
