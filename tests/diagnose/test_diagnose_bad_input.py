@@ -222,6 +222,11 @@ def test_what_runs_cannot_show_is_a_warning(hoist: Campaign, name: str):
     assert any(said in text for text in check_runs(made(hoist)))
 
 
+def test_a_run_that_coasts_is_named_and_compared_with_no_rigid_machine(axis: Campaign):
+    rest = changed(axis, ("again",), lambda run: replace(run, signals={**run.signals, "force_n": 0.0 * run.time_s}))
+    assert "Run again has no force_n throughout: it coasts, or the channel is dead." in check_runs(rest)
+
+
 def test_a_run_of_another_inertia_is_named_and_the_campaign_is_not_refused(axis: Campaign):
     """A cart with a pendulum on it was refused: parts of its one log showed 0.62 and 1.45 of its inertia."""
     said = check_runs(scaled(axis, ("again",), force_n=2.0))

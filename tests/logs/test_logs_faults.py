@@ -21,12 +21,12 @@ from benchmarks.attack.edits import EDITS, edited
 from tests.support.log_campaign import AXIS, RUNS, Array, axis_columns, csv_text, hoist_columns, write_campaign
 from workbench.cli.measured import load_campaign
 from workbench.core.errors import InputError
-from workbench.core.run import Run
+from workbench.core.run import Run, integrated
 from workbench.logs import read_campaign
 from workbench.logs.campaign import RunsError
 from workbench.logs.doubts import dead_band, doubts_of
 from workbench.logs.samples import find_spikes
-from workbench.machines import default_hoist, kind_of
+from workbench.machines import KINDS, default_hoist, kind_of, save_machine, with_values
 
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"
 
@@ -579,6 +579,26 @@ def test_an_edited_run_of_an_axis_is_named(shared_data: Path, edit: str, said: s
         run = edited(campaign.machine, run, edit, seed=1) or run
     notes = doubts_of(campaign.machine, [campaign.runs[0], run, *campaign.runs[2:]])
     assert any(note.startswith(f"{run.name}: ") and said in note for note in notes), notes
+
+
+@pytest.mark.parametrize("gains", [False, True])
+def test_a_run_without_input_coasts_and_one_that_gains_speed_has_a_dead_channel(tmp_path: Path, gains: bool):
+    """A leg that was let go was refused, its torque zero throughout: a coast-down shows inertia and friction."""
+    time = np.arange(0.0, 3.0, 0.002)
+    speed = 0.8 * np.exp(-time) - 0.1
+    speed = speed[::-1] if gains else np.maximum(speed, 0.0)
+    rows = np.column_stack([time, 0.0 * time, speed, integrated(speed, time)])
+    (tmp_path / "runs").mkdir()
+    header = "time_s,force_n,velocity_m_s,position_m"
+    np.savetxt(tmp_path / "runs" / "coast.csv", rows, delimiter=",", header=header, comments="")
+    (tmp_path / "runs.yaml").write_text("runs:\n- {name: coast, file: runs/coast.csv, start_time_s: 0.0}\n")
+    save_machine(with_values(KINDS["axis-linear"].example(), {"gravity.constant_n": 0.0}), tmp_path / "machine.yaml")
+    if gains:
+        with pytest.raises(InputError, match="force_n is zero throughout, and the machine gains speed; is the channel"):
+            read_campaign(tmp_path)
+    else:
+        (run,) = read_campaign(tmp_path).runs
+        assert "force_n is zero throughout: the machine coasts, or the channel is dead; check it" in run.notes
 
 
 def test_a_stretch_that_rests_is_not_doubted_for_the_motion_that_it_has_not(campaigns: Path):

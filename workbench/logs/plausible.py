@@ -23,6 +23,7 @@ OFF_RAIL = 0.1  # of the segment length that the integrated speed may leave the 
 TORQUE_RATIO = (0.2, 5.0)  # mean torque while moving over what holds the load: outside, the unit is wrong
 TORQUE_RATIO_NOTE = (0.6, 1.6)
 HARDLY = 0.02  # of the top speed or the limit: a machine at work reaches more
+GAINED = 0.5  # of the top speed: what noise and a swing through the low-pass do not show
 FAR = 2.0  # of two signals of one motion: beyond it, or below its inverse, one is in another unit
 ALIKE = 0.9  # correlation: below, they do not show the same motion
 OFF = 20.0  # times what the nominal machine takes for this motion, or a part of it
@@ -46,7 +47,9 @@ def check_plausible(run: RawRun) -> None:
         )
     for name in kind.inputs:
         if name in run.values and not run.values[name].any():
-            raise run.fault(f"{run.label(name)} is zero throughout{'; ' if kind.zero_input else ''}{kind.zero_input}")
+            if kind.zero_input:
+                raise run.fault(f"{run.label(name)} is zero throughout; {kind.zero_input}")
+            _check_coasting(run, name)
     if limits is None:
         _check_axis_units(run)
     _check_standstill(run)
@@ -54,6 +57,20 @@ def check_plausible(run: RawRun) -> None:
         _check_speed(run, limits)
         _check_rail(run, limits)
         _check_torque(run, limits)
+
+
+def _check_coasting(run: RawRun, name: str) -> None:
+    """A note on a run without input: left to itself a machine coasts. InputError where it gains speed, as only a load
+    could make it."""
+    moved, role = run.speed if run.speed in run.values else run.position, getattr(run.machine, "role", None)
+    width = max(SMOOTH * len(run.time_s), 1.0)
+    smooth = smoothed(run.values[moved], width)
+    speed = np.abs(smooth if moved == run.speed else np.gradient(smooth, run.time_s))
+    loaded = role is not None and (role("gravity_sine") or role("gravity_constant"))
+    gained, top = float(np.max(speed - np.minimum.accumulate(speed))), float(np.max(speed))
+    if not loaded and gained > GAINED * top > 0.0:
+        raise run.fault(f"{run.label(name)} is zero throughout, and the machine gains speed; is the channel dead?")
+    run.notes.append(f"{run.label(name)} is zero throughout: the machine coasts, or the channel is dead; check it")
 
 
 def _check_standstill(run: RawRun) -> None:
@@ -179,7 +196,7 @@ def _check_axis_units(run: RawRun) -> None:
     friction = max(role("coulomb_forward"), role("coulomb_backward")) + role("viscous") * fast
     taken = abs(run.kind.rigid(run.machine, 0.0).inertia) * acceleration + friction
     taken += abs(role("gravity_sine")) + abs(role("gravity_constant"))
-    ratio = float(np.sqrt(np.mean(force**2))) / taken if taken > 0.0 else 1.0
+    ratio = float(np.sqrt(np.mean(force**2))) / taken if taken > 0.0 and force.any() else 1.0
     if not 1.0 / OFF < ratio < OFF:
         raise run.fault(
             f"{run.label(name)} is {ratio:.3g} times what this machine takes for the motion of {run.label(moved)}; "

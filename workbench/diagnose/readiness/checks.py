@@ -93,7 +93,10 @@ def _faults(bench: InverseSimulation, going: Sequence[int], warnings: list[str])
         )
     for j in going:
         values = bench.inputs[j]
-        if values.min() == values.max():
+        if not values.any():
+            coasts = f"Run {runs[j].name} has no {bench.plant.input} throughout: it coasts, or the channel is dead."
+            warnings.append(coasts)
+        elif values.min() == values.max():
             frozen = f"{bench.plant.input} is {values[0]:g} throughout while the machine moves; is the channel frozen?"
             yield frozen, runs[j].name
     moving = sum(float(np.count_nonzero(bench.moving[j])) * runs[j].sample_time_s for j in going)
@@ -228,7 +231,7 @@ def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
 
     x = columns(logged)
     independent = 2.0 * band * run.sample_time_s * len(y)
-    if independent < 2.0 * x.shape[1]:
+    if independent < 2.0 * x.shape[1] or not np.ptp(y):  # too short, or it coasts
         return Rigid(run.name, None, float("inf"), None, 0.0)
     values, std = _least_squares(x, y, independent)
     power = y * logged[rows]
