@@ -62,6 +62,9 @@ def motion_of(run: Run, plant: Plant, band_hz: float) -> Motion:
     return Motion(position, speed, np.gradient(speed if even else lowpass(t, speed, 2.0 * band_hz), t))
 
 
+GOES = 0.1  # of the speed scale, on average: what turns again and again does not rest
+
+
 def moving(time_s: Array, speed: Array, scale: float, band_hz: float) -> np.ndarray:
     """(n,) bool: False where the machine rests, and within half a period of the band around that.
 
@@ -70,18 +73,18 @@ def moving(time_s: Array, speed: Array, scale: float, band_hz: float) -> np.ndar
     RESTS_BELOW of the speed scale for a period of the band or longer; a quick reversal is no
     rest, nor are many that follow one another, the overshoot of a stop belongs to it.
     """
-    still = np.abs(lowpass(time_s, speed, band_hz)) < RESTS_BELOW * scale
+    slow = np.abs(lowpass(time_s, speed, band_hz)) / scale
     keep = np.ones(len(time_s), dtype=bool)
     guard = 0.5 / band_hz
-    spans: list[list[float]] = []
-    for begin, end in zip(*stretches(still), strict=True):
-        rests_s = time_s[end - 1] - time_s[begin]
-        if spans and time_s[begin] - spans[-1][1] < 1.0 / band_hz:
-            spans[-1][1:] = time_s[end - 1], spans[-1][2] + rests_s
+    spans: list[list[int]] = []
+    for begin, end in zip(*stretches(slow < RESTS_BELOW), strict=True):
+        if spans and time_s[begin] - time_s[spans[-1][1] - 1] < 1.0 / band_hz:
+            spans[-1][1] = end
         else:
-            spans.append([time_s[begin], time_s[end - 1], rests_s])
-    for since, until, rests_s in spans:
-        if until - since >= 1.0 / band_hz and 2.0 * rests_s >= until - since:
+            spans.append([begin, end])
+    for begin, end in spans:
+        since, until = time_s[begin], time_s[end - 1]
+        if until - since >= 1.0 / band_hz and np.mean(slow[begin:end]) < GOES:
             keep &= (time_s < since - guard) | (time_s > until + guard)
     return keep
 
