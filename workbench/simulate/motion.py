@@ -73,18 +73,18 @@ def moving(time_s: Array, speed: Array, scale: float, band_hz: float) -> np.ndar
     RESTS_BELOW of the speed scale for a period of the band or longer; a quick reversal is no
     rest, nor are many that follow one another, the overshoot of a stop belongs to it.
     """
-    slow = np.abs(lowpass(time_s, speed, band_hz)) / scale
+    slow = np.abs(lowpass(time_s, speed, band_hz))
     keep = np.ones(len(time_s), dtype=bool)
     guard = 0.5 / band_hz
     spans: list[list[int]] = []
-    for begin, end in zip(*stretches(slow < RESTS_BELOW), strict=True):
+    for begin, end in zip(*stretches(slow < RESTS_BELOW * scale), strict=True):
         if spans and time_s[begin] - time_s[spans[-1][1] - 1] < 1.0 / band_hz:
             spans[-1][1] = end
         else:
             spans.append([begin, end])
     for begin, end in spans:
         since, until = time_s[begin], time_s[end - 1]
-        if until - since >= 1.0 / band_hz and np.mean(slow[begin:end]) < GOES:
+        if until - since >= 1.0 / band_hz and np.mean(slow[begin:end]) < GOES * scale:
             keep &= (time_s < since - guard) | (time_s > until + guard)
     return keep
 
