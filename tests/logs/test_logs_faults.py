@@ -587,18 +587,22 @@ def test_a_run_without_input_coasts_and_one_that_gains_speed_has_a_dead_channel(
     time = np.arange(0.0, 3.0, 0.002)
     speed = 0.8 * np.exp(-time) - 0.1
     speed = speed[::-1] if gains else np.maximum(speed, 0.0)
-    rows = np.column_stack([time, 0.0 * time, speed, integrated(speed, time)])
     (tmp_path / "runs").mkdir()
-    header = "time_s,force_n,velocity_m_s,position_m"
-    np.savetxt(tmp_path / "runs" / "coast.csv", rows, delimiter=",", header=header, comments="")
-    (tmp_path / "runs.yaml").write_text("runs:\n- {name: coast, file: runs/coast.csv, start_time_s: 0.0}\n")
+    for name, force in (("coast", 0.0 * time), ("driven", 95.0 * np.gradient(speed, time) + 20.0)):
+        rows = np.column_stack([time, force, speed, integrated(speed, time)])
+        header = "time_s,force_n,velocity_m_s,position_m"
+        np.savetxt(tmp_path / "runs" / f"{name}.csv", rows, delimiter=",", header=header, comments="")
+    runs = [f"- {{name: {name}, file: runs/{name}.csv, start_time_s: 0.0}}\n" for name in ("coast", "driven")]
+    (tmp_path / "runs.yaml").write_text("runs:\n" + "".join(runs))
     save_machine(with_values(KINDS["axis-linear"].example(), {"gravity.constant_n": 0.0}), tmp_path / "machine.yaml")
     if gains:
         with pytest.raises(InputError, match="force_n is zero throughout, and the machine gains speed; is the channel"):
             read_campaign(tmp_path)
-    else:
-        (run,) = read_campaign(tmp_path).runs
-        assert "force_n is zero throughout: the machine coasts, or the channel is dead; check it" in run.notes
+        return
+    coasting, _ = read_campaign(tmp_path).runs
+    assert "force_n is zero throughout: the machine coasts, or the channel is dead; check it" in coasting.notes
+    with pytest.raises(InputError, match="force_n is zero throughout in every run; one at least has to be driven"):
+        read_campaign(tmp_path, select="coast")
 
 
 def test_a_stretch_that_rests_is_not_doubted_for_the_motion_that_it_has_not(campaigns: Path):

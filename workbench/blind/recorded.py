@@ -1,9 +1,9 @@
 """Recordings of a real machine as blind campaigns: one piece of what is known of the machine is bent, or one effect is
 added to the logged input by its law with the real motion.
 
-What the machine has of its own stays in the recording, as it does at every user's; listed effects of it are in its
-machine.yaml (`recording`). Bends of machine.yaml leave the logs
-as they are; bends of a sensor and added effects leave machine.yaml as it is.
+What the machine has of its own stays in the recording, as it does at every user's; effects that a diagnosis finds of it
+are in its machine.yaml (`recording`). Bends of machine.yaml leave the logs as they are; bends of a sensor and added
+effects leave machine.yaml as it is.
 """
 
 from __future__ import annotations

@@ -224,6 +224,9 @@ def read_campaign(
         runs += read
     if faults:
         raise RunsError(faults, [entry.name for entry in entries if entry.name not in faults])
+    driven = kind_of(machine).plant.input
+    if runs and not any(run[driven].any() for run in runs):  # inertia and friction would show in proportion only
+        raise InputError(f"{driven} is zero throughout in every run; one at least has to be driven", file=runs_yaml)
     if len({run.name for run in runs}) < len(runs):
         raise InputError("a run has the name of a stretch of another one, such as 'lift_2'; rename it", file=runs_yaml)
     notes = (*_notes(entries, folder, runs), *_ignored_notes(ignored, len(runs)))

@@ -111,12 +111,12 @@ class Fits:
                 problem = "the fit breaks down, its numbers are not finite; is a value of machine.yaml in another unit?"
                 raise InputError(problem)
             self._base = min(fits, key=lambda fit: fit.objective)
-            for z in self._late(self._base):
+            for z in self._late_starts(self._base):
                 with suppress(*BREAKDOWNS):
                     self._base = min(self._base, self._fit((), self.held, z), key=lambda fit: fit.objective)
         return self._base
 
-    def _late(self, fit: Fitted) -> list[Array]:
+    def _late_starts(self, fit: Fitted) -> list[Array]:
         """z with a motion that is logged late by each delay that is tried, where a fit leaves more than HALF of the
         input, rms: a delay longer than the motion's pulses has a minimum of its own."""
         problem = self.problem

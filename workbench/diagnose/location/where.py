@@ -226,7 +226,8 @@ def where_of(
     torque, side = gap[: problem.inputs], side_of(problem, gap)
     left = np.where(windows.inside, beside, torque)
     share, interval = share_in_time(problem, torque, left, seed)
-    whose = "the gap's energy" if named is None or not effects else f"what {effects[largest].id} does"
+    whose = "what such a force does" if events else "the gap's energy"
+    whose = f"what {effects[largest].id} does" if named is not None and effects else whose
     sentences = _sentences(windows, best, other, said, side, whose)
     return Where(
         subsystem, regime, windows.windows, share, windows.time, interval, tuple(profiles), side, tuple(sentences),

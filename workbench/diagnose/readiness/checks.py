@@ -48,7 +48,7 @@ AS_WELL = 0.4  # of what the inertia takes in the run that shows it best: an axi
 def check_runs(campaign: Campaign) -> tuple[str, ...]:
     """Warnings: effects that these runs cannot show or tell apart.
 
-    InputError, naming the runs, for runs that are too short, that all stand still, that are of different machines, and
+    InputError, naming the runs, for runs that are too short, that all stand still, that hold unlike loads, and
     for signals of the wrong sign or unit.
     """
     bench = InverseSimulation(campaign.machine, campaign.runs, impacts=impacts_of(campaign.machine, campaign.runs))
