@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from tests.support.effect_machines import rotary_axis
 from tests.support.log_campaign import AXIS, write_campaign
 from tests.support.simulated_campaign import simulated_campaign
 from workbench.core.errors import InputError
@@ -22,7 +23,16 @@ from workbench.diagnose.hypotheses.fit import Fitted
 from workbench.diagnose.hypotheses.free_parameters import LOG_TIMING, Names
 from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search
-from workbench.diagnose.readiness.checks import Rigid, _machine_faults, check_runs, rigid_of, slope_of
+from workbench.diagnose.readiness.checks import (
+    Rigid,
+    _machine_faults,
+    _signal_faults,
+    _wrong_signs,
+    check_runs,
+    long_enough,
+    rigid_of,
+    slope_of,
+)
 from workbench.effects.active import logged, of
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import kind_of, with_values
@@ -324,6 +334,69 @@ def test_friction_that_follows_the_position_of_a_slow_run_is_no_wrong_sign(axis:
     assert quick.inertia == pytest.approx(1.0, abs=0.1) and bent.inertia is None
     check_runs(slow)
     assert "speed rises against force_n" in refusal(replace(axis, runs=(run("quick", 0.0, -1.0), run("slow", 0.015))))
+
+
+def test_a_run_that_goes_next_to_no_way_contradicts_nothing(axis: Campaign):
+    """An arm's log at 33 Hz was refused for a part of 0.09 rad beside parts of 1 rad: the noise of its speed adds up to
+    as much. The same part whose position stands still at the log of a long way is a frozen channel."""
+
+    def with_speed(run: Run, size: float) -> Run:
+        speed = np.gradient(run["position_m"], run.time_s)
+        noise = 0.2 * np.random.default_rng(3).normal(size=len(speed))
+        signals = {**run.signals, "position_m": size * run["position_m"], "velocity_m_s": size * speed + noise}
+        return replace(run, signals=signals)
+
+    lift, again = axis.runs
+    small, whole = with_speed(again, 0.001), with_speed(lift, 1.0)
+    bench = InverseSimulation(axis.machine, (whole, small))
+    assert list(_signal_faults(bench, [0, 1], [])) == []
+    still = 1e-6 * np.random.default_rng(4).normal(size=len(lift.time_s))
+    frozen = replace(whole, name="frozen", signals={**whole.signals, "position_m": still})
+    faults = list(_signal_faults(InverseSimulation(axis.machine, (whole, frozen)), [0, 1], []))
+    assert [(run, "does not change as" in said) for said, run in faults] == [("frozen", True)]
+
+
+def test_friction_that_would_drive_is_a_wrong_sign_only_where_the_run_is_like_a_machine():
+    """Of nine parts of an arm's log one had friction that drives, beside an inertia: a flipped sign would turn both."""
+    machine, time = rotary_axis(), 0.01 * np.arange(2000.0)
+    angle, speed = np.sin(0.8 * time), 0.8 * np.cos(0.8 * time)
+    friction = -1.5 * np.sign(speed)
+    for wander, driven in ((0.0, True), (2.0, False)):
+        torque = friction + wander * np.sin(2.9 * time)
+        run = Run("part", time, {"torque_nm": torque, "angle_rad": angle, "speed_rad_s": speed})
+        bench = InverseSimulation(machine, [run])
+        rigid = rigid_of(bench, 0)
+        assert rigid.driven == driven
+        for inertia, faults in ((None, driven), (1.0, False)):
+            assert bool(list(_wrong_signs(bench, [replace(rigid, inertia=inertia)]))) == faults
+
+
+def test_a_run_too_short_for_the_band_is_left_out_and_named(hoist: Campaign):
+    """A part of 2 s among others, logged at 20 Hz, refused the whole campaign."""
+    brief = replace(cut(hoist, 0.5).runs[0], name="brief")
+    kept, (said,) = long_enough(replace(hoist, runs=(brief, *hoist.runs)))
+    assert kept.runs == hoist.runs and "brief lasts 0.49 s" in said and "left out" in said
+    brief_ones = cut(hoist, 0.5)
+    assert long_enough(hoist)[1] == () == long_enough(brief_ones)[1]
+    with pytest.raises(InputError, match=r"empty lasts 0\.49 s"):
+        check_runs(brief_ones)
+
+
+def test_a_ripple_that_passes_for_inertia_is_no_wrong_unit():
+    """A robot's elbow with a ripple of 3.2 N m was refused: "7.85 times what the nominal inertia needs". Parts of a run
+    show a ripple as different inertias; a wrong unit (above) is the same in all."""
+    machine = with_values(rotary_axis(), {"inertia_kg_m2": 0.3})
+    time, noise = 0.01 * np.arange(2000.0), 0.02 * np.random.default_rng(1).normal(size=2000)
+
+    def shown(phase: float) -> Rigid:
+        angle, speed = 1.2 * np.sin(0.63 * time + phase) + 0.2 * time, 0.756 * np.cos(0.63 * time + phase) + 0.2
+        still = Run("swing", time, {"torque_nm": 0.0 * time, "angle_rad": angle, "speed_rad_s": speed})
+        bench = InverseSimulation(machine, [still])
+        torque = bench.predict([bench.base])[0][0][0] + np.sin(3.0 * angle + phase) + noise
+        logged_run = replace(still, signals={**still.signals, "torque_nm": torque})
+        return rigid_of(InverseSimulation(machine, [logged_run]), 0)
+
+    assert [shown(phase).inertia for phase in (1.0, 2.0)] == [None, None]
 
 
 def test_the_band_of_an_axis_ends_where_its_motion_is_not_the_inputs_work(axis: Campaign):

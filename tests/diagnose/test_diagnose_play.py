@@ -85,6 +85,22 @@ def test_a_play_that_takes_nothing_makes_no_impacts(
     assert not judge.idle_play(cast(Any, None), near, {("torque_scale",): near})
 
 
+@pytest.mark.parametrize(("gained", "idle"), [(0.0, True), (5.0, True), (7.0, False)])
+def test_a_play_that_takes_nothing_beside_what_explains_most_makes_no_impacts(
+    gained: float, idle: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """A robot's wrist at ten speeds, one way: without its viscous friction it was unknown, over 0.99, for impacts of a
+    play that took none of 439 beside that friction, and its delay was named with a play."""
+    monkeypatch.setattr(judge, "_idle", lambda *_: False)
+    fits = {
+        names: cast(Any, SimpleNamespace(objective=objective, effects=dict.fromkeys(names)))
+        for names, objective in {
+            ("backlash",): 3900.0, ("friction_viscous",): 439.0, ("backlash", "friction_viscous"): 439.0 - gained,
+            ("backlash", "torque_scale"): 800.0, ("torque_scale",): 3000.0}.items()
+    }  # fmt: skip
+    assert judge.idle_play(cast(Any, None), cast(Any, None), fits) == idle
+
+
 def test_a_play_is_heard_in_a_late_log(shared_data: Path):
     campaign = late(read_campaign(shared_data / "axes" / "17"), 0.004)
     search = Search(Problem(campaign.machine, campaign.runs), [])

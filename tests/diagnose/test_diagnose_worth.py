@@ -12,9 +12,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from tests.support.effect_machines import rotary_axis
-from tests.support.noisy_runs import axis_runs, with_effects
+from tests.support.noisy_runs import AXIS_NOISE_NM, axis_runs, with_effects
 from tests.support.searched_campaign import AXIS
-from workbench.core.run import Array
+from workbench.core.run import Array, Run
 from workbench.diagnose.hypotheses import evidence as evidence_module
 from workbench.diagnose.hypotheses import search as search_module
 from workbench.diagnose.hypotheses.evidence import Weighed
@@ -32,7 +32,8 @@ from workbench.diagnose.verdict.answer import Hypothesis, shared
 from workbench.diagnose.verdict.free_law import LENGTHS, SIZES, score
 from workbench.diagnose.verdict.judge import deserved, judged_to_help
 from workbench.effects import find
-from workbench.machines import KINDS
+from workbench.machines import KINDS, Axis, with_values
+from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.model_error import ErrorModel
 
 
@@ -133,6 +134,39 @@ def test_a_wave_that_comes_again_with_a_motion_only_is_no_ripple(wanders: float,
         assert len(set(folds_by_motion(problem))) == 4
     different = Problem(machine, axis_runs(machine))
     assert np.array_equal(folds_by_motion(different), folds_by_run(different))
+
+
+def to_and_fro(true: Axis, spring: float, own: float) -> list[Run]:
+    """Three runs of 20 s, each four times to and fro at an even speed with ramps; the input that this takes, with a
+    spring's torque, N m/rad, and a ripple of the machine's own, N m."""
+    random, time = np.random.default_rng(1), 0.02 * np.arange(1000.0)
+    runs = []
+    for k in range(3):
+        phase = ((time + 0.0071 + 0.003 * k) / 5.0) % 1.0
+        speed = 2.0 * np.clip((1.0 - 4.0 * np.abs(np.abs(phase - 0.5) - 0.25)) * np.sign(0.5 - phase) / 0.35, -1.0, 1.0)
+        speed = np.convolve(np.pad(speed, 10, mode="edge"), np.full(21, 1.0 / 21.0), "valid")
+        angle = np.concatenate([[0.0], np.cumsum(0.01 * (speed[1:] + speed[:-1]))])
+        angle -= 0.5 * (np.max(angle) + np.min(angle))
+        signals = {"torque_nm": np.zeros_like(time), "angle_rad": angle, "speed_rad_s": speed}
+        bench = InverseSimulation(true, [Run(f"run_{k}", time, signals)])
+        taken = bench.predict([bench.base])[0][0][0] + spring * angle + own * np.sin(5.0 * angle)
+        taken = taken + AXIS_NOISE_NM * random.normal(size=len(time))
+        runs.append(Run(f"run_{k}", time, {**signals, "torque_nm": taken}, start_time_s=60.0 * k))
+    return runs
+
+
+@pytest.mark.parametrize(
+    ("inertia", "spring", "own", "named"),
+    [(1.2, 0.0, 0.0, True), (1.2, 0.0, 0.05, True), (0.8, 0.0, 0.05, True), (1.0, 0.2, 0.0, False),
+     (1.0, 0.2, 0.05, False)],
+)  # fmt: skip
+def test_to_and_fro_a_spring_is_no_inertia(inertia: float, spring: float, own: float, named: bool):
+    """A robot's base that swings in a sine had four fifths too much inertia, at 0.97, where a spring pulled on it."""
+    machine = rotary_axis()
+    true = with_values(machine, {"inertia_kg_m2": inertia * machine.role("inertia")})
+    problem = Problem(machine, to_and_fro(true, spring, own))
+    judged = judged_to_help(searched(problem, [find("inertia_error", "axis-rotary")], 1))
+    assert (judged.word == "named") == named
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ from workbench.diagnose.location import places
 from workbench.diagnose.location.where import Where, where_of
 from workbench.diagnose.machines import corrected_machine, refitted_machine
 from workbench.diagnose.progress import Progress, Stage, Tell
-from workbench.diagnose.readiness.checks import check_runs, variety
+from workbench.diagnose.readiness.checks import check_runs, long_enough, variety
 from workbench.diagnose.readiness.condition import Condition, condition
 from workbench.diagnose.readiness.noise import with_motion_noise
 from workbench.diagnose.remainder import remainder_of
@@ -292,7 +292,8 @@ def diagnose(
     say(Progress(Stage.READ))
     campaign, aside = set_aside(campaign, validate)
     most_effects, study = (1, False) if quick else (most_effects, study)
-    warnings = check_runs(campaign)
+    campaign, short = long_enough(campaign)
+    warnings = (*short, *check_runs(campaign))
     effects = chosen_effects(campaign, candidates)
     problem = Problem(campaign.machine, campaign.runs, band_hz)
     if band_hz is None and (band := usable_band(problem.bench, seed)) < problem.band_hz:

@@ -176,11 +176,13 @@ class ModelError:
 @dataclass(frozen=True)
 class CrossCheck:
     """Two signals that say the same thing. ratio: of the one over the other, 1 on a sound log. wrong: what is said
-    where it is no machine's; odd: where it is not this machine's, "" for nothing."""
+    where it is no machine's; odd: where it is not this machine's, "" for nothing. way: how far either says that the
+    run goes, inf where noise does not add up to any."""
 
     ratio: float
     wrong: str
     odd: str = ""
+    way: float = math.inf
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from workbench.core.errors import InputError
 from workbench.core.run import Array, Run
 from workbench.logs import Campaign
 from workbench.machines import Axis, Hoist, kind_of
-from workbench.machines.declare import RESTS_BELOW
+from workbench.machines.declare import RESTS_BELOW, CrossCheck
 from workbench.simulate.driven import InverseSimulation
 from workbench.simulate.lowpass import LEAST_PERIODS, lowpass, noise_rms
 from workbench.simulate.motion import impacts_of
@@ -28,6 +28,7 @@ SPEED_SLIPS = (("rpm", 60.0 / (2.0 * math.pi)), ("degrees per second", 180.0 / m
 TOO_FAST = 3.0  # times the nominal speed
 FAR = 2.0  # a ratio beyond this or its inverse is a unit, not a machine
 NEAR = 0.1  # what geometry, layers and a yielding wire may make of it
+HARDLY = 0.2  # of the longest way of a run
 ALIKE = 0.8  # correlation: below, the two do not show the same motion
 ONE_WAY = 0.03  # of the moving time the other way: too little to tell friction from load
 ONE_SPEED = 0.7  # of the larger cruising speeds over the smaller: slower and faster are then one speed
@@ -36,7 +37,7 @@ PAYLOADS_ALIKE = 0.02  # of the moved mass: less is no other payload
 FEW_SAMPLES = 5.0  # of a ramp: fewer, and an acceleration is hardly in the log
 BAND_SHARE = 0.5  # of the band: farther below the wire's resonance the machine is nearly rigid
 TURNS_OVER = 0.005  # of the speed scale: where friction takes on its full value
-SURE = 5.0  # standard errors
+SURE, PARTS = 5.0, 4  # standard errors; parts of a run for the jackknife's of the inertia (J. W. Tukey 1958)
 SHOWN = 0.05  # of the input, rms: beside a lag of friction or load, less of it says nothing of the inertia
 MOST = 0.5  # of the input
 UNLIKE = 0.2  # of the input's variance: a run of which a rigid machine leaves more says nothing of its inertia
@@ -59,6 +60,28 @@ def check_runs(campaign: Campaign) -> tuple[str, ...]:
     return (*warnings, *variety(bench))
 
 
+def long_enough(campaign: Campaign) -> tuple[Campaign, tuple[str, ...]]:
+    """The campaign without the runs that are too short for its band, which a warning names; all of it, where no run
+    would be left (`check_runs` says so)."""
+    bench = InverseSimulation(campaign.machine, campaign.runs)
+    short, said = _short(bench)
+    if not short or len(short) == len(campaign.runs):
+        return campaign, ()
+    kept = tuple(run for run in campaign.runs if run not in short)
+    return replace(campaign, runs=kept), (f"{said}: left out.",)
+
+
+def _short(bench: InverseSimulation) -> tuple[list[Run], str]:
+    """Runs of less than LEAST_PERIODS of the band, and a sentence on them."""
+    needed = LEAST_PERIODS / bench.band_hz
+    short = [run for run in bench.runs if run.duration_s < needed]
+    spans = ", ".join(f"{run.name} lasts {run.duration_s:.3g} s" for run in short[:6])
+    return short, (
+        f"{spans}; a diagnosis in the band of {bench.band_hz:.3g} Hz needs at least {needed:.3g} s of a run "
+        f"({LEAST_PERIODS:g} periods)"
+    )
+
+
 def _going(bench: InverseSimulation) -> list[int]:
     return [j for j in range(len(bench.runs)) if moves(bench, j)]
 
@@ -77,14 +100,9 @@ Faults = Iterator[tuple[str, str | None]]  # what is wrong, and the run that it 
 def _faults(bench: InverseSimulation, going: Sequence[int], warnings: list[str]) -> Faults:
     """The faults, in the order in which they matter; warnings are added to the list."""
     runs, band = bench.runs, bench.band_hz
-    needed = LEAST_PERIODS / band
-    if short := [run for run in runs if run.duration_s < needed]:
-        spans = ", ".join(f"{run.name} lasts {run.duration_s:.3g} s" for run in short[:6])
-        yield (
-            f"{spans}; a diagnosis in the band of {band:.3g} Hz needs at least {needed:.3g} s of a run "
-            f"({LEAST_PERIODS:g} periods); leave {'it' if len(short) == 1 else 'them'} out of runs.yaml",
-            None,
-        )
+    short, said = _short(bench)
+    if short:
+        yield said, None
     if not going:
         yield (
             f"{'the run stands' if len(runs) == 1 else 'all runs stand'} still; a diagnosis needs motion: "
@@ -137,15 +155,23 @@ def _faults(bench: InverseSimulation, going: Sequence[int], warnings: list[str])
 
 
 def _signal_faults(bench: InverseSimulation, going: Sequence[int], warnings: list[str]) -> Faults:
-    """Two signals of one run that contradict each other."""
+    """Two signals of one run that contradict each other. A speed's noise adds up to a way: what hardly goes any beside
+    another run says nothing."""
     checks, odd = kind_of(bench.machine).cross_checks, dict[str, list[str]]()
+    found: dict[int, list[CrossCheck]] = {}
     for j in going:
         run = bench.runs[j]
 
         def smooth(values: Array, run: Run = run) -> Array:
             return lowpass(run.time_s, values, bench.band_hz)
 
-        for check in checks(bench.machine, run, bench.motions[j].position, smooth, slope_of) if checks else ():
+        found[j] = list(checks(bench.machine, run, bench.motions[j].position, smooth, slope_of)) if checks else []
+    most = max((check.way for every in found.values() for check in every), default=0.0)
+    for j in going:
+        run = bench.runs[j]
+        for check in found[j]:
+            if check.way < HARDLY * most:
+                continue
             if not 1.0 / FAR < check.ratio < FAR:
                 yield check.wrong, run.name
             if check.odd and abs(check.ratio - 1.0) > NEAR:
@@ -198,9 +224,10 @@ class Rigid:
     with an inertia below zero whose input gives power, or that is explained much better if it is late, says nothing of
     its inertia. late: whether it is. driven: whether its friction, as fitted, gives power to the motion, as none does.
 
-    inertia: None where the run does not accelerate enough to tell, or is not like a rigid machine at all: of an axis,
-    where more is left than the inertia takes. hold: mean load, None on an axis or where friction hides it. friction: in
-    the input's unit, against the motion positive. shown: what the nominal inertia takes of the input, rms.
+    inertia: None where the run does not accelerate enough to tell, or its parts differ by as much, or it is not like a
+    rigid machine at all: of an axis, where more is left than the inertia takes. hold: mean load, None on an axis or
+    where friction hides it. friction: in the input's unit, against the motion positive. shown: what the nominal inertia
+    takes of the input, rms.
     """
 
     run: str
@@ -234,6 +261,12 @@ def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
     if independent < 2.0 * x.shape[1] or not np.ptp(y):  # too short, or it coasts
         return Rigid(run.name, None, float("inf"), None, 0.0)
     values, std = _least_squares(x, y, independent)
+    inertia_std, without = float(std[0]), list[float]()
+    for part in np.array_split(np.arange(len(y)), PARTS):  # of a ripple that hangs together each shows another inertia
+        its, error = _least_squares(np.delete(x, part, axis=0), np.delete(y, part), independent)
+        without += [float(its[0])] if error[0] < 2.0 * std[0] else []
+    if without:
+        inertia_std = max(inertia_std, float(np.std(without)) * math.sqrt(len(without) - 1.0))
     power = y * logged[rows]
     works = kind.friction.viscous and float(np.mean(power)) > WORKS * float(np.mean(np.abs(power)))
     size = max(float(np.std(y)), 1e-300)
@@ -244,18 +277,16 @@ def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
     springs = values[0] < 0.0 and works  # with a wrong sign the input would take power from friction
     given = float(np.mean((x[:, 2:4] @ values[2:4]) * logged[rows])) if kind.friction.viscous else 0.0
     turns = ONE_WAY < float(np.mean(logged[rows] > 0.0)) < 1.0 - ONE_WAY  # else a load passes for friction
-    driven = turns and given < -WORKS * size * float(np.sqrt(np.mean(logged[rows] ** 2)))
+    driven = turns and left < UNLIKE and given < -WORKS * size * float(np.sqrt(np.mean(logged[rows] ** 2)))
     late = False
     odd = kind.friction.viscous and (values[0] < 0.0 or driven)
     for late_s in np.arange(0.125 / band, LATEST_S, 0.125 / band) if odd else ():
         early = columns(np.interp(run.time_s + late_s, run.time_s, logged))
         its, _ = _least_squares(early, y, independent)
         late |= its[0] > 0.0 and float(np.var(y - early @ its)) < min(AS_LATE * left, UNLIKE) * size**2
-    told = like and not (springs or late) and std[0] < np.inf and abs(values[0]) > SURE * std[0] and taken > SHOWN
+    told = like and not (springs or late) and std[0] < np.inf and abs(values[0]) > SURE * inertia_std and taken > SHOWN
     hold = float(values[1]) / body.hold if body.hold and std[1] < 0.1 * body.hold else None
-    return Rigid(
-        run.name, float(values[0]) if told else None, float(std[0]), hold, float(values[2]), shown, late, driven
-    )
+    return Rigid(run.name, float(values[0]) if told else None, inertia_std, hold, float(values[2]), shown, late, driven)
 
 
 def as_well_shown(rigid: Sequence[Rigid]) -> list[Rigid]:
@@ -331,7 +362,8 @@ def _wrong_signs(bench: InverseSimulation, rigid: Sequence[Rigid]) -> Faults:
     both = [r for r in sinking if r.inertia is not None and r.inertia > 0.0]
     torque = [r for r in sinking if r not in both]
     braked = [r for r in rigid if r.inertia is not None and r.inertia < 0.0 and r not in sinking]
-    driven = [r for r in rigid if r.driven and r not in braked and not any(other.late for other in rigid)]
+    sound = [r for r in rigid if r.inertia is not None and r.inertia > 0.0]  # a flipped sign would turn it, too
+    driven = [r for r in rigid if r.driven and r not in [*braked, *sound] and not any(other.late for other in rigid)]
     against_torque = (
         f"speed rises against the torque {{}}: is its sign flipped? {positive}; give its column a scale of -1"
         if kind.holds_load

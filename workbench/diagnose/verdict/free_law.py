@@ -13,13 +13,14 @@ law, so f is on both sides:
     worth = score(f alone) - score(f beside the cause) - cost of the cause's parameters
 
 and less what one gains by chance, the threshold, of a machine that leaves itself laws of its own; not beside a law of
-the cause's own variable, which can be all of it.
+the cause's own variable, which can be all of it, nor of an inertia beside one of another variable.
 
 Beside the cause, B is that of the fit with it, or that of the fit without, whichever scores better: friction near
 standstill turns over elsewhere in each, and a law that does without a cause may not live on that. A cause that is a
 function of w itself, as a level of friction is of the speed, would else be given up to a law that can be all of it.
 A level each way is no law of w at all, but what friction or an offset is declared as, and a slope over the
-acceleration is an inertia: of a machine that leaves itself laws of its own, f is without what such a cause takes.
+acceleration, or the load, is an inertia: of a machine that leaves itself laws of its own, f is without what such a
+cause takes. A slope over another variable is none: to and fro a spring's force goes with the acceleration.
 
 Beside other causes f is one more that was chosen of many, and pays for that as a listed one does. So whatever the form
 of what an inexact law of theirs leaves, the next cause is credited with what it gains beside that alone.
@@ -53,7 +54,7 @@ from workbench.diagnose.location.profiles import basis, forward, hats, variables
 from workbench.machines import kind_of
 
 LENGTHS = (0.5, 0.17, 0.06)  # of the variable's range: a slope or a bow; a hump; a step between knots
-BENDING = {"time", "periodic"}  # regimes
+BENDING, FORCES = {"time", "periodic"}, {"acceleration", "load"}  # regimes
 SIZES = tuple(np.geomspace(0.02, 10.0, 9))  # of the residual's rms
 
 
@@ -69,8 +70,8 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     alone, beside = (Projection.of(sized, fit) for fit in (less, cause.fit))
     added = [(name,) for name in cause.names if name not in less.effects]
     own, _ = np.linalg.qr(alone.clean(parts_of(problem, cause.fit, added).T))
-    leaves_laws = kind_of(problem.machine).floor == "own"
-    declared = leaves_laws and _is_declared(problem, alone, own, len(cause.names) == 1)
+    leaves_laws, single = kind_of(problem.machine).floor == "own", len(cause.names) == 1
+    level, declared = (leaves_laws and _is_declared(problem, alone, own, slopes) for slopes in (False, single))
     chance = settings.THRESHOLD if leaves_laws and not less.effects else 0.0
     least = (np.inf, "")
     nothing, only = (float(one.residual @ one.residual) for one in (alone, beside))
@@ -78,11 +79,13 @@ def worth(problem: Problem, base: Fitted, cause: Weighed, less: Fitted | None = 
     bends = regimes <= BENDING
     for label, regime, shape, roots in _laws(problem, base):
         rows = np.column_stack([alone.clean(shape), alone.residual])
-        if declared:
+        taken = level or (declared and regime in FORCES)
+        if taken:
             rows[:, :-1] -= own @ (own.T @ rows[:, :-1])
         there, here = np.column_stack([beside.clean(shape), beside.residual]), rows - own @ (own.T @ rows)
         one, both = _alone_and_beside((rows, there, here), roots, rms, its)
-        least = min(least, (one - both - paid - (0.0 if regime in regimes else chance), label))
+        by_chance = 0.0 if regime in regimes or (declared and not taken) else chance
+        least = min(least, (one - both - paid - by_chance, label))
         if bends and regime not in regimes:
             one, both = _alone_and_beside((rows, there, here), roots[:1], rms, its)
             if one < only and one - both < settings.HALF * (nothing - only):

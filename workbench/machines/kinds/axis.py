@@ -470,14 +470,15 @@ def cross_checks(
     that is its noise."""
     at, speed = m.position_signal, m.speed_signal
     if at in run and speed in run:
-        ratio = slope(integrated(run[speed], run.time_s), run[at])
+        way = integrated(run[speed], run.time_s)
+        ratio = slope(way, run[at])
         said = (
             f"{at} does not change as {speed} says; are both of one motion and clock, or does the log hold old values?"
         )
         if ratio != 0.0:
             said = f"{at} changes {ratio:.3g} times as fast as {speed} says; is the sign of one of them flipped, "
             said += "or are they in different units?"
-        yield declare.CrossCheck(ratio, said)
+        yield declare.CrossCheck(ratio, said, way=max(float(np.ptp(way)), float(np.ptp(run[at]))))
 
 
 def _transmitted(p: Any, s: Any, u: Array, acceleration: Array, payload_kg: float) -> tuple[Array, float]:
