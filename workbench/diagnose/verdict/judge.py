@@ -153,7 +153,10 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
     if best is not None and stands:
         left = beyond_noise(problem, best.fit.rms(problem.inputs), floor)
         signs = stays_beside(problem, search.base, best.fit, left)
-        inexact = rebounds(problem, best.names) or any(is_lag(problem, name) for name in best.names)
+        # What brings a true lag's base values back may leave some off, and puts none further off than they were.
+        further = best.fit.prior > search.base.prior + settings.NUISANCE**2
+        lags = any(is_lag(problem, name) for name in best.names) and not further
+        inexact = rebounds(problem, best.names) or lags
         if not inexact or share_of(problem, near, best.fit) < settings.MINOR:
             # A first search weighs by no model error of its own, and rebounds stretch one fit of a play: the least.
             count, posed = len(search.base.z), [(problem, best.fit)]
