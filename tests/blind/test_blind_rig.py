@@ -297,6 +297,25 @@ def test_a_listed_effect_that_the_machine_has_of_its_own_is_known_of_it_before_a
     assert found is not None and found[0].machine.effects == known.machine.effects
 
 
+def test_the_parts_of_a_log_without_positions_begin_where_they_did(emps: Path, tmp_path: Path):
+    """A joint drive's place of friction was another one in each part of its runs, which log the speed alone."""
+    known = known_of(emps)
+    places = {run.name: run["position_m"] - run["position_m"][0] for run in known.runs}
+    runs = tuple(
+        replace(run, start_position_m=0.0, signals={
+            "force_n": run["force_n"], "velocity_m_s": np.gradient(places[run.name], run.time_s)})
+        for run in known.runs
+    )  # fmt: skip
+    write_case(tmp_path / "speeds", replace(known, runs=runs), None, SEED)
+    parts = read_campaign(tmp_path / "speeds").runs
+    assert len(parts) > 2
+    for part in parts:
+        whole = next(run for run in runs if part.name.startswith(run.name))
+        at_s = part.start_time_s - whole.start_time_s
+        there = float(np.interp(at_s, whole.time_s - whole.time_s[0], places[whole.name]))
+        assert part.start_position_m == pytest.approx(there, abs=1e-4)
+
+
 def test_a_bent_sensor_leaves_the_lateness_that_a_log_has(emps: Path):
     """It was put on once more."""
     known = known_of(emps)

@@ -364,7 +364,8 @@ def write_case(folder: Path, known: Recording, made: Bent | None, seed: Sequence
     entries = []
     for run in (parts[k] for k in chosen):
         entry: dict[str, Any] = {"name": run.name, "file": f"runs/{run.name}.csv", "payload_kg": run.payload_kg}
-        if kind_of(known.machine).payload:
+        kind = kind_of(known.machine)
+        if kind.payload or kind.plant.positions[-1] not in run:  # else the log says where each part begins
             entry["start_position_m"] = round(run.start_position_m, 6)
         entries.append({**entry, "start_time_s": round(run.start_time_s, 6)})
         _write_log(folder / entry["file"], known.machine, run)
