@@ -402,6 +402,19 @@ def test_impacts_of_one_run_alone_are_an_event_and_none_of_a_play():
     assert all(len(impacts) == 0 for impacts in found(moved(TIMES), moved(seed=2)))
 
 
+def test_a_kick_at_a_logs_begin_is_no_impact():
+    """Each of ten logs of a robot's wrist begins with 30 N m that move nothing: a play, at 0.50."""
+
+    def kicked(begin: int, seed: int) -> Run:
+        run = moved(seed=seed)
+        force = run["force_n"].copy()
+        force[begin : begin + 10] += 1200.0
+        return Run(f"run {seed}", run.time_s, {**run.signals, "force_n": force})
+
+    assert all(len(impacts) == 0 for impacts in found(*(kicked(10, seed) for seed in range(5))))
+    assert all(len(impacts) == 1 for impacts in found(*(kicked(700, seed) for seed in range(5))))
+
+
 def test_a_loss_of_a_hundredth_of_the_speed_is_no_plain_impact():
     assert all(len(impacts) == 0 for impacts in found(moved(TIMES, 0.01), moved(TIMES, 0.01, seed=2)))
 

@@ -112,7 +112,7 @@ def repeated_impacts(runs: Sequence[Run], inertia: float, position: str, speed: 
     """Times of the impacts of each run, s; none of any run unless plain ones come again.
 
     inertia: kg or kg m²; position, speed, driven (the input): names of the signals. An impact that comes
-    once is an event, not a play's.
+    once is an event, not a play's, and at a log's ends a drive is switched on or off.
     """
     motions = [_speed(run, position, speed) for run in runs]
     fastest = max(float(np.percentile(np.abs(v), 98.0)) for v in motions)
@@ -121,6 +121,7 @@ def repeated_impacts(runs: Sequence[Run], inertia: float, position: str, speed: 
         times, jumps, noise = _jumps(run, inertia * v, run[driven], 1)
         worth = np.abs(jumps)
         struck = _peaks(times, worth, (worth > OF_NOISE * noise) & (worth > OF_SPEED * inertia * fastest))
+        struck = struck[np.minimum(times[struck] - run.time_s[0], run.time_s[-1] - times[struck]) > GUARD_S]
         impacts.append(times[struck])
         heavy = (worth[struck] > PLAIN_OF_NOISE * noise[struck]) & (worth[struck] > PLAIN_OF_SPEED * inertia * fastest)
         wide_at, wide, _ = _jumps(run, inertia * v, run[driven], WIDER)
