@@ -581,6 +581,21 @@ def test_an_edited_run_of_an_axis_is_named(shared_data: Path, edit: str, said: s
     assert any(note.startswith(f"{run.name}: ") and said in note for note in notes), notes
 
 
+@pytest.mark.parametrize(("speed", "told"), [(0.1, False), (1.0, True)])
+def test_a_run_that_goes_slower_may_be_quieter(speed: float, told: bool):
+    """A wrist's run at 0.03 rad/s among runs at 0.05 to 1.5 was 0.29 times as noisy: "check its sensor, cable"."""
+    time, random = 0.01 * np.arange(600.0), np.random.default_rng(2)
+
+    def run(name: str, top: float, noise: float) -> Run:
+        velocity = top * np.sin(time) + noise * random.normal(size=len(time))
+        force = 95.0 * np.gradient(velocity, time) + random.normal(size=len(time))
+        return Run(name, time, {"force_n": force, "velocity_m_s": velocity, "position_m": integrated(velocity, time)})
+
+    runs = [*(run(f"run_{k}", 1.0, 0.01) for k in range(4)), run("odd", speed, 0.001)]
+    notes = doubts_of(KINDS["axis-linear"].example(), runs)
+    assert any("odd: velocity_m_s is" in note and "as noisy" in note for note in notes) == told
+
+
 @pytest.mark.parametrize("gains", [False, True])
 def test_a_run_without_input_coasts_and_one_that_gains_speed_has_a_dead_channel(tmp_path: Path, gains: bool):
     """A leg that was let go was refused, its torque zero throughout: a coast-down shows inertia and friction."""

@@ -343,20 +343,24 @@ def _sampling(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
 
 
 def _noise(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
-    """Noise of a channel, from second differences: one run's is not that of the others."""
-    for name in (*kind.inputs, kind.plant.speeds[0]):
+    """Noise of a channel, from second differences: one run's is not that of the others, and not for its speed: what
+    goes slower is quieter, for a ripple and counts go with the way."""
+    speed = kind.plant.speeds[0]
+    for name in (*kind.inputs, speed):
         having = [run for run in runs if name in run and len(run.time_s) > 50]
-        if name == kind.plant.speeds[0]:  # at rest a speed has the noise of its counts alone
-            top = max((float(np.max(np.abs(run[name]))) for run in having), default=0.0)
-            having = [run for run in having if np.max(np.abs(run[name])) > RESTS_BELOW * top]
+        tops = [float(np.max(np.abs(run[speed]))) if speed in run else 0.0 for run in having]
+        if name == speed:  # at rest a speed has the noise of its counts alone
+            having = [run for run, top in zip(having, tops, strict=True) if top > RESTS_BELOW * max(tops)]
+            tops = [top for top in tops if top > RESTS_BELOW * max(tops)]
         sizes = [float(np.sqrt(np.mean(np.diff(run[name], 2) ** 2) / 6.0)) for run in having]
         k = _alone(sizes, lambda v, usual: not usual / NOISES_APART <= v <= usual * NOISES_APART)
-        if k is not None:
-            usual = float(np.median([*sizes[:k], *sizes[k + 1 :]]))
-            many = f"{sizes[k] / usual:.2g} times" if usual else "unlike"
-            yield (
-                f"{having[k].name}: {name} is {many} as noisy as in the other runs; check its sensor, cable and filter"
-            )
+        if k is None:
+            continue
+        usual, usual_top = (float(np.median([*of[:k], *of[k + 1 :]])) for of in (sizes, tops))
+        if tops[k] > LIKE_SPEED * usual_top if sizes[k] > usual else tops[k] < usual_top / LIKE_SPEED:
+            continue
+        many = f"{sizes[k] / usual:.2g} times" if usual else "unlike"
+        yield f"{having[k].name}: {name} is {many} as noisy as in the other runs; check its sensor, cable and filter"
 
 
 def _jumps(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
