@@ -153,16 +153,16 @@ def judged_anew(campaigns: Path, listed: Sequence[Number], name: str) -> dict[st
     except InputError:
         return {}
     search = diagnosis.search
-    weigh = judge.deserved
-    harms: dict[Names, bool] = {}
+    weigh = judge.bar
+    harms: dict[Names, str] = {}
 
-    def deserved(search: SearchResult, w: Weighed) -> bool:
+    def bar(search: SearchResult, w: Weighed) -> str:
         if w.names not in harms:
             harms[w.names] = weigh(search, w)
         return harms[w.names]
 
     def said() -> dict[str, Any]:
-        with patch.object(judge, "deserved", deserved):
+        with patch.object(judge, "bar", bar):
             judged = judge.judged_to_help(search)
         first = judged.ranking[0]
         return {

@@ -31,7 +31,7 @@ from workbench.diagnose.hypotheses.problem import Problem
 from workbench.diagnose.hypotheses.search import Search, searched
 from workbench.diagnose.hypotheses.signatures import signatures_of
 from workbench.diagnose.verdict import judge
-from workbench.diagnose.verdict.judge import deserved
+from workbench.diagnose.verdict.judge import bar
 from workbench.effects.active import logged, of, ranges_of
 from workbench.logs import Campaign, read_campaign
 from workbench.machines import KINDS
@@ -225,7 +225,7 @@ def test_a_play_is_named_where_plain_least_squares_foretells_left_out_runs(
     monkeypatch.setattr(judge, "foretold", lambda problem, near, fit: fit)
     base = SimpleNamespace(z=())
     search = SimpleNamespace(problem=AXIS, base=base, within_tolerances=None, fits={("backlash",): base})
-    assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=("backlash",), fit=None))) == named
+    assert (bar(cast(Any, search), cast(Any, SimpleNamespace(names=("backlash",), fit=None))) == "") == named
 
 
 @pytest.mark.parametrize("struck", [True, False])
@@ -247,7 +247,7 @@ def test_a_play_that_impacts_tell_of_is_named_where_its_own_fit_foretells_left_o
     problem, base = SimpleNamespace(**{**vars(AXIS), "struck": struck}), SimpleNamespace(z=())
     search = SimpleNamespace(problem=problem, base=base, within_tolerances=None, fits={("backlash",): base})
     play = SimpleNamespace(names=("backlash",), fit=10.0)
-    assert deserved(cast(Any, search), cast(Any, play)) == struck
+    assert (bar(cast(Any, search), cast(Any, play)) == "") == struck
 
 
 @pytest.mark.parametrize(("struck", "plain", "worth"), [(True, 20.0, 20.0), (True, -20.0, -10.0), (False, 20.0, -10.0)])
@@ -401,7 +401,7 @@ def test_a_play_that_impacts_tell_of_is_told_beside_another_cause_as_it_is_alone
     monkeypatch.setattr(judge, "held_out", lambda problem, fit, folds: fit)
     monkeypatch.setattr(judge, "foretold", lambda problem, before, after: after.left - before.left)
     both = cast(Any, SimpleNamespace(names=(play, drift), fit=fits[play, drift]))
-    assert deserved(cast(Any, search), both) == named
+    assert (bar(cast(Any, search), both) == "") == named
 
 
 @pytest.mark.parametrize(("struck", "better", "named"), [(True, 1.3, True), (True, -0.1, False), (False, 1.3, False)])
@@ -426,7 +426,7 @@ def test_a_play_that_is_heard_has_to_foretell_left_out_runs_better_and_not_by_mo
     monkeypatch.setattr(judge, "held_out", lambda problem, fit, folds: fit)
     monkeypatch.setattr(judge, "foretold", lambda problem, before, after: before.left - after.left)
     alone = cast(Any, SimpleNamespace(names=("backlash",), fit=fits["backlash",]))
-    assert deserved(cast(Any, search), alone) == named
+    assert (bar(cast(Any, search), alone) == "") == named
 
 
 @pytest.mark.proof

@@ -30,7 +30,7 @@ from workbench.diagnose.hypotheses.signatures import Projection
 from workbench.diagnose.verdict import free_law, judge
 from workbench.diagnose.verdict.answer import Hypothesis, shared
 from workbench.diagnose.verdict.free_law import LENGTHS, SIZES, score
-from workbench.diagnose.verdict.judge import deserved, judged_to_help
+from workbench.diagnose.verdict.judge import bar, judged_to_help
 from workbench.effects import find
 from workbench.machines import KINDS, Axis, with_values
 from workbench.simulate.driven import InverseSimulation
@@ -273,7 +273,7 @@ def test_a_cause_that_leaves_held_out_runs_twice_the_energy_is_none(
         monkeypatch.setattr(judge, name, lambda *_, value=value, **__: value)
     monkeypatch.setattr(judge, "nuisance_std", lambda *_: {})
     search = SimpleNamespace(problem=AXIS, base=near, within_tolerances=near, fits={("torque_filter",): fit})
-    assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=("torque_filter",), fit=fit))) == named
+    assert (bar(cast(Any, search), cast(Any, SimpleNamespace(names=("torque_filter",), fit=fit))) == "") == named
 
 
 @pytest.mark.parametrize("idle", ["friction_coulomb", "torque_scale"])
@@ -299,12 +299,12 @@ def test_each_of_several_effects_is_worth_something_beside_the_others_and_a_law(
     monkeypatch.setattr(judge, "significance", lambda *fits, by_runs_alone=False: 9.0)
     monkeypatch.setattr(judge, "worth", worth)
     monkeypatch.setattr(judge, "only_late", lambda problem, less, fit, name, base: name in late)
-    assert deserved(cast(Any, search), both)
+    assert not bar(cast(Any, search), both)
     worths[tuple(name for name in names if name != idle)] = -1.0  # what is left without the idle one is as good
-    assert not deserved(cast(Any, search), both)
+    assert bar(cast(Any, search), both)
     worths[tuple(name for name in names if name != idle)] = 5.0
     late.append(idle)
-    assert not deserved(cast(Any, search), both)
+    assert bar(cast(Any, search), both)
 
 
 @pytest.mark.parametrize(
@@ -330,7 +330,7 @@ def test_a_play_that_nobody_can_hear_says_beside_others_what_impacts_would(
     }.items():
         monkeypatch.setattr(judge, name, lambda *_, value=value, **__: value)
     monkeypatch.setattr(judge, "nuisance_std", lambda *_: {})
-    assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=names, fit=fits[names]))) == named
+    assert (bar(cast(Any, search), cast(Any, SimpleNamespace(names=names, fit=fits[names]))) == "") == named
 
 
 def test_what_only_smooths_the_prediction_is_no_way_to_further_causes(monkeypatch: pytest.MonkeyPatch):
@@ -376,6 +376,9 @@ class Said:
     weighed: list[Any]
     mimics: dict[Any, Any]
     barred: tuple[Any, ...] = ()
+    bars: Any = None
+    word: str = "named"
+    reasons: tuple[Any, ...] = ()
 
 
 def test_what_adds_nothing_to_a_cause_that_is_not_to_be_named_is_not_asked_again(monkeypatch: pytest.MonkeyPatch):
@@ -390,12 +393,12 @@ def test_what_adds_nothing_to_a_cause_that_is_not_to_be_named_is_not_asked_again
         weighed = [w for w in kept if w.names not in barred]
         return Said(weighed[0].names, weighed[0], True, weighed, {})
 
-    def deserved(search: object, w: Any) -> bool:
+    def barred(search: object, w: Any) -> str:
         asked.append(w.names)
-        return len(w.names) == 1
+        return "" if len(w.names) == 1 else "why"
 
     monkeypatch.setattr(judge, "judge", judged)
-    monkeypatch.setattr(judge, "deserved", deserved)
+    monkeypatch.setattr(judge, "bar", barred)
     found = judged_to_help(cast(Any, None))
     assert found.names == ("a",) and [w.names for w in found.barred] == [("a", "b")]
     assert asked == [("a", "b"), ("a",)]
@@ -446,7 +449,7 @@ def test_what_every_machine_has_a_little_of_is_no_cause_where_most_of_the_gap_st
         near, fit = (SimpleNamespace(effects=(), z=(), rms=lambda _, rms=rms: rms) for rms in (1.0, left))
         search = SimpleNamespace(problem=AXIS, base=near, within_tolerances=near, fits={(name,): fit})
         monkeypatch.setattr(judge, "weighed_both_ways", lambda *_: (fit,))
-        return deserved(cast(Any, search), cast(Any, SimpleNamespace(names=(name,), fit=fit)))
+        return not bar(cast(Any, search), cast(Any, SimpleNamespace(names=(name,), fit=fit)))
 
     # No base value holds a ripple. Untouched servos had one of theirs named at 0.99, which took a quarter to a third.
     assert not named("torque_ripple", 0.75)
@@ -511,7 +514,7 @@ def test_a_mimic_of_several_that_is_worth_nothing_leaves_its_parts_to_be_judged(
         return Said(names, None, False, weighed, mimics)
 
     monkeypatch.setattr(judge, "judge", judged)
-    monkeypatch.setattr(judge, "deserved", lambda search, w: w.names == ("a",))
+    monkeypatch.setattr(judge, "bar", lambda search, w: "" if w.names == ("a",) else "why")
     assert judged_to_help(cast(Any, None)).names == ("a",)
 
 
@@ -537,4 +540,4 @@ def test_no_cause_is_named_for_what_left_out_runs_gain_by_chance_or_lose(
     )
     drift = SimpleNamespace(effects=("drift",), z=())
     search = SimpleNamespace(problem=AXIS, base=drift, within_tolerances=None, fits={("drift",): drift})
-    assert deserved(cast(Any, search), cast(Any, SimpleNamespace(names=("drift",), fit=drift))) == named
+    assert (bar(cast(Any, search), cast(Any, SimpleNamespace(names=("drift",), fit=drift))) == "") == named

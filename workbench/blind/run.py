@@ -34,7 +34,7 @@ class Answer:
 
     word: the verdict; "refused" where it took the runs for unfit, "failed" where it broke down: `warnings` says why.
     weighed: a row for each hypothesis: names, merit, and how it fits. barred: names of those that
-    may not be named (`judge.deserved`). counted: names and merit of those that took part
+    may not be named (`judge.bar`). counted: names and merit of those that took part
     in the ranking, no names for what speaks for an unknown cause. twins: groups of hypotheses that differ in name only:
     the ranking has the first of each. evidence: what speaks for an unknown cause besides. estimates:
     effect -> name -> (value, standard error). held_out: names and held-out rms, N m (N), of the best fits, and of none.

@@ -11,7 +11,7 @@ from workbench.diagnose.hypotheses.free_parameters import Names, Scalar, key_tol
 from workbench.diagnose.hypotheses.held_out import folds_by_run, held_out, jackknifed, widened
 from workbench.diagnose.hypotheses.search import TOLERANCES, SearchResult
 from workbench.diagnose.hypotheses.signatures import other_waves
-from workbench.diagnose.verdict.answer import BARRED, Candidate
+from workbench.diagnose.verdict.answer import Candidate
 from workbench.diagnose.verdict.judge import Judged
 
 SCORED = 3  # hypotheses whose held-out score is computed, at most
@@ -61,9 +61,11 @@ def candidates(
             )
         )
     rows += [
-        Candidate(w.names, w.gain, w.evidence, w.fit.rms(problem.inputs), None, None, own, True, (BARRED,))
+        Candidate(
+            w.names, w.gain, w.evidence, w.fit.rms(problem.inputs), None, None, own, True, (judged.bars[w.names],)
+        )
         for w in judged.barred
-        for own in [estimates(problem, w.fit)]
+        for own, why in [(estimates(problem, w.fit), judged.bars[w.names])]
     ]
     known = {hypothesis.names for hypothesis in (*judged.weighed, *judged.barred)}
     rows += [

@@ -480,7 +480,7 @@ def brief_sections(d: Diagnosis) -> list[Section]:
     left = Section("Residual on held-out runs", tables=[brief_shrink_table(d)])
     if v.word == "no_gap":
         left = Section(left.heading, [shrink_sentence(d)])
-    why = [] if d.unknown is None else [said.reason(reason, d.shrink.unit) for reason in v.reasons]
+    why = [said.reason(reason, d.shrink.unit) for reason in v.reasons]
     sections = [
         Section("", [v.sentence, probability_sentence(d), alike_sentence(d)]),
         Section("To know first", points=d.warnings),
@@ -489,7 +489,8 @@ def brief_sections(d: Diagnosis) -> list[Section]:
         Section("", [where_sentence(d)] if d.where is not None else []),
         Section("Found", tables=[parameters_table(d)]),
         Section("Candidates, the best first", tables=[candidates_table(d, MOST_BRIEF, brief=True)]),
-        Section("What is known of the unknown cause", points=[*why, *unknown_sentences(d)]),
+        Section("What speaks against it", points=why if v.word == "no_gap" else ()),
+        Section("What is known of the unknown cause", points=[*why, *unknown_sentences(d)] if d.unknown else ()),
         left,
         # The first sentence of the consequences says what was run; the report has it.
         Section("What changes in the control study", points=[d.why_no_consequences] if c is None else c.sentences[1:]),

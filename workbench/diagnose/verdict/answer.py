@@ -15,12 +15,13 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.free_parameters import Estimate, Names
 
 VerdictWord = Literal["named", "no_gap", "unknown"]
-BARRED = "takes too little, or a free law does without it, or its amount may as well be zero"  # see `judge.deserved`
+BARRED = "takes too little, or a free law does without it, or its amount may as well be zero"  # see `judge.bar`
 WITHOUT_EFFECTS = {"no_gap": "no gap", "unknown": "unknown cause", "named": "a listed effect, not found"}
 
 
 class ReasonKind(Enum):
-    """Reasons against a named cause; from ON_A_BOUND on against the listed hypothesis with most evidence."""
+    """Reasons against a named cause; from ON_A_BOUND on against the listed hypothesis with most evidence,
+    BARRED against one that has as much as a cause has."""
 
     UNLISTED_EXPLAINS_MORE = "unlisted_explains_more"
     LEAVES_MUCH = "leaves_much"
@@ -33,12 +34,13 @@ class ReasonKind(Enum):
     VARIES = "varies"
     FREE_LAW = "free_law"
     NO_IMPACTS = "no_impacts"
+    BARRED = "barred"
 
 
 @dataclass(frozen=True)
 class Reason:
     """value: N m (N) left, or standard deviations; percent: of the input's rms; effects: those it is about;
-    over: the variable of a free law, or of what an amount varies with, in words."""
+    over: the variable of a free law, or of what an amount varies with, or what bars a hypothesis, in words."""
 
     kind: ReasonKind
     effects: Names = ()

@@ -96,7 +96,7 @@ class Judged:
     held: the fit that the answer was judged on. left: what it leaves. signs: of an unknown cause.
     stands: whether best is established, and the answer judged on it. counted: the evidence as it was ranked. groups: of
     hypotheses that differ in name only. mimics: those that were not established, with what speaks against each.
-    barred: those that were asked and are not to be named (`deserved`); weighed is without them.
+    barred: those that were asked and are not to be named, weighed is without them; bars: why (`bar`).
     """
 
     word: VerdictWord
@@ -113,6 +113,7 @@ class Judged:
     groups: tuple[tuple[Names, ...], ...] = ()
     mimics: Mapping[Names, Constancy] = field(default_factory=dict)
     barred: tuple[Weighed, ...] = ()
+    bars: Mapping[Names, str] = field(default_factory=dict)
 
 
 def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
@@ -243,15 +244,20 @@ def judged_to_help(search: SearchResult) -> Judged:
     """The verdict. A cause is not named if held-out runs and tolerances speak against it, nor beside others if what it
     gains there is not significant, nor what only adds to such a one an effect that is worth nothing; nor does such a
     one speak for an unknown cause, but by the tolerances that it relieves."""
-    barred, deserving, not_told = list[Names](), set[Names](), list[Weighed]()
+    barred, deserving, not_told, bars = list[Names](), set[Names](), list[Weighed](), dict[Names, str]()
     while True:
         judged = judge(search, barred)
         standing = judged.best.names if judged.best is not None and judged.stands else next(iter(judged.mimics), ())
         # A single mimic stays: what is about as good imitates the same cause. The parts of several may be one.
         asked = {judged.names, standing if judged.stands or len(standing) > 1 else ()} - {()} - deserving
-        idle = [w for w in judged.weighed if w.names in asked and not deserved(search, w)]
+        bars |= {w.names: why for w in judged.weighed if w.names in asked and (why := bar(search, w))}
+        idle = [w for w in judged.weighed if w.names in asked and w.names in bars]
         if not idle:
-            return replace(judged, barred=tuple(not_told))
+            most = max(not_told, key=lambda w: w.evidence, default=None)
+            told = judged.reasons
+            if judged.word != "named" and most is not None and most.evidence > settings.DECISIVE:
+                told += (Reason(ReasonKind.BARRED, effects=most.names, value=most.evidence, over=bars[most.names]),)
+            return replace(judged, barred=tuple(not_told), bars=bars, reasons=told)
         not_told += idle
         deserving |= asked.difference(w.names for w in idle)
         barred += [
@@ -278,27 +284,30 @@ def beside_own_law(search: SearchResult, again: Callable[[Fitted], SearchResult]
     return (beside, found) if whole else (search, judged)
 
 
-def deserved(search: SearchResult, w: Weighed) -> bool:
-    """Whether a hypothesis predicts held-out runs and the tolerances significantly better than its effects' absence
-    does, and the runs by themselves not significantly worse, nor all in all (`twice_as_much`); or a play the input,
-    fitted by plain least squares (`weighed_both_ways`), or as it is, and better at all, where impacts tell of it; and
-    with each one of several than without it, at SIGNIFICANT for all that they were chosen from, and better than with a
-    free law of one variable in its place (`worth`), a play that a log is too coarse to hear by what impacts would say;
-    a play that impacts tell of, which is chosen from none, not significantly worse than without it, for its flights are
-    short and their ends foretold by no law. A delay beside others has to take something, too, of what the log's timing
-    leaves (`takes_nothing`): a machine's own lags may be some sampling steps; and what every machine has, MINOR of what
-    the others leave on held-out runs, and on parts of a motion that all repeat; a ripple, which no base value holds, as
-    much as then stays. No amount may as well be none (`may_be_none`)."""
+def bar(search: SearchResult, w: Weighed) -> str:
+    """Why a hypothesis is not to be named, "" where nothing bars it. What may be named predicts held-out runs and the
+    tolerances significantly better than its effects' absence does, and the runs by themselves not significantly worse,
+    nor all in all (`twice_as_much`); or a play the input, fitted by plain least squares (`weighed_both_ways`), or as it
+    is, and better at all, where impacts tell of it; and with each one of several than without it, at SIGNIFICANT for
+    all that they were chosen from, and better than with a free law of one variable in its place (`worth`), a play that
+    a log is too coarse to hear by what impacts would say; a play that impacts tell of, which is chosen from none, not
+    significantly worse than without it, for its flights are short and their ends foretold by no law. A delay beside
+    others has to take something, too, of what the log's timing leaves (`takes_nothing`): a machine's own lags may be
+    some sampling steps; and what every machine has, MINOR of what the others leave on held-out runs, and on parts of a
+    motion that all repeat; a ripple, which no base value holds, as much as then stays. No amount may as well be none
+    (`may_be_none`)."""
     problem, base, near = search.problem, search.base, search.within_tolerances
     less = []
     for name in w.names if len(w.names) > 1 else ():  # what takes no refit to folds is asked first
         less.append(without(search, w.fit, name))
         if only_late(problem, less[-1], w.fit, name, len(base.z)):
-            return False
+            return f"a log that is as late as it may be takes as much without {name}"
         played = name == PLAY and rebounds(problem, (PLAY,))  # its impacts are heard, or a log is too coarse for them
         more = settings.IMPACTS if played else 0.0
-        if not (played and problem.struck) and worth(problem, base, w, less[-1])[0] <= more:
-            return False
+        if not (played and problem.struck):
+            evidence, variable = worth(problem, base, w, less[-1])
+            if evidence <= more:
+                return f"a free law of the {variable} does without {name}"
     unfitted = {prior.effect for prior in kind_of(problem.machine).nuisances if not prior.fitted}
     for name, rest in zip(w.names, less or [near], strict=True):  # so little of what every machine has is its own
         if not nuisance_std(problem.machine, problem.runs, name):
@@ -309,7 +318,7 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
             least = settings.HALF if folds is None else settings.MINOR
             stays, gap = (max(one.rms(problem.inputs) ** 2 - problem.noise**2, 0.0) for one in both)
             if stays > (1.0 - least) * gap:
-                return False
+                return f"so much of {name} may be the machine's own: it takes less than stays beside it"
     by_chance = -float(ndtri(settings.SIGNIFICANT))
 
     def told(before: Fitted, least: float) -> bool:  # what takes a fit of its own is asked last
@@ -322,16 +331,18 @@ def deserved(search: SearchResult, w: Weighed) -> bool:
     alone = (significance(problem, near, w.fit, by_runs_alone=by_runs) > enough for by_runs, enough in asked)
     heard = problem.struck and PLAY in w.names  # its impacts tell of it
     if not (all(alone) or told(near, 0.0 if heard else by_chance)):
-        return False
+        return "left-out runs and tolerances are not foretold better with it, beyond chance"
     if not heard and twice_as_much(problem, near, w.fit):
-        return False
+        return "left-out runs keep twice the energy with it"
     least = float(-ndtri(settings.SIGNIFICANT / len({name for known in search.fits for name in known})))
     enough = all(
         significance(problem, rest, w.fit) > least
         or (problem.struck and PLAY not in rest.effects and told(rest, -by_chance))
         for rest in sorted(less, key=lambda rest: rest.objective)
     )
-    return enough and not may_be_none(problem, w.fit, least)
+    if not enough:
+        return "left-out runs and tolerances are foretold as well without one of its effects"
+    return "its amounts may as well be zero" if may_be_none(problem, w.fit, least) else ""
 
 
 def twice_as_much(problem: Problem, near: Fitted, fit: Fitted) -> bool:
@@ -397,7 +408,7 @@ def established(
         if why is None:
             evidence, variable = asked(_worth_both_ways, w, base, w)
             # A play that is heard has its impacts beside that; of several effects, one that is not is asked of beside
-            # the others (`deserved`).
+            # the others (`bar`).
             unheard = rebounds(problem, w.names) and not problem.struck and len(w.names) == 1
             if evidence > (settings.IMPACTS if unheard else 0.0):
                 return w, {names: next(iter(mimics.values())) for names in passed} | mimics | no_laws
@@ -550,7 +561,7 @@ def _reasons(
     if "left" in loud:
         reasons.append(Reason(ReasonKind.LEAVES_MUCH, effects=part))  # by how much is said of held-out runs, in the end
     if "prior" in loud:
-        reasons.append(Reason(ReasonKind.STRETCHES_TOLERANCES, value=settings.NUISANCE * loud["prior"]))
+        reasons.append(Reason(ReasonKind.STRETCHES_TOLERANCES, effects=part, value=settings.NUISANCE * loud["prior"]))
     if why := mimics.get(first):
         kind = ReasonKind.FREE_LAW if why.free else AGAINST.get(why.over, ReasonKind.VARIES)
         reasons.append(Reason(kind, effects=first, over=why.over.replace("_", " ")))
