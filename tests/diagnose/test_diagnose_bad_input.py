@@ -371,6 +371,19 @@ def test_friction_that_would_drive_is_a_wrong_sign_only_where_the_run_is_like_a_
             assert bool(list(_wrong_signs(bench, [replace(rigid, inertia=inertia)]))) == faults
 
 
+@pytest.mark.parametrize(("flip", "faults"), [(1.0, False), (-1.0, True)])
+def test_what_speeds_up_with_its_torque_has_the_right_sign_whatever_drives_it_besides(flip: float, faults: bool):
+    """A wheel on a frame that tips: one of its six logs had friction that drives, and an inertia of its own."""
+    machine, time = rotary_axis(), 0.01 * np.arange(2000.0)
+    angle, speed = np.sin(5.0 * time), 5.0 * np.cos(5.0 * time)
+    torque = machine.role("inertia") * np.gradient(speed, time) - 3.0 * flip * np.sign(speed)
+    run = Run("catch", time, {"torque_nm": flip * torque, "angle_rad": angle, "speed_rad_s": speed})
+    bench = InverseSimulation(machine, [run])
+    rigid = rigid_of(bench, 0)
+    assert rigid.driven == faults
+    assert bool(list(_wrong_signs(bench, [replace(rigid, inertia=None)]))) == faults
+
+
 def test_a_run_too_short_for_the_band_is_left_out_and_named(hoist: Campaign):
     """A part of 2 s among others, logged at 20 Hz, refused the whole campaign."""
     brief = replace(cut(hoist, 0.5).runs[0], name="brief")
