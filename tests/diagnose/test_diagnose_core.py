@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from tests.support import noisy_runs
 from tests.support.effect_machines import MACHINES, linear_axis, rotary_axis
 from tests.support.fitted_runs import made_by, rms
 from tests.support.noisy_runs import axis_runs, hoist_runs, with_effects
@@ -39,7 +40,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 )
 from workbench.diagnose.hypotheses.held_out import widened
 from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
-from workbench.diagnose.hypotheses.search import SLACK, Search, SearchResult
+from workbench.diagnose.hypotheses.search import SLACK, Search, SearchResult, searched
 from workbench.diagnose.hypotheses.settings import DECISIVE
 from workbench.diagnose.hypotheses.signatures import (
     Projection,
@@ -733,6 +734,17 @@ def test_a_wave_that_is_fitted_beside_the_true_one_says_so(monkeypatch: pytest.M
     monkeypatch.setattr(signatures_module, "signatures_of", broken)
     _, again = estimated(4.4, "amplitude_nm")
     assert cast(float, again.std_error) == pytest.approx(cast(float, amplitude[1].std_error), rel=0.1)
+
+
+def test_on_a_short_way_one_length_alone_is_a_wave(monkeypatch: pytest.MonkeyPatch):
+    """A joint that swings by half a radian ended in a traceback: a ripple's order is not fitted there."""
+    monkeypatch.setattr(noisy_runs, "TURNS", 0.5)
+    ripple = {"torque_ripple": {"amplitude_nm": 0.4, "order_per_turn": 14.85, "phase_rad": 0.5}}
+    problem = Problem(rotary_axis(), axis_runs(with_effects(rotary_axis(), ripple)))
+    search = searched(problem, [find("torque_ripple", "axis-rotary")], 1)
+    fit = search.fits["torque_ripple",]
+    assert not any("order" in symbol for symbol in fit.setting)
+    assert other_waves(search.problem, fit, "torque_ripple", len(search.base.z))[1] == []
 
 
 def test_each_effect_of_a_leading_pair_is_fitted_alone():

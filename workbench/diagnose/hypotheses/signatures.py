@@ -304,7 +304,7 @@ def other_waves(problem: Problem, fit: Fitted, name: str, base: int) -> tuple[Ar
     """
     effect, ranges = problem.effect(name), ranges_of(problem.effect(name), problem.machine, problem.runs)
     waves = [r for r in ranges if r.scan in ("order", "waves")]
-    if not waves:
+    if not waves or waves[0].symbol not in fit.setting:  # on a short way one length alone is a wave
         return np.zeros(0), []
     rest = replace(others_of(fit, (name,), base), residual=fit.residual + parts_of(problem, fit, [(name,)])[0])
     off = {r.symbol: r.vanishes_at for r in ranges if r.vanishes_at is not None}
