@@ -384,6 +384,18 @@ def test_what_speeds_up_with_its_torque_has_the_right_sign_whatever_drives_it_be
     assert bool(list(_wrong_signs(bench, [replace(rigid, inertia=None)]))) == faults
 
 
+@pytest.mark.parametrize(("friction_nm", "faults"), [(1.5, False), (-1.5, True)])
+def test_an_inertia_below_zero_beside_friction_that_takes_power_is_no_flipped_sign(friction_nm: float, faults: bool):
+    """A shoulder under its weight, of which the inertia takes a twentieth: a place that rubs showed as −2.7 of it."""
+    machine, time = rotary_axis(), 0.01 * np.arange(2000.0)
+    angle, speed = np.sin(0.8 * time) + 0.05 * np.sin(3.1 * time), 0.8 * np.cos(0.8 * time) + 0.155 * np.cos(3.1 * time)
+    torque = 20.0 * np.sin(angle) + friction_nm * np.sign(speed) - 2.0 * np.gradient(speed, time)
+    bench = InverseSimulation(
+        machine, [Run("swing", time, {"torque_nm": torque, "angle_rad": angle, "speed_rad_s": speed})]
+    )
+    assert bool(list(_wrong_signs(bench, [rigid_of(bench, 0)]))) == faults
+
+
 def test_a_run_too_short_for_the_band_is_left_out_and_named(hoist: Campaign):
     """A part of 2 s among others, logged at 20 Hz, refused the whole campaign."""
     brief = replace(cut(hoist, 0.5).runs[0], name="brief")

@@ -274,11 +274,13 @@ def rigid_of(bench: InverseSimulation, j: int) -> Rigid:
     left = float(np.var(y - x @ values)) / size**2
     taken = abs(float(values[0])) * shown
     like = left < UNLIKE and not (kind.friction.viscous and left > taken**2)
-    springs = values[0] < 0.0 and works  # with a wrong sign the input would take power from friction
     given = float(np.mean((x[:, 2:4] @ values[2:4]) * logged[rows])) if kind.friction.viscous else 0.0
+    most = size * float(np.sqrt(np.mean(logged[rows] ** 2)))
+    # With a wrong sign the input would take power from friction; a load to and fro hides what friction takes.
+    springs = values[0] < 0.0 and (works or given > SHOWN * most)
     turns = ONE_WAY < float(np.mean(logged[rows] > 0.0)) < 1.0 - ONE_WAY  # else a load passes for friction
     goes = values[0] > 0.0 and taken > MOST  # with the input: a flipped sign would turn that, too
-    driven = turns and not goes and left < UNLIKE and given < -WORKS * size * float(np.sqrt(np.mean(logged[rows] ** 2)))
+    driven = turns and not goes and left < UNLIKE and given < -WORKS * most
     late = False
     odd = kind.friction.viscous and (values[0] < 0.0 or driven)
     for late_s in np.arange(0.125 / band, LATEST_S, 0.125 / band) if odd else ():
