@@ -39,6 +39,10 @@ SOURCES = {
         "giuliosavian/Control-Lab---0-Inertia-and-Friction-Estimation at d70f9b7",
     "Friction-Identification-for-Manipulators_usb2fdcan":
         "YIZHIXIAOCANGSHU/Friction-Identification-for-Manipulators_usb2fdcan at 4c6df01",
+    "Robot_Identification": "JonasWeigand/Robot_Identification at 9e403c0",
+    "TRO2021-Dynamic-Modelling": "RViMLab/TRO2021-Dynamic-Modelling at c3b758b",
+    "dvrk_dynamics_identification": "WPI-AIM/dvrk_dynamics_identification at 7697d3a",
+    "joint-friction-model": "HBRS-SDP/joint-friction-model at bf1c8d8",
 }  # fmt: skip
 SLOWEST = 0.05  # of the top speed
 BAND_HZ = 10.0
@@ -54,6 +58,8 @@ ROBOT_NM_PER_A = 10.0, 10.6956, 8.4566, 9.0029, 9.48, 10.1232  # of each joint, 
 PENDULUM_NM = {"sts3250": 1.82, "sts3215": 1.27, "xl330": 0.002}
 FREE_NM_PER_A = 1.3146  # at the output: what those of its logs that note a torque apply
 GEARED_NM_PER_A = 14.0 * 7.68128e-3  # ratio and constant of its DATA.mat, before the gear's losses
+LEADSCREW_M, LEADSCREW_NM_PER_A = 0.002, 9.84e-3
+KINOVA_NM_PER_A, KINOVA_HZ = 7.6, 999.0  # of its constants.yml, the gear's ratio included
 IDLE_S = 0.2  # no loop waits for its next sample so long
 GRAVITY = {"robot_elbow", *PENDULUM_NM}  # these turn about an axis that lies
 Signals = dict[str, Array]
@@ -211,6 +217,65 @@ def joint_drive(motor: int) -> Reader:
     return read
 
 
+def big_robot(joint: int) -> Reader:
+    """A robot that carries 300 kg, all its joints on the way of three trajectories of 10 s."""
+
+    def read(clones: Path) -> Iterator[tuple[str, Signals]]:
+        for letter in "ABC":
+            folder = clones / f"Robot_Identification/data/recorded_trajectories/2020-10-21 10s FF {letter} 08ms"
+            log, k = loadmat(str(folder / "data.mat"), simplify_cells=True), joint - 1
+            rec, ratio = log["rec"], abs(log["para"]["u"][k])
+            yield f"trajectory_{letter.lower()}", {
+                "time_s": rec["time_cont"], "angle_rad": DEGREE * rec["act_pos_mot_deg"][k],
+                "speed_rad_s": DEGREE * rec["act_vel_mot_deg_per_s"][k],
+                "angle_reference_rad": DEGREE * rec["ref_pos_deg"][k],
+                "torque_nm": ratio * rec["act_torque_abs_nm"][k]}  # fmt: skip
+
+    return read
+
+
+def surgical_arm(joint: int) -> Reader:
+    """All joints of a surgical robot's arm on the way, 30 s at 200 Hz; the third is a slide."""
+
+    def read(clones: Path) -> Iterator[tuple[str, Signals]]:
+        folder = clones / "dvrk_dynamics_identification/data/psm/measured_trajectory"
+        names = ("position_m", "velocity_m_s", "force_n") if joint == 3 else ("angle_rad", "speed_rad_s", "torque_nm")
+        for run in ("one", "one_no_weight", "one_105_grams_parallel", "one_205_grams_parallel", "two"):
+            data = np.loadtxt(folder / f"{run}_results.csv", delimiter=",")
+            columns = data[:, joint - 1 :: data.shape[1] // 3]
+            yield run, {"time_s": np.arange(len(data)) / 200.0, **dict(zip(names, columns.T, strict=True))}
+
+    return read
+
+
+def leadscrew(clones: Path) -> Iterator[tuple[str, Signals]]:
+    """A screw that is nearly all friction, started and stopped at 25 Hz, and at even speeds; a few samples of rest."""
+    turn = 2.0 * math.pi
+    for name in (
+        "start_stop/200",
+        "start_stop/50",
+        *(f"steady_state/0.096kg/{k}" for k in ("120", "n120", "60", "n60")),
+    ):
+        file = clones / f"TRO2021-Dynamic-Modelling/experiments/driveNo1/{name}.csv"
+        lines = file.read_text(encoding="latin1").splitlines()
+        first = next(k for k, line in enumerate(lines) if line.startswith("ms;")) + 1
+        data = np.array([line.split(";") for line in lines[first:] if line.strip()], dtype=float)
+        moves = np.flatnonzero(data[:, 1])
+        time, speed, current = data[max(moves[0] - 12, 0) : moves[-1] + 12, :3].T
+        yield name.replace("/0.096kg", "").replace("/", "_"), {
+            "time_s": MILLI * time, "velocity_m_s": -RPM * speed * LEADSCREW_M / turn,
+            "force_n": -current / 100.0 * LEADSCREW_NM_PER_A * turn / LEADSCREW_M}  # fmt: skip
+
+
+def wrist(clones: Path) -> Iterator[tuple[str, Signals]]:
+    """Each of ten speeds from rest, one way, 3 s."""
+    for speed in (0.03, 0.05, 0.09, 0.10, 0.30, 0.50, 0.70, 0.90, 1.30, 1.50):
+        data = np.genfromtxt(clones / f"joint-friction-model/data/velocity_{speed:f}readings.csv")
+        yield f"speed_{speed:.2f}".replace(".", "_"), {
+            "time_s": np.arange(len(data)) / KINOVA_HZ, "angle_rad": np.unwrap(data[:, 1]),
+            "speed_rad_s": data[:, 2], "torque_nm": KINOVA_NM_PER_A * data[:, 5]}  # fmt: skip
+
+
 FAMILIES: dict[str, Reader] = {
     "spin_ups": spin_ups,
     "servo": servo("data/Lorenz_Jm_{}.txt"),
@@ -252,6 +317,12 @@ FAMILIES: dict[str, Reader] = {
     "gear_motor": geared,
     "joint_drive": joint_drive(1),
     "small_drive": joint_drive(5),
+    "kr300_base": big_robot(1),
+    "kr300_wrist": big_robot(6),
+    "psm_insertion": surgical_arm(3),
+    "psm_yaw": surgical_arm(1),
+    "leadscrew": leadscrew,
+    "kinova_wrist": wrist,
 }
 
 
