@@ -34,7 +34,7 @@ class Answer:
 
     word: the verdict; "refused" where it took the runs for unfit, "failed" where it broke down: `warnings` says why.
     weighed: a row for each hypothesis: names, merit, and how it fits. barred: names of those that
-    may not be named (`judge.bar`). counted: names and merit of those that took part
+    may not be named; bars: why, by names joined with + (`judge.bar`). counted: names and merit of those that took part
     in the ranking, no names for what speaks for an unknown cause. twins: groups of hypotheses that differ in name only:
     the ranking has the first of each. evidence: what speaks for an unknown cause besides. estimates:
     effect -> name -> (value, standard error). held_out: names and held-out rms, N m (N), of the best fits, and of none.
@@ -51,6 +51,7 @@ class Answer:
     twins: list[list[list[str]]] = field(default_factory=list)
     weighed: list[dict[str, Any]] = field(default_factory=list)
     barred: list[list[str]] = field(default_factory=list)
+    bars: Mapping[str, str] = field(default_factory=dict)
     counted: list[tuple[list[str], float]] = field(default_factory=list)
     evidence: Mapping[str, float] = field(default_factory=dict)
     estimates: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -101,6 +102,7 @@ def _kept(d: Diagnosis, folder: Path, spent: Mapping[str, Any]) -> Answer:
         twins=[[list(names) for names in group] for group in d.judged.groups],
         weighed=[_weighed(w, len(base.z)) for w in d.judged.weighed],
         barred=[list(w.names) for w in d.judged.barred],
+        bars={"+".join(names): why for names, why in d.judged.bars.items()},
         counted=[(list(names), merit) for names, merit in d.judged.counted],
         evidence=dict(d.judged.signs),
         estimates={

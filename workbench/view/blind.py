@@ -24,7 +24,6 @@ from workbench.core.table import Column, Table, table_of, words
 from workbench.core.templates import Sentences
 from workbench.core.whole_folder import whole_folder, write_json
 from workbench.diagnose.hypotheses.settings import THRESHOLD
-from workbench.diagnose.verdict.answer import BARRED
 from workbench.view.page import Section, save_page
 from workbench.view.style import BLUE, FAINT, GREY, ORANGE, VERMILLION, Figure, figure, legend
 
@@ -236,8 +235,8 @@ def why(row: Row) -> str:
         added = sorted(set(row["names"]) - told)
         return f"with {added[0]} beside it" if added else "the other one is missed"
     merit = next((fit["merit"] for fit in row["weighed"] if set(fit["names"]) == told), None)
-    if any(set(names) == told for names in row.get("barred", ())):
-        return f"barred: {BARRED}{_against(row)}"
+    if bar := next((names for names in row.get("barred", ()) if set(names) == told), None):
+        return f"barred: {row.get('bars', {}).get('+'.join(bar), 'worth too little')}{_against(row)}"
     if merit is None:
         return f"not among the fits that the search followed{_against(row)}"
     if row["word"] == "no_gap":

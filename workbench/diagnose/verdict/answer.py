@@ -15,7 +15,6 @@ from workbench.core.run import Array
 from workbench.diagnose.hypotheses.free_parameters import Estimate, Names
 
 VerdictWord = Literal["named", "no_gap", "unknown"]
-BARRED = "takes too little, or a free law does without it, or its amount may as well be zero"  # see `judge.bar`
 WITHOUT_EFFECTS = {"no_gap": "no gap", "unknown": "unknown cause", "named": "a listed effect, not found"}
 
 
