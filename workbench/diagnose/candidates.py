@@ -61,9 +61,7 @@ def candidates(
             )
         )
     rows += [
-        Candidate(
-            w.names, w.gain, w.evidence, w.fit.rms(problem.inputs), None, None, own, True, (judged.bars[w.names],)
-        )
+        Candidate(w.names, w.gain, w.evidence, w.fit.rms(problem.inputs), None, None, own, True, (why,))
         for w in judged.barred
         for own, why in [(estimates(problem, w.fit), judged.bars[w.names])]
     ]

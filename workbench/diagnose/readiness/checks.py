@@ -67,7 +67,8 @@ def long_enough(campaign: Campaign) -> tuple[Campaign, tuple[str, ...]]:
     short, said = _short(bench)
     if not short or len(short) == len(campaign.runs):
         return campaign, ()
-    kept = tuple(run for run in campaign.runs if run not in short)
+    left_out = {run.name for run in short}
+    kept = tuple(run for run in campaign.runs if run.name not in left_out)
     return replace(campaign, runs=kept), (f"{said}: left out.",)
 
 

@@ -318,7 +318,7 @@ def bar(search: SearchResult, w: Weighed) -> str:
             least = settings.HALF if folds is None else settings.MINOR
             stays, gap = (max(one.rms(problem.inputs) ** 2 - problem.noise**2, 0.0) for one in both)
             if stays > (1.0 - least) * gap:
-                return f"so much of {name} may be the machine's own: it takes less than stays beside it"
+                return f"so little of {name} may be the machine's own"
     by_chance = -float(ndtri(settings.SIGNIFICANT))
 
     def told(before: Fitted, least: float) -> bool:  # what takes a fit of its own is asked last
