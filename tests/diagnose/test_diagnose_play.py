@@ -80,25 +80,29 @@ def test_a_play_that_takes_nothing_makes_no_impacts(
     """A small servo on a pendulum was given a play for its impacts, at 0.50, with none of its load behind it: 0.434 of
     0.435 N m were left."""
     monkeypatch.setattr(judge, "takes_nothing", lambda *_: not takes)
-    near, play = (cast(Any, SimpleNamespace(chi2=chi2)) for chi2 in (1.0, left))
+    near, play = (cast(Any, SimpleNamespace(chi2=chi2, objective=chi2)) for chi2 in (1.0, left))
     assert judge.idle_play(cast(Any, None), near, {("backlash",): play, ("torque_scale",): near}) == idle
     assert not judge.idle_play(cast(Any, None), near, {("torque_scale",): near})
 
 
-@pytest.mark.parametrize(("gained", "idle"), [(0.0, True), (5.0, True), (7.0, False)])
+@pytest.mark.parametrize(
+    ("alone", "gained", "idle"), [(3900.0, 0.0, True), (3900.0, 5.0, True), (3900.0, 7.0, False), (900.0, 0.0, False)]
+)
 def test_a_play_that_takes_nothing_beside_what_explains_most_makes_no_impacts(
-    gained: float, idle: bool, monkeypatch: pytest.MonkeyPatch
+    alone: float, gained: float, idle: bool, monkeypatch: pytest.MonkeyPatch
 ):
     """A robot's wrist at ten speeds, one way: without its viscous friction it was unknown, over 0.99, for impacts of a
-    play that took none of 439 beside that friction, and its delay was named with a play."""
+    play that took none of 439 beside that friction, and its delay was named with a play. A true play takes most alone,
+    for all that rubs is behind it, and may add nothing to another effect's fit."""
     monkeypatch.setattr(judge, "_idle", lambda *_: False)
     fits = {
-        names: cast(Any, SimpleNamespace(objective=objective, effects=dict.fromkeys(names)))
+        names: cast(Any, SimpleNamespace(objective=objective))
         for names, objective in {
-            ("backlash",): 3900.0, ("friction_viscous",): 439.0, ("backlash", "friction_viscous"): 439.0 - gained,
+            ("backlash",): alone, ("friction_viscous",): 439.0, ("backlash", "friction_viscous"): 439.0 - gained,
             ("backlash", "torque_scale"): 800.0, ("torque_scale",): 3000.0}.items()
     }  # fmt: skip
-    assert judge.idle_play(cast(Any, None), cast(Any, None), fits) == idle
+    near = cast(Any, SimpleNamespace(objective=3950.0))
+    assert judge.idle_play(cast(Any, None), near, fits) == idle
 
 
 def test_a_play_is_heard_in_a_late_log(shared_data: Path):

@@ -208,15 +208,17 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
 
 
 def idle_play(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> bool:
-    """Whether a play alone takes nothing, or less than chance beside the effect that explains most with it: then no
-    play makes the impacts. Of a small one beside others these may be nearly all that tells."""
+    """Whether a play alone takes nothing, or less than HALF of what another effect does, and no pair with it explains
+    more than that one, beyond chance: then no play makes the impacts. Of a small one beside others these may be nearly
+    all that tells."""
     play = fits.get((PLAY,))
-    if play is not None and _idle(problem, near, play):
-        return True
-    pairs = [fit for names, fit in fits.items() if len(names) == 2 and PLAY in names]
-    most = min(pairs, key=lambda fit: fit.objective, default=None)
-    rest = None if most is None else fits.get(tuple(name for name in most.effects if name != PLAY))
-    return most is not None and rest is not None and most.objective > rest.objective - settings.THRESHOLD
+    if play is None or _idle(problem, near, play):
+        return play is not None
+    others = [fit for names, fit in fits.items() if len(names) == 1 and PLAY not in names]
+    lead = min((fit.objective for fit in others), default=near.objective)
+    pair = min((f.objective for names, f in fits.items() if len(names) == 2 and PLAY in names), default=math.inf)
+    minor = near.objective - play.objective < settings.HALF * (near.objective - lead)
+    return minor and pair > lead - settings.THRESHOLD
 
 
 def _idle(problem: Problem, near: Fitted, fit: Fitted) -> bool:
