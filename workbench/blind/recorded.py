@@ -361,10 +361,9 @@ def write_case(folder: Path, known: Recording, made: Bent | None, seed: Sequence
     chosen = sorted(rng.permutation(len(parts))[:count])
     (folder / "runs").mkdir(parents=True)
     save_machine(known.machine if made is None else made.machine, folder / "machine.yaml")
-    entries = []
+    entries, kind = [], kind_of(known.machine)
     for run in (parts[k] for k in chosen):
         entry: dict[str, Any] = {"name": run.name, "file": f"runs/{run.name}.csv", "payload_kg": run.payload_kg}
-        kind = kind_of(known.machine)
         if kind.payload or kind.plant.positions[-1] not in run:  # else the log says where each part begins
             entry["start_position_m"] = round(run.start_position_m, 6)
         entries.append({**entry, "start_time_s": round(run.start_time_s, 6)})

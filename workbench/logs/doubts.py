@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
@@ -350,8 +351,8 @@ def _noise(kind: Kind, runs: Sequence[Run]) -> Iterator[str]:
         having = [run for run in runs if name in run and len(run.time_s) > 50]
         tops = [float(np.max(np.abs(run[speed]))) if speed in run else 0.0 for run in having]
         if name == speed:  # at rest a speed has the noise of its counts alone
-            having = [run for run, top in zip(having, tops, strict=True) if top > RESTS_BELOW * max(tops)]
-            tops = [top for top in tops if top > RESTS_BELOW * max(tops)]
+            goes = [top > RESTS_BELOW * max(tops) for top in tops]
+            having, tops = list(compress(having, goes)), list(compress(tops, goes))
         sizes = [float(np.sqrt(np.mean(np.diff(run[name], 2) ** 2) / 6.0)) for run in having]
         k = _alone(sizes, lambda v, usual: not usual / NOISES_APART <= v <= usual * NOISES_APART)
         if k is None:

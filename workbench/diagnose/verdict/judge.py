@@ -212,8 +212,10 @@ def idle_play(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> b
     more than that one, beyond chance: then no play makes the impacts. Of a small one beside others these may be nearly
     all that tells."""
     play = fits.get((PLAY,))
-    if play is None or _idle(problem, near, play):
-        return play is not None
+    if play is None:
+        return False
+    if _idle(problem, near, play):
+        return True
     others = [fit for names, fit in fits.items() if len(names) == 1 and PLAY not in names]
     lead = min((fit.objective for fit in others), default=near.objective)
     pair = min((f.objective for names, f in fits.items() if len(names) == 2 and PLAY in names), default=math.inf)
