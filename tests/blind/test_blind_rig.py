@@ -356,7 +356,7 @@ def test_a_gain_is_alike_with_inertia_and_friction_together(emps: Path):
 def test_the_command_makes_campaigns_that_tell_nothing_of_the_truth(emps, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(making, "recording", known_of)  # what the other tests have identified
     out = tmp_path / "sealed"
-    words = ("--source", "recorded", "--runs", emps, "--cases", "3", "--seed", "11", "--processes", "1")
+    words = ("--source", "recorded", "--runs", emps, "--cases", "3", "--seed", "11", "--processes", "2")
     done = Commands(capsys)("blind", "make", "--out", out, *words)
     assert done.status == 0, done.err
     truth = unseal(out, read_manifest(out), key_of(out))

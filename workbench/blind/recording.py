@@ -39,6 +39,9 @@ class Recording:
     runs: tuple[Run, ...]
     band_hz: float
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Recording, (self.name, self.machine, self.runs, self.band_hz)  # a process finds the rest itself
+
     @cached_property
     def bench(self) -> InverseSimulation:
         return InverseSimulation(self.machine, self.runs, self.band_hz)
