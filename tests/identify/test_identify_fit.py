@@ -222,6 +222,21 @@ def test_a_value_that_the_runs_do_not_show_is_said_to_come_from_its_tolerance(le
     assert "carriage.mass_kg: the data say hardly more than its tolerance does" in said
 
 
+def test_motion_one_way_moves_no_load_for_a_friction_level():
+    """A vehicle's level came back as 6400 N and its constant as -6400 N, which only their sum is."""
+    t = np.arange(8000, dtype=np.float64) * 0.005
+    v = 0.3 * np.sin(0.4 * t) ** 2 + 0.002 * np.sin(2.0 * t) ** 2  # to and from rest, never back
+    force = 95.0 * np.gradient(v, t) + 203.0 * v + 21.0 * np.tanh(v / 0.02) + 5.0
+    force += np.random.default_rng(2).normal(0.0, 1.0, len(t))
+    run = Run("there", t, {"force_n": force, "position_m": 0.005 * np.cumsum(v), "velocity_m_s": v})
+    identified = identify(Campaign("ride", Path("ride"), AXIS, (run,)))
+    values = identified.fit.values()
+    assert "gravity.constant_n" not in values
+    assert values["friction.coulomb_forward_n"] == pytest.approx(26.0, abs=1.0)
+    assert values["mass_kg"] == pytest.approx(95.0, rel=0.05)
+    assert "gravity.constant_n stays as it is" in statements(identified.fit)
+
+
 def test_a_value_far_beyond_its_tolerance_is_pointed_out():
     truth = with_values(NOMINAL, {"carriage.mass_kg": 8400.0})  # twelve tolerances
     runs = campaign_of(truth, np.random.default_rng(5))

@@ -28,6 +28,7 @@ SETTLED = 1e-4  # of the level
 LATE = "log.speed_late_s"  # fitted before the other values: friction jumps over it
 LATE_SCALE = 50.0  # periods of the band: a step for derivatives is a twentieth of one, for friction jumps over less
 SURE = 3.0  # standard errors
+FEW = 0.01  # of the moving samples: fewer the other way show no level of it
 HALF = 0.5  # of the input's rms: where more is left, the equation is not this machine's, and tells nothing of its log
 
 
@@ -138,7 +139,10 @@ def identify(
         bench = InverseSimulation(machine, campaign.runs, bench.band_hz)
     levels = friction_levels(bench)
     # Pairs are kept equal, because the runs show only two sums of the three.
-    ties = [pair for pair, third in kind_of(machine).ties if {*pair, third} <= {f.key for f in parameters}]
+    ties = [(pair, third) for pair, third in kind_of(machine).ties if {*pair, third} <= {f.key for f in parameters}]
+    forward = np.mean(levels.speed > 0.0) if len(levels.speed) else 0.5
+    one_way = [] if FEW < forward < 1.0 - FEW else [third for _, third in ties]
+    parameters, ties = [f for f in parameters if f.key not in one_way], [pair for pair, _ in ties]
     model = BalanceModel(bench)
 
     def own(z: Array) -> Array:
@@ -154,7 +158,8 @@ def identify(
     values = zip(parameters, alike.value, weighed.value, weighed.std_error, strict=True)
     bent = [f"{f.key} {a:.4g}" for f, a, w, std in values if abs(a - w) > SURE * std]
     result = weighed if bent else alike
-    told = list(result.statements)
+    told = [f"{key} stays as it is: in motion one way it is one sum with the friction level" for key in one_way]
+    told += result.statements
     if bent:
         told += [
             "friction near standstill is not as its law: samples there weigh less; alike they would make "
