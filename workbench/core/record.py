@@ -41,6 +41,7 @@ _LENGTH = "from a shim to several times the deepest hoist, which is 3 km", MM
 Length = Annotated[float, *within(1e-4, 1e4, *_LENGTH)]
 Gap = Annotated[float, *within(0.0, 1e4, *_LENGTH)]
 Position = Annotated[float, *within(-1e4, 1e4, *_LENGTH)]
+Start = Annotated[float, *within(-1e7, 1e7, "a height, or the angle of a motor after many turns", MM)]
 Area = Annotated[float, *within(1e-9, 1.0, "from a hair to a wire that is a metre thick", "is it in mm²?")]
 Mass = Annotated[float, *within(1e-6, 1e7, "from a milligram to ten thousand tonnes", "is it in kg?")]
 Inertia = Annotated[float, *within(1e-9, 1e9, "from a watch's motor to a slewing crane", "is it in kg m²?")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -80,6 +80,19 @@ class Run(Shown):
     def sample_time_s(self) -> float:
         """The median step of time."""
         return float(np.median(np.diff(self.time_s)))
+
+
+def averaged(run: Run, many: int) -> Run:
+    """The run as a slower logger shows it: means of `many` samples; what is left over at its end is left out."""
+    if many <= 1:
+        return run
+    whole = len(run.time_s) // many * many
+
+    def means(values: Array) -> Array:
+        return np.asarray(np.mean(values[:whole].reshape(-1, many), axis=1))
+
+    signals = {name: means(values) for name, values in run.signals.items()}
+    return replace(run, time_s=means(run.time_s), signals=signals)
 
 
 def integrated(rate: Array, time_s: Array) -> Array:

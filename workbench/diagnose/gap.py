@@ -168,7 +168,7 @@ def gap_of(problem: Problem, search: SearchResult, plain: ReplayResult, refitted
     A fit that tolerances merely hold, `search.base`, may stretch one to ten times itself and hide a gap there;
     how far it does is the worst tolerance. plain, refitted: the machine as given and as refitted, replayed.
     """
-    base, keys = search.base, base_parameters(problem.machine, problem.runs)
+    base, keys = search.base, base_parameters(problem.machine, problem.logged)
     left = refitted.residual_rms_moving
     key, count, by_chance = worst_tolerance(keys, base)
     excess = math.sqrt(max(left**2 - problem.noise**2, 0.0))

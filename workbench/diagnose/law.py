@@ -400,7 +400,7 @@ def _finished(
 
     x = columns(problem, rides, terms, acts_on, gain)
     base, lowest, highest = start.base, *bounds_of(fitted.free)[:2]
-    keys = base_parameters(problem.machine, problem.runs)
+    keys = base_parameters(problem.machine, problem.logged)
     port = kind_of(problem.machine).ports[acts_on]
     solved, withouts, _ = start.solve(start.normal(x), [range(x.shape[1])])
     shown, others = solved[0], withouts[0]

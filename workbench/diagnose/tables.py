@@ -366,7 +366,7 @@ class Tables:
 
     def __init__(self, problem: Problem, base: Fitted) -> None:
         self.problem, self.base = problem, base
-        self.keys = base_parameters(problem.machine, problem.runs)
+        self.keys = base_parameters(problem.machine, problem.logged)
         self.fitter = TableFitter(problem, base)
         nominal = setting_of(base.free, self.fitter.z)
         self.rides, self.gain = rides_of(problem, nominal), gain_of(problem, nominal)

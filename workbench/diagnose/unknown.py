@@ -143,7 +143,7 @@ def explain(problem: Problem, fitted: Fitted, rivals: Sequence[Fitted] = (), pla
     share = _share(problem, alone, unseen.rms(problem.inputs))
     if share < USEFUL or unseen.rms(problem.inputs) > found.held_out.rms(problem.inputs):
         return found
-    keys = base_parameters(problem.machine, problem.runs)
+    keys = base_parameters(problem.machine, problem.logged)
     machines = tuple(machine_of(problem, keys, rival.effects, setting) for setting in unseen.settings)
     whole = corrected_machine(problem, keys, rival)
     effects = {name: whole.effects[name] for name in rival.effects}
@@ -214,7 +214,7 @@ def _share(problem: Problem, before: float, after: float) -> float:
 def _in_vain(problem: Problem, fitted: Fitted, alone: HeldOut, best: Curve, by_chance: bool = False) -> Explained:
     """The result without a useful table: the base parameters' fit as it is. What a curve takes by chance explains
     nothing."""
-    keys, before = base_parameters(problem.machine, problem.runs), fitted.rms(problem.inputs)
+    keys, before = base_parameters(problem.machine, problem.logged), fitted.rms(problem.inputs)
     machines = tuple(refitted_machine(problem, keys, setting) for setting in alone.settings)
     sentence = (
         f"No table over speed, place, load or time explains what is left: the best, over {over_what(best.over)}, "
@@ -233,7 +233,7 @@ def with_unknown(machine: AnyMachine, unknown: Unknown) -> AnyMachine:
 
 def explained_machine(problem: Problem, explained: Explained) -> Hoist | Axis:
     """The nominal machine with the base values that go with the table, and the table."""
-    keys = base_parameters(problem.machine, problem.runs)
+    keys = base_parameters(problem.machine, problem.logged)
     if explained.effects:
         return corrected_machine(problem, keys, explained.fitted)
     return with_unknown(refitted_machine(problem, keys, explained.fitted), explained)

@@ -27,6 +27,7 @@ GAINED = 0.5  # of the top speed: what noise and a swing through the low-pass do
 FAR = 2.0  # of two signals of one motion: beyond it, or below its inverse, one is in another unit
 ALIKE = 0.9  # correlation: below, they do not show the same motion
 OFF = 20.0  # times what the nominal machine takes for this motion, or a part of it
+BEYOND = 200.0  # times: no part that machine.yaml lacks takes so much more than all that it has
 SMOOTH = 0.003  # of the run's duration
 # What a factor is usually called.
 UNITS = ((1e-3, "milli"), (1e-2, "centi"), (1e3, "kilo"), (1.0 / 60.0, "a minute"), (1e-3 / 60.0, "milli a minute"))
@@ -198,11 +199,14 @@ def _check_axis_units(run: RawRun) -> None:
     taken += abs(role("gravity_sine")) + abs(role("gravity_constant"))
     ratio = float(np.sqrt(np.mean(force**2))) / taken if taken > 0.0 and force.any() else 1.0
     if not 1.0 / OFF < ratio < OFF:
-        raise run.fault(
+        text = (
             f"{run.label(name)} is {ratio:.3g} times what this machine takes for the motion of {run.label(moved)}; "
             f"{_fits(1.0 / ratio, name)} for {name}, or {_fits(ratio, moved)} for {moved}; "
             "or is machine.yaml another machine's?"
         )
+        if not 1.0 / BEYOND < ratio < BEYOND:
+            raise run.fault(text)
+        run.notes.append(text)
 
 
 def _check_one_motion(run: RawRun) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import StringConstraints
 
 from workbench.core.errors import InputError
-from workbench.core.record import Finite, Payload, Position, Record
+from workbench.core.record import Finite, Payload, Start, Record
 from workbench.core.run import Array, integrated
 from workbench.machines import Kind, Machine, kind_of
 
@@ -26,7 +26,7 @@ class Entry(Record):
     name: Name
     file: Annotated[str, StringConstraints(min_length=1)]
     payload_kg: Payload | None = None
-    start_position_m: Position | None = None
+    start_position_m: Start | None = None
     start_time_s: Finite | None = None
 
 

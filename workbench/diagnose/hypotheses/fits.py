@@ -77,7 +77,7 @@ class Fits:
         taken = self.problem.own
         self.effects = {effect.id: effect for effect in effects if effect.id not in taken}
         self.rivals = {effect.id: effect for effect in rivals if effect.id not in (*taken, *self.effects)}
-        self.base = dict(base_parameters(problem.machine, problem.runs) if base is None else base)
+        self.base = dict(base_parameters(problem.machine, problem.logged) if base is None else base)
         self.nuisances = nuisance_parameters(problem.machine, problem.runs)
         self.held: list[FreeParameter] = [*self.base.values(), *self.nuisances.values()]
         self.held += own.free[len(self.held) :] if own is not None else ()

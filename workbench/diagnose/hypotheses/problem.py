@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from workbench.core.run import Array, Run
+from workbench.core.run import Array, Run, averaged
 from workbench.diagnose.hypotheses.free_parameters import (
     GAIN,
     LOG_TIMING,
@@ -26,7 +26,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
 from workbench.effects import Effect, effects_for, find, idle_sensors, logged_input, parts, ranges_of, searchable
 from workbench.machines import kind_of
 from workbench.simulate.driven import InverseSimulation
-from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
+from workbench.simulate.lowpass import SAMPLING_SHARE, LowpassAt, lowpass, noise_rms
 from workbench.simulate.model_error import ErrorModel, Sizes, error_model
 from workbench.simulate.motion import GUARD_S, beside, impacts_of
 
@@ -34,6 +34,8 @@ from workbench.simulate.motion import GUARD_S, beside, impacts_of
 # sensors leave. An axis logs its reversals so finely that a fit without them stays beside the best: there only what is
 # tried linearly is simulated so, where little is asked.
 THIN = 0.07
+MOST_SAMPLES = 40_000  # of all runs: more take minutes, and change no answer
+LEAST_RATE_HZ = 200.0  # of what is averaged
 MOST_ROWS = 1500  # of a run: many more take long and say little beside the model error, which hangs together
 SAMPLES_PER_PERIOD = 4.0  # of the band; more say nothing new
 GROUP = 16  # sets that take the same steps: their differences are free of step-size noise
@@ -59,6 +61,7 @@ class Problem:
     Where impacts of a play come again, the motion is bridged across them and the samples beside them are left out.
 
     A search simulates `thin`, at some of the samples; what it finds is refitted `exact`, at all of them.
+    logged: the runs as they were logged; runs: as slow as serves, which all else is of.
     rows: of each run, the samples looked at; run_lengths: how many. share: how many
     independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit, of the
     runs of which something counts; input_noise: the input's part of it;
@@ -72,7 +75,8 @@ class Problem:
 
     def __init__(self, machine: Any, runs: Sequence[Run], band_hz: float | None = None) -> None:
         kind = kind_of(machine)
-        self.machine, self.runs = machine, tuple(runs)
+        self.machine, self.logged = machine, tuple(runs)
+        self.runs = runs = as_slow_as_serves(runs, band_hz)
         self.active = searchable(machine, runs)
         self.bench = InverseSimulation(
             machine, runs, band_hz, self.active, parts(machine, runs), impacts_of(machine, runs), THIN
@@ -358,6 +362,14 @@ class Problem:
         line = kind_of(self.machine).dead_line
         assert line is not None
         return np.asarray(line.force(time_s, states, p, self.bench.model.effects))
+
+
+def as_slow_as_serves(runs: Sequence[Run], band_hz: float | None = None) -> tuple[Run, ...]:
+    """The runs, where they hold more than MOST_SAMPLES as slower loggers show them, at LEAST_RATE_HZ or more, and fast
+    enough for a band that is asked for."""
+    many = math.ceil(sum(len(run.time_s) for run in runs) / MOST_SAMPLES)
+    least = max(LEAST_RATE_HZ, (band_hz or 0.0) / SAMPLING_SHARE)
+    return tuple(averaged(run, min(many, int(1.0 / (least * run.sample_time_s) + 1e-6))) for run in runs)
 
 
 def counting(problem: Problem) -> int:

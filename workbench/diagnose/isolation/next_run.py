@@ -547,7 +547,7 @@ def _closer(
 ) -> str:
     """What would set hypotheses apart that no run does: one base parameter whose value were known more closely; "" if
     none would, or no further than without, in standard deviations."""
-    keys = {key: one.symbol for key, one in base_parameters(problem.machine, problem.runs).items() if one.std == 1.0}
+    keys = {key: one.symbol for key, one in base_parameters(problem.machine, problem.logged).items() if one.std == 1.0}
     apart = {key: _apart(problem, fits, *data, closer=symbol)[0] for key, symbol in keys.items()}
     key = max(apart, key=lambda key: apart[key], default="")
     if not key or apart[key] < max(APART, BETTER * without):

@@ -22,6 +22,7 @@ FEWEST = 20.0  # independent values while moving: about as many as a diagnosis t
 ABOVE_NOISE = 5.0  # in the band: less is no motion
 WRONG_UNIT = 5.0  # inertia over the nominal one, or the inverse: no such machine, but such units
 ODD_INERTIA, ODD_LOAD = 2.0, 1.4  # over the nominal ones: worth a warning
+VARIES = 0.25  # of a constant input: by more than a part that is missing, the motion takes another one
 LOADS_APART = 1.25  # of the loads that runs hold over the nominal ones: offsets and payload errors stay below
 INERTIAS_APART = 2.0  # play and friction that builds up over a distance take a third off the inertia of a brisk run
 SPEED_SLIPS = (("rpm", 60.0 / (2.0 * math.pi)), ("degrees per second", 180.0 / math.pi))
@@ -116,8 +117,11 @@ def _faults(bench: InverseSimulation, going: Sequence[int], warnings: list[str])
             coasts = f"Run {runs[j].name} has no {bench.plant.input} throughout: it coasts, or the channel is dead."
             warnings.append(coasts)
         elif values.min() == values.max():
-            frozen = f"{bench.plant.input} is {values[0]:g} throughout while the machine moves; is the channel frozen?"
-            yield frozen, runs[j].name
+            constant = f"{bench.plant.input} is {values[0]:g} throughout while the machine moves"
+            taken = bench.balances()[j].predicted[bench.moving[j]]
+            if len(taken) and np.std(taken) > VARIES * abs(values[0]):
+                yield f"{constant}; is the channel frozen?", runs[j].name
+            warnings.append(f"Run {runs[j].name}: {constant}: as commanded, or the channel is frozen.")
     moving = sum(float(np.count_nonzero(bench.moving[j])) * runs[j].sample_time_s for j in going)
     if moving < (enough := FEWEST / (2.0 * band)):
         yield (

@@ -99,7 +99,7 @@ def condition(campaign: Campaign, problem: Problem, motion_noise_rms: float = 0.
 
 
 def _run(problem: Problem, j: int) -> RunCondition:
-    run, bench = problem.runs[j], problem.bench
+    run, bench = problem.logged[j], problem.bench
     names = _inputs(problem, run)
     motion = bench.plant.speeds[0] if bench.plant.speeds[0] in run else bench.plant.positions[0]
     return RunCondition(
@@ -148,7 +148,7 @@ def outliers(values: Array) -> int:
 
 def _delay(problem: Problem, j: int) -> float | None:
     """The delay in s; None without a reference, or if the motion does not follow it."""
-    run = problem.runs[j]
+    run = problem.logged[j]
     both, slope = reference_of(problem.machine, run), reference_slope(problem.bench, j)
     if both is None or slope is None or not 1.0 / FAR < slope < FAR:
         return None

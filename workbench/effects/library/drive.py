@@ -81,7 +81,7 @@ def brake_drag(s: Any, e: Any, p: Any) -> Scalar:
     parameters=[
         amount("A", "amplitude_nm", "of the torque", "torque", 0.3, 0.005, 0.02),
         Parameter("n", "order_per_turn", "waves per turn of the motor", "1", 0.1, 400.0, 0.02, 1.0, domain="positive",
-                  scan="order", tries=(0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)),
+                  scan="order", tries=(0.5, *(float(order) for order in range(1, 13)))),
         Parameter("phi", "phase_rad", "at motor angle 0", "1", 0.0, 2.0 * math.pi, 0.5, 0.0,
                   per_run=True, scan="phase"),  # a millimetre of a hoist's start height is a fifth of a radian here
     ],
