@@ -139,10 +139,11 @@ def identify(
         bench = InverseSimulation(machine, campaign.runs, bench.band_hz)
     levels = friction_levels(bench)
     # Pairs are kept equal, because the runs show only two sums of the three.
-    ties = [(pair, third) for pair, third in kind_of(machine).ties if {*pair, third} <= {f.key for f in parameters}]
+    tied = [(pair, third) for pair, third in kind_of(machine).ties if {*pair, third} <= {f.key for f in parameters}]
+    ties = [pair for pair, _ in tied]
     forward = np.mean(levels.speed > 0.0) if len(levels.speed) else 0.5
-    one_way = [] if FEW < forward < 1.0 - FEW else [third for _, third in ties]
-    parameters, ties = [f for f in parameters if f.key not in one_way], [pair for pair, _ in ties]
+    one_way = [] if FEW < forward < 1.0 - FEW else [third for _, third in tied]
+    parameters = [f for f in parameters if f.key not in one_way]
     model = BalanceModel(bench)
 
     def own(z: Array) -> Array:

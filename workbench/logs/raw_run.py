@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import StringConstraints
 
 from workbench.core.errors import InputError
-from workbench.core.record import Finite, Payload, Start, Record
+from workbench.core.record import Finite, Payload, Record, Start
 from workbench.core.run import Array, integrated
 from workbench.machines import Kind, Machine, kind_of
 
