@@ -28,6 +28,7 @@ FAR = 2.0  # of two signals of one motion: beyond it, or below its inverse, one 
 ALIKE = 0.9  # correlation: below, they do not show the same motion
 OFF = 20.0  # times what the nominal machine takes for this motion, or a part of it
 BEYOND = 200.0  # times: no part that machine.yaml lacks takes so much more than all that it has
+STRAIGHT = 0.01  # of the way, rms: what stays beside a straight line in time is its noise
 SMOOTH = 0.003  # of the run's duration
 # What a factor is usually called.
 UNITS = ((1e-3, "milli"), (1e-2, "centi"), (1e3, "kilo"), (1.0 / 60.0, "a minute"), (1e-3 / 60.0, "milli a minute"))
@@ -210,10 +211,11 @@ def _check_axis_units(run: RawRun) -> None:
 
 
 def _check_one_motion(run: RawRun) -> None:
-    """Position and integrated speed change alike; a drift of the integral and an offset say nothing of the unit."""
-    way = integrated(run.values[run.speed], run.time_s)
-    a, b = (y - np.polyval(np.polyfit(run.time_s, y, 1), run.time_s) for y in (way, run.values[run.position]))
-    slope = _slope(a, b)
+    """Position and integrated speed change alike; a drift of the integral and an offset say nothing of the unit, unless
+    the machine goes on at one speed."""
+    ways = integrated(run.values[run.speed], run.time_s), run.values[run.position]
+    a, b = (y - np.polyval(np.polyfit(run.time_s, y, 1), run.time_s) for y in ways)
+    slope = _slope(*((a, b) if np.std(a) > STRAIGHT * np.ptp(ways[0]) else ways))
     if slope is not None and not 1.0 / FAR < slope < FAR:
         raise run.fault(
             f"{run.label(run.position)} changes {slope:.4g} times as much as the integrated {run.label(run.speed)}; "
