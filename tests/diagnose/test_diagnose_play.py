@@ -81,19 +81,26 @@ def test_a_play_that_takes_nothing_makes_no_impacts(
     0.435 N m were left."""
     monkeypatch.setattr(judge, "takes_nothing", lambda *_: not takes)
     near, play = (cast(Any, SimpleNamespace(chi2=chi2, objective=chi2)) for chi2 in (1.0, left))
-    assert judge.idle_play(cast(Any, None), near, {("backlash",): play, ("torque_scale",): near}) == idle
-    assert not judge.idle_play(cast(Any, None), near, {("torque_scale",): near})
+    problem = cast(Any, SimpleNamespace(errors=SimpleNamespace(sizes=(1.0, 1.0))))
+    assert judge.idle_play(problem, near, {("backlash",): play, ("torque_scale",): near}) == idle
+    assert not judge.idle_play(problem, near, {("torque_scale",): near})
 
 
 @pytest.mark.parametrize(
-    ("alone", "gained", "idle"), [(3900.0, 0.0, True), (3900.0, 5.0, True), (3900.0, 7.0, False), (900.0, 0.0, False)]
-)
+    ("near", "alone", "gained", "size", "idle"),
+    [
+        (3950.0, 3900.0, 0.0, 1.0, True), (3950.0, 3900.0, 5.0, 1.0, True), (3950.0, 3900.0, 7.0, 1.0, False),
+        (3950.0, 900.0, 0.0, 1.0, False), (90000.0, 5000.0, 0.0, 1.0, True), (90000.0, 5000.0, 100.0, 1.0, False),
+        (90000.0, 5000.0, 100.0, 2.0, True),
+    ],
+)  # fmt: skip
 def test_a_play_that_takes_nothing_beside_what_explains_most_makes_no_impacts(
-    alone: float, gained: float, idle: bool, monkeypatch: pytest.MonkeyPatch
+    near: float, alone: float, gained: float, size: float, idle: bool, monkeypatch: pytest.MonkeyPatch
 ):
     """A robot's wrist at ten speeds, one way: without its viscous friction it was unknown, over 0.99, for impacts of a
     play that took none of 439 beside that friction, and its delay was named with a play. A true play takes most alone,
-    for all that rubs is behind it, and may add nothing to another effect's fit."""
+    for all that rubs is behind it, and may add nothing to another effect's fit. A gear motor by voltage, stepped, was
+    unknown without its viscous friction, which leaves a hundredth of what a play does."""
     monkeypatch.setattr(judge, "_idle", lambda *_: False)
     fits = {
         names: cast(Any, SimpleNamespace(objective=objective))
@@ -101,8 +108,8 @@ def test_a_play_that_takes_nothing_beside_what_explains_most_makes_no_impacts(
             ("backlash",): alone, ("friction_viscous",): 439.0, ("backlash", "friction_viscous"): 439.0 - gained,
             ("backlash", "torque_scale"): 800.0, ("torque_scale",): 3000.0}.items()
     }  # fmt: skip
-    near = cast(Any, SimpleNamespace(objective=3950.0))
-    assert judge.idle_play(cast(Any, None), near, fits) == idle
+    problem = cast(Any, SimpleNamespace(errors=SimpleNamespace(sizes=(size, 1.0))))
+    assert judge.idle_play(problem, cast(Any, SimpleNamespace(objective=near)), fits) == idle
 
 
 def test_a_play_is_heard_in_a_late_log(shared_data: Path):

@@ -208,9 +208,10 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
 
 
 def idle_play(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> bool:
-    """Whether a play alone takes nothing, or less than HALF of what another effect does, and no pair with it explains
-    more than that one, beyond chance: then no play makes the impacts. Of a small one beside others these may be nearly
-    all that tells."""
+    """Whether a play alone takes nothing, or less than HALF of what another effect does, or leaves so much that this one
+    leaves FORETOLD of it, and no pair with it explains more than that one: beyond chance, and on a machine that leaves
+    more than its own model error beyond what a law may be off, LAW of what it takes, rms. Then no play makes the
+    impacts. Of a small one beside others these may be nearly all that tells."""
     play = fits.get((PLAY,))
     if play is None:
         return False
@@ -220,7 +221,9 @@ def idle_play(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> b
     lead = min((fit.objective for fit in others), default=near.objective)
     pair = min((f.objective for names, f in fits.items() if len(names) == 2 and PLAY in names), default=math.inf)
     minor = near.objective - play.objective < settings.HALF * (near.objective - lead)
-    return minor and pair > lead - settings.THRESHOLD
+    minor |= lead < settings.FORETOLD * play.objective
+    law = settings.LAW**2 * (near.objective - lead) if max(problem.errors.sizes) > 1.0 else 0.0
+    return minor and pair > lead - max(settings.THRESHOLD, law)
 
 
 def _idle(problem: Problem, near: Fitted, fit: Fitted) -> bool:
