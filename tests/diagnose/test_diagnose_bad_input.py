@@ -188,6 +188,19 @@ def _with_height(run: Run) -> Run:
     return replace(run, signals={**run.signals, "position_carriage_m": height})
 
 
+def test_a_constant_command_is_no_frozen_channel(axis: Campaign):
+    """Motors stepped by voltage were refused wherever a log holds one step."""
+
+    def commanded(run: Run) -> Run:
+        t = run.time_s
+        speed = 0.4 * -np.expm1(-4.0 * t)  # what 100 N make of it
+        return replace(run, signals={"force_n": np.full(len(t), 100.0), "position_m": np.cumsum(speed) * 0.001})
+
+    warnings = check_runs(changed(axis, ("again",), commanded))
+    said = "Run again: force_n is 100 throughout while the machine moves: as commanded, or the channel is frozen."
+    assert said in warnings
+
+
 def _frozen(run: Run) -> Run:
     return replace(run, signals={**run.signals, "force_n": np.full(len(run.time_s), 12.0)})
 

@@ -39,7 +39,7 @@ from workbench.diagnose.hypotheses.free_parameters import (
     setting_of,
 )
 from workbench.diagnose.hypotheses.held_out import widened
-from workbench.diagnose.hypotheses.problem import GROUP, TENSION, Problem
+from workbench.diagnose.hypotheses.problem import GROUP, LEAST_RATE_HZ, TENSION, Problem, as_slow_as_serves
 from workbench.diagnose.hypotheses.search import SLACK, Search, SearchResult, searched
 from workbench.diagnose.hypotheses.settings import DECISIVE
 from workbench.diagnose.hypotheses.signatures import (
@@ -68,6 +68,19 @@ def hoist() -> Problem:
 @pytest.fixture(scope="module")
 def axis() -> Problem:
     return Problem(rotary_axis(), axis_runs(rotary_axis()))
+
+
+def test_a_long_log_is_diagnosed_as_slow_as_serves(axis: Problem):
+    """Means of as many samples as bring all runs to MOST_SAMPLES, within the rate and the band that are needed."""
+    run = Run("long", 0.001 * np.arange(100_000.0), {"force_n": np.arange(100_000.0)})
+    (slow,) = as_slow_as_serves([run])
+    assert slow.sample_time_s == pytest.approx(0.003)
+    assert np.allclose(slow["force_n"], slow.time_s / 0.001)
+    assert as_slow_as_serves([run], band_hz=60.0)[0] is run
+    assert as_slow_as_serves([run] * 20)[0].sample_time_s == pytest.approx(1.0 / LEAST_RATE_HZ)
+    few = replace(run, time_s=run.time_s[:1000], signals={"force_n": run["force_n"][:1000]})
+    assert as_slow_as_serves([few])[0] is few
+    assert axis.runs == axis.logged
 
 
 def float_of(value: float | tuple[float, ...]) -> float:

@@ -489,6 +489,35 @@ def test_an_axis_at_rest_is_no_axis_in_another_unit(tmp_path, noise_m):
     assert any("stands still throughout" in note for note in run.notes) == (noise_m == 0.0)
 
 
+@pytest.mark.parametrize(("factor", "refused"), [(5.0, None), (200.0, False), (1000.0, True)])
+def test_an_input_far_beyond_what_the_motion_takes_is_pointed_out_and_refused_beyond_any_part_that_may_lack(
+    tmp_path, factor: float, refused: bool | None
+):
+    """A motor's voltage is nearly all viscous friction: without that in machine.yaml its sound log was refused."""
+    columns = axis_columns()
+    more = {**columns, "force_n": factor * columns["force_n"]}
+    if refused:
+        with pytest.raises(InputError, match=r"225 times what this machine takes .* a scale of 0\.01 "):
+            read_axis(tmp_path / "more", more)
+        return
+    notes = read_axis(tmp_path / "more", more).notes
+    assert any("times what this machine takes" in note for note in notes) == (refused is not None)
+
+
+def test_a_motor_that_goes_on_at_one_speed_has_no_position_in_another_unit(tmp_path):
+    """Beside a straight line its position is noise, 2.4 times that of the integrated speed; the log was refused."""
+    t, noise = 0.01 * np.arange(500, dtype=np.float64), np.random.default_rng(4)
+    columns = {
+        "time_s": t,
+        "force_n": 20.4 + 0.2 * noise.normal(size=500),
+        "velocity_m_s": 0.3 + 0.003 * np.cos(3.0 * t),
+        "position_m": 0.3 * t + 0.003 * np.sin(3.0 * t),  # three times what the speed says, a thousandth of the way
+    }
+    assert "velocity_m_s" in read_axis(tmp_path / "even", columns)
+    with pytest.raises(InputError, match=r"position_m changes 999.9 times as much as the integrated velocity_m_s"):
+        read_axis(tmp_path / "in mm", {**columns, "position_m": 1000.0 * columns["position_m"]})
+
+
 @pytest.mark.parametrize("scale", [9.5493, -1.0, 0.01])
 def test_optional_signals_in_another_unit_are_dropped_and_said(tmp_path, scale):
     columns = hoist_columns(2000)

@@ -208,9 +208,9 @@ def judge(search: SearchResult, barred: Collection[Names] = ()) -> Judged:
 
 
 def idle_play(problem: Problem, near: Fitted, fits: Mapping[Names, Fitted]) -> bool:
-    """Whether a play alone takes nothing, or less than HALF of what another effect does, or leaves so much that this one
-    leaves FORETOLD of it, and no pair with it explains more than that one: beyond chance, and on a machine that leaves
-    more than its own model error beyond what a law may be off, LAW of what it takes, rms. Then no play makes the
+    """Whether a play alone takes nothing, or less than HALF of what another effect does, or leaves so much that this
+    one leaves FORETOLD of it, and no pair with it explains more than that one: beyond chance, and on a machine that
+    leaves more than its own model error beyond what a law may be off, LAW of what it takes, rms. Then no play makes the
     impacts. Of a small one beside others these may be nearly all that tells."""
     play = fits.get((PLAY,))
     if play is None:
