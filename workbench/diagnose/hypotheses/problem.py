@@ -61,7 +61,7 @@ class Problem:
     Where impacts of a play come again, the motion is bridged across them and the samples beside them are left out.
 
     A search simulates `thin`, at some of the samples; what it finds is refitted `exact`, at all of them.
-    logged: the runs as they were logged; runs: as slow as serves, which all else is of.
+    logged: the runs as they were logged; runs: as slow as serves where no impacts are heard, which all else is of.
     rows: of each run, the samples looked at; run_lengths: how many. share: how many
     independent values one sample stands for. noise: of input and motion, rms in the band, in the input's unit, of the
     runs of which something counts; input_noise: the input's part of it;
@@ -76,7 +76,8 @@ class Problem:
     def __init__(self, machine: Any, runs: Sequence[Run], band_hz: float | None = None) -> None:
         kind = kind_of(machine)
         self.machine, self.logged = machine, tuple(runs)
-        self.runs = runs = as_slow_as_serves(runs, band_hz)
+        struck = any(map(len, impacts_of(machine, runs)))  # these need every sample
+        self.runs = runs = self.logged if struck else as_slow_as_serves(runs, band_hz)
         self.active = searchable(machine, runs)
         self.bench = InverseSimulation(
             machine, runs, band_hz, self.active, parts(machine, runs), impacts_of(machine, runs), THIN

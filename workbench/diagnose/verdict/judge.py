@@ -460,7 +460,7 @@ def reweighed(problem: Problem, fit: Fitted, base: int) -> Fitted:
 def rebounds(problem: Problem, names: Names) -> bool:
     """Whether a hypothesis has a play of an axis whose impacts are heard, or are none that such logs show."""
     bridged = kind_of(problem.machine).bridged_impacts
-    return PLAY in names and bridged and (problem.struck or not audible(problem.runs))
+    return PLAY in names and bridged and (problem.struck or not audible(problem.logged))
 
 
 def _against(problem: Problem, w: Weighed, near: Fitted) -> Constancy | None:
