@@ -25,7 +25,7 @@ from workbench.core.run import Run, integrated
 from workbench.logs import read_campaign
 from workbench.logs.campaign import RunsError
 from workbench.logs.doubts import dead_band, doubts_of
-from workbench.logs.samples import find_spikes
+from workbench.logs.samples import clipped, find_spikes
 from workbench.machines import KINDS, default_hoist, kind_of, save_machine, with_values
 
 AXIS_RUNS = "runs:\n- {name: lift, file: runs/lift.csv}\n"
@@ -281,6 +281,15 @@ def test_clipped_channel_is_pointed_out(tmp_path):
     columns["torque_motor1_nm"] = np.minimum(columns["torque_motor1_nm"], level)
     (note,) = read(tmp_path, columns).notes
     assert note.startswith(f"torque_motor1_nm may be clipped: 100 samples at its largest value {level:g}")
+
+
+def test_a_command_in_steps_is_not_clipped():
+    """A motor's voltage, stepped from 0 to 1.5 V and back, was said to be clipped where it stays."""
+    t = 0.01 * np.arange(1000, dtype=np.float64)
+    noise = np.random.default_rng(1).normal(size=1000)
+    steps = np.where((t > 1.0) & (t < 8.0), 1.5, np.where(t >= 8.0, 0.5, 0.0))
+    assert clipped(t, steps) is None
+    assert clipped(t, np.minimum(steps + 0.01 * noise, 1.5)) is not None
 
 
 # Units and sizes

@@ -286,7 +286,7 @@ def note_clipped(run: RawRun) -> None:
 
 
 def clipped(time_s: Array, column: Array) -> str | None:
-    if is_constant(column):
+    if len(np.unique(column)) < MIN_CLIPPED:  # a command's steps
         return None
     for extreme, word in ((float(column.max()), "largest"), (float(column.min()), "smallest")):
         at = column == extreme
