@@ -24,7 +24,7 @@ from workbench.machines import LINEAR, LinearAxis, default_hoist, save_machine, 
 from workbench.simulate import driven
 from workbench.simulate.driven import InverseSimulation, changed
 from workbench.simulate.loop import LoopCase, simulate_loop
-from workbench.simulate.lowpass import LowpassAt, lowpass
+from workbench.simulate.lowpass import LowpassAt, lowpass, noise_rms
 from workbench.simulate.motion import bridged, moving, repeated_impacts
 from workbench.simulate.replay import replay_runs, simulate_replays
 
@@ -351,6 +351,18 @@ def test_a_quick_reversal_is_no_rest():
 def test_reversals_that_follow_one_another_within_a_period_of_the_band_are_no_rest():
     """A motor that turned to and fro twice a second was refused, where its band ended at 2.5 Hz: "hardly moves"."""
     assert np.all(moving(TIME, 10.0 * np.sin(2.0 * np.pi * 2.1 * TIME), 10.0, 2.5))
+
+
+def test_a_command_without_noise_hides_what_its_smallest_step_does():
+    """A robot's voltage in steps had a noise of 1e-12 V, and left 82,000,000,000 times as much."""
+    t = 0.005 * np.arange(2000)
+    ramp, steps = np.floor(t / 0.1) * 0.001, np.where(t > 3.0, 5.0, 0.0)
+    half = 0.5 * (0.5 / 0.005)  # of the band that the log holds
+    assert noise_rms(t, 1.0 + ramp, half) == pytest.approx(0.001 / math.sqrt(12.0) * math.sqrt(0.5))
+    assert noise_rms(t, steps, half) == pytest.approx(1e-3 * np.sqrt(np.mean(steps**2) / 24.0))
+    assert noise_rms(t, np.full(2000, 5.0), half) == 0.0
+    noise = np.random.default_rng(3).normal(size=2000)
+    assert noise_rms(t, steps + noise, 2.0 * half) == pytest.approx(1.0, rel=0.1)
 
 
 def test_noise_at_rest_is_no_motion():

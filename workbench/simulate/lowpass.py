@@ -115,10 +115,15 @@ def noise_rms(time_s: Array, values: Array, band_hz: float) -> float:
     """The white noise of a channel as it remains below `band_hz`, rms, in the channel's unit.
 
     From second differences, which hide slow signals; the median of their size keeps
-    steps and bursts out: sigma = 1.4826 median|d2| / sqrt(6).
+    steps and bursts out: sigma = 1.4826 median|d2| / sqrt(6). A command, or a log that repeats its values, shows none:
+    then what its smallest step hides, evenly spread over that, SILENT of the signal at most.
     """
     second = np.abs(np.diff(values, 2))
     sigma = 1.4826 * float(np.median(second)) / np.sqrt(6.0)
+    steps = np.abs(np.diff(values))
+    if sigma == 0.0 and steps.any():
+        most = SILENT * float(np.sqrt(np.mean(values**2)))
+        sigma = min(float(np.min(steps[steps > 0.0])), most) / math.sqrt(12.0)
     nyquist = 0.5 / float(np.median(np.diff(time_s)))
     return sigma * float(np.sqrt(min(1.0, band_hz / nyquist)))
 
@@ -127,6 +132,7 @@ def _resampled(at: Array, time: Array, columns: Array) -> Array:
     return np.array([np.interp(at, time, column) for column in columns.T]).reshape(-1, len(at)).T
 
 
+SILENT = 1e-3  # of a signal without noise, rms
 # Of the sampling rate: where a Butterworth filter at a tenth of it, run both ways, has lost 3 dB.
 SAMPLING_SHARE = 0.0896
 LEAST_PERIODS = 4.0  # of the band in the shortest run
