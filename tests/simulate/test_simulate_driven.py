@@ -355,7 +355,7 @@ def test_reversals_that_follow_one_another_within_a_period_of_the_band_are_no_re
 
 def test_a_command_without_noise_hides_what_its_smallest_step_does():
     """A robot's voltage in steps had a noise of 1e-12 V, and left 82,000,000,000 times as much."""
-    t = 0.005 * np.arange(2000)
+    t = 0.005 * np.arange(2000, dtype=np.float64)
     ramp, steps = np.floor(t / 0.1) * 0.001, np.where(t > 3.0, 5.0, 0.0)
     half = 0.5 * (0.5 / 0.005)  # of the band that the log holds
     assert noise_rms(t, 1.0 + ramp, half) == pytest.approx(0.001 / math.sqrt(12.0) * math.sqrt(0.5))
