@@ -197,7 +197,12 @@ def test_what_brings_base_values_back_is_no_imitation_of_what_leaves_them_off(
 ):
     """A spindle's own drift and a pendulum's own ripple led by 1 to 5, were no laws, and the inertia, up to 41 % off,
     passed for their imitation: unknown. So did a winch's friction level behind a drift, by 24 of 377."""
-    for name, value in (("_against", None), ("constancies", ()), ("stretched", {"prior": off})):
+    for name, value in (
+        ("_against", None),
+        ("constancies", ()),
+        ("stretched", {"prior": off}),
+        ("_explains_all", False),
+    ):
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     monkeypatch.setattr(judge, "worth", lambda _, base, w: (90.0 if "inertia_error" in w.names else -1.0, "position"))
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
@@ -209,13 +214,41 @@ def test_what_brings_base_values_back_is_no_imitation_of_what_leaves_them_off(
     assert (judge.established(problem, [ripple, inertia], cast(Any, None), cast(Any, None), {})[0] is inertia) == found
 
 
+@pytest.mark.parametrize(
+    ("names", "left", "off", "found"),
+    [
+        (("friction_viscous",), 200.0, 0.5, True), (("friction_viscous",), 8000.0, 0.5, False),
+        (("friction_viscous",), 200.0, 2.0, False), (("friction_viscous", "torque_scale"), 200.0, 0.5, False),
+        (("backlash",), 200.0, 0.5, False),
+    ],
+)  # fmt: skip
+def test_what_leaves_next_to_nothing_imitates_no_law(
+    names: tuple[str, ...], left: float, off: float, found: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """A vehicle by voltage, on two ramps and a step, without its viscous friction: of 414,856 that left 217, all values
+    were back, and it was unknown, over 0.99, for a law of the time since the campaign began, which takes as much."""
+    for name, value in (("_against", None), ("constancies", ()), ("stretched", {"prior": off})):
+        monkeypatch.setattr(judge, name, lambda *_, value=value: value)
+    monkeypatch.setattr(judge, "worth", lambda *_: (-2.5, "time since the campaign began"))
+    machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
+    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs, kept={}))
+    base, fit = (cast(Any, SimpleNamespace(chi2=chi2)) for chi2 in (400_000.0, left))
+    w = Weighed(names, fit, 0.0, 2000.0, cast(Any, None))
+    assert (judge.established(problem, [w], base, cast(Any, None), {})[0] is w) == found
+
+
 @pytest.mark.parametrize(("both", "found"), [(110.0, True), (98.0, False), (None, False)])
 def test_what_adds_to_a_law_that_is_none_is_no_imitation_of_it(
     both: float | None, found: bool, monkeypatch: pytest.MonkeyPatch
 ):
     """A spindle's own drift, which a friction level of each run does without, led by 52: its inertia, 20 % too small,
     was unknown, though it adds 24 to the drift's 86."""
-    for name, value in (("_against", None), ("constancies", ()), ("stretched", {"prior": 2.0})):
+    for name, value in (
+        ("_against", None),
+        ("constancies", ()),
+        ("stretched", {"prior": 2.0}),
+        ("_explains_all", False),
+    ):
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     monkeypatch.setattr(judge, "worth", lambda _, base, w: (-1.0 if "inertia_error" not in w.names else 30.0, "runs"))
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]

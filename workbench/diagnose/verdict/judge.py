@@ -417,7 +417,7 @@ def established(
             # A play that is heard has its impacts beside that; of several effects, one that is not is asked of beside
             # the others (`bar`).
             unheard = rebounds(problem, w.names) and not problem.struck and len(w.names) == 1
-            if evidence > (settings.IMPACTS if unheard else 0.0):
+            if evidence > (settings.IMPACTS if unheard else 0.0) or _explains_all(problem, base, w):
                 return w, {names: next(iter(mimics.values())) for names in passed} | mimics | no_laws
             why = Constancy(w.names[-1], variable, 0.0, free=True)
         # Beside what leaves base values far off, the next about as good may bring them back: it imitates nothing.
@@ -427,6 +427,13 @@ def established(
     if able:  # none holds: what was not looked at is no better
         return None, {w.names: mimics.get(w.names, next(iter(mimics.values()))) for w in able}
     return next(iter(listed), None), mimics
+
+
+def _explains_all(problem: Problem, base: Fitted, w: Weighed) -> bool:
+    """Whether a single cause, no play, leaves less than FORETOLD of what base values as far as they go do, rms, and
+    these where they were: no law that it merely imitates does, and one of few ramps' time may be all of any cause."""
+    whole = PLAY not in w.names and len(w.names) == 1 and w.fit.chi2 < settings.FORETOLD**2 * base.chi2
+    return whole and stretched(problem, w.fit)["prior"] <= 1.0
 
 
 def _worth_both_ways(problem: Problem, base: Fitted, w: Weighed) -> tuple[float, str]:
