@@ -214,6 +214,13 @@ def test_what_brings_base_values_back_is_no_imitation_of_what_leaves_them_off(
     assert (judge.established(problem, [ripple, inertia], cast(Any, None), cast(Any, None), {})[0] is inertia) == found
 
 
+@dataclass(frozen=True)
+class Left:
+    """A fit, by what it leaves."""
+
+    chi2: float
+
+
 @pytest.mark.parametrize(
     ("names", "left", "off", "found"),
     [
@@ -232,7 +239,7 @@ def test_what_leaves_next_to_nothing_imitates_no_law(
     monkeypatch.setattr(judge, "worth", lambda *_: (-2.5, "time since the campaign began"))
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
     problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs, kept={}))
-    base, fit = (cast(Any, SimpleNamespace(chi2=chi2)) for chi2 in (400_000.0, left))
+    base, fit = (cast(Any, Left(chi2)) for chi2 in (400_000.0, left))
     w = Weighed(names, fit, 0.0, 2000.0, cast(Any, None))
     assert (judge.established(problem, [w], base, cast(Any, None), {})[0] is w) == found
 
@@ -352,7 +359,8 @@ def test_a_play_that_nobody_can_hear_says_beside_others_what_impacts_would(
         some: SimpleNamespace(effects=some, prior=0.0, chi2=0.0, objective=0.0, z=())
         for some in ((names[0],), (names[1],), names)
     }
-    problem = SimpleNamespace(**{**vars(AXIS), "struck": False, "runs": [SimpleNamespace(sample_time_s=step_s)]})
+    runs = [SimpleNamespace(sample_time_s=step_s)]
+    problem = SimpleNamespace(**{**vars(AXIS), "struck": False, "runs": runs, "logged": runs})
     search = SimpleNamespace(problem=problem, base=fits[names], within_tolerances=None, fits=fits)
     for name, value in {
         "worth": (worth, "speed"),
