@@ -238,7 +238,7 @@ def test_what_leaves_next_to_nothing_imitates_no_law(
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     monkeypatch.setattr(judge, "worth", lambda *_: (-2.5, "time since the campaign began"))
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
-    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs, kept={}))
+    problem = cast(Any, SimpleNamespace(struck=False, machine=machine, runs=runs, logged=runs, kept={}))
     base, fit = (cast(Any, Left(chi2)) for chi2 in (400_000.0, left))
     w = Weighed(names, fit, 0.0, 2000.0, cast(Any, None))
     assert (judge.established(problem, [w], base, cast(Any, None), {})[0] is w) == found
