@@ -39,7 +39,14 @@ from workbench.diagnose.hypotheses.free_parameters import (
     setting_of,
 )
 from workbench.diagnose.hypotheses.held_out import widened
-from workbench.diagnose.hypotheses.problem import GROUP, LEAST_RATE_HZ, TENSION, Problem, as_slow_as_serves
+from workbench.diagnose.hypotheses.problem import (
+    GROUP,
+    LEAST_RATE_HZ,
+    MOST_SAMPLES,
+    TENSION,
+    Problem,
+    as_slow_as_serves,
+)
 from workbench.diagnose.hypotheses.search import SLACK, Search, SearchResult, searched
 from workbench.diagnose.hypotheses.settings import DECISIVE
 from workbench.diagnose.hypotheses.signatures import (
@@ -72,7 +79,8 @@ def axis() -> Problem:
 
 def test_a_long_log_is_diagnosed_as_slow_as_serves(axis: Problem):
     """Means of as many samples as bring all runs to MOST_SAMPLES, within the rate and the band that are needed."""
-    run = Run("long", 0.001 * np.arange(100_000.0), {"force_n": np.arange(100_000.0)})
+    count = int(2.5 * MOST_SAMPLES)
+    run = Run("long", 0.001 * np.arange(float(count)), {"force_n": np.arange(float(count))})
     (slow,) = as_slow_as_serves([run])
     assert slow.sample_time_s == pytest.approx(0.003)
     assert np.allclose(slow["force_n"], slow.time_s / 0.001)
