@@ -357,7 +357,7 @@ def test_a_play_that_no_impact_tells_of_is_none_where_most_stays(
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     play, near = (SimpleNamespace(chi2=chi2, z=np.zeros(1)) for chi2 in (left, 1.0))
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=step_s)]
-    problem = SimpleNamespace(struck=struck, machine=machine, runs=runs)
+    problem = SimpleNamespace(struck=struck, machine=machine, runs=runs, logged=runs)
     why = judge._against(cast(Any, problem), cast(Any, SimpleNamespace(names=("backlash",), fit=play)), cast(Any, near))
     assert (why and why.over) == (None if struck or step_s > 0.006 else over)  # no such log shows an impact
 
@@ -382,7 +382,7 @@ def test_a_play_says_what_impacts_would_unless_they_are_heard_or_it_is_asked_bes
     for name, value in (as_it_is | {"weighed_both_ways": ()}).items():
         monkeypatch.setattr(judge, name, lambda *_, value=value: value)
     machine, runs = KINDS["axis-linear"].example(), [SimpleNamespace(sample_time_s=0.01)]
-    problem = cast(Any, SimpleNamespace(struck=struck, machine=machine, runs=runs, kept={}))
+    problem = cast(Any, SimpleNamespace(struck=struck, machine=machine, runs=runs, logged=runs, kept={}))
     w = Weighed(names, cast(Any, None), 0.0, settings.IMPACTS if struck else 3000.0, cast(Any, None))
     base = cast(Any, type("Base", (), {"z": ()}))
     assert (judge.established(problem, [w], base, cast(Any, None), {})[0] is w) == stands

@@ -32,4 +32,4 @@ def simulated_search(
 
 
 # What a verdict asks of the problem where the fits are made.
-AXIS = SimpleNamespace(machine=KINDS["axis-rotary"].example(), runs=(), noise=0.1, inputs=1, struck=False)
+AXIS = SimpleNamespace(machine=KINDS["axis-rotary"].example(), runs=(), logged=(), noise=0.1, inputs=1, struck=False)
