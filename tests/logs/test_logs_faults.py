@@ -283,6 +283,13 @@ def test_clipped_channel_is_pointed_out(tmp_path):
     assert note.startswith(f"torque_motor1_nm may be clipped: 100 samples at its largest value {level:g}")
 
 
+def test_a_run_may_begin_after_many_turns(tmp_path):
+    """Parts of a motor's log at 300 rad/s were refused, as millimetres."""
+    runs = "runs:\n- {name: lift, file: runs/lift.csv, start_position_m: 13639.9}\n"
+    (run,) = read_campaign(write_campaign(tmp_path, axis_columns(), runs=runs, machine=AXIS)).runs
+    assert run.start_position_m == 13639.9
+
+
 def test_a_command_in_steps_is_not_clipped():
     """A motor's voltage, stepped from 0 to 1.5 V and back, was said to be clipped where it stays."""
     t = 0.01 * np.arange(1000, dtype=np.float64)

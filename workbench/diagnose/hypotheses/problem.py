@@ -76,12 +76,10 @@ class Problem:
     def __init__(self, machine: Any, runs: Sequence[Run], band_hz: float | None = None) -> None:
         kind = kind_of(machine)
         self.machine, self.logged = machine, tuple(runs)
-        struck = any(map(len, impacts_of(machine, runs)))  # these need every sample
-        self.runs = runs = self.logged if struck else as_slow_as_serves(runs, band_hz)
+        impacts = impacts_of(machine, runs)  # which need every sample
+        self.runs = runs = self.logged if any(map(len, impacts)) else as_slow_as_serves(runs, band_hz)
         self.active = searchable(machine, runs)
-        self.bench = InverseSimulation(
-            machine, runs, band_hz, self.active, parts(machine, runs), impacts_of(machine, runs), THIN
-        )
+        self.bench = InverseSimulation(machine, runs, band_hz, self.active, parts(machine, runs), impacts, THIN)
         self.fine = kind.floor == "own"
         self._idle = idle_sensors(machine, runs)
         ranges = [r for effect in effects_for(kind.name).values() for r in ranges_of(effect, machine, runs)]
