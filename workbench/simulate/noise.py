@@ -118,7 +118,7 @@ def logged_motion(bench: InverseSimulation, run: Run) -> tuple[str, ...]:
 
 
 EQUAL = 1.0  # energy of motion over energy of noise
-COHERENT = 0.1  # of a motion: less says that the input, or its noise, is another's
+COHERENT = 0.1  # of a motion: less says that the input, or its noise, is another's; that much less than 1, noise
 WIDTH = 2.0 ** (1.0 / 3.0)  # of the bands that the spectra are averaged over: a third of an octave
 OCTAVE = 2.0  # a wider band, for what is told in much noise
 SEGMENTS = 8  # of a run, at least, that its spectrum is averaged over
@@ -156,7 +156,10 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
     by a quarter turn (direct identification in closed loop; T. Söderström, P. Stoica, System Identification, 1989,
     10.3). No delay does both, what filters an input lags, and noise that no loop answers is not coherent. Between the
     two stands the frequency at which both hold as much of the motion: there the coherence is least, and there the band
-    ends. A controller answers what it reads when it reads it: all this is of the motion as it is logged, however late.
+    ends. For a position loop it is K/(J omega^2), in phase, as a wrong inertia has it; but that leaves the coherence at
+    1. So the band ends too where the measured input is less than half, a tenth is not coherent, and no filter's lag
+    tells why. A controller answers what it reads when it reads it: all this is of the motion as it is logged, however
+    late.
     """
     log = bench.machine.log.model_copy(update={"speed_late_s": 0.0, "of_runs": {}})
     as_logged = bench.machine.model_copy(update={"log": log})
@@ -189,7 +192,7 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
     def made_by_others(own: Spectrum, unanswered: Spectrum, cross: Spectrum, low: float) -> tuple[bool, bool]:
         """Whether other things than the measured input made the motion in a band; whether the input answers them."""
         whole, strange, known = (_energy(one, low, low * WIDTH) for one in (own, unanswered, measured))
-        alone = strange > max(0.5 * whole, known)
+        alone, heard = strange > max(0.5 * whole, known), strange > COHERENT * whole
         high = low * OCTAVE  # of less in so noisy an input nothing could be told
         whole, strange, known = (_energy(one, low, high) for one in (own, unanswered, measured))
         count, slower = _averages(bench.runs, own, low, high), _energy(own, 0.0, low)
@@ -198,7 +201,9 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
         error = 2.0 * math.sqrt(known / (2.0 * count * whole))
         answer, below = _sum(cross, low, high) / whole, abs(_sum(cross, 0.0, low)) / slower
         small = abs(answer) + error < 0.5 * below
+        lags = answer.imag < -abs(answer.real)
         alone |= small and strange > (1.0 - COHERENT) * whole
+        alone |= small and heard and strange > COHERENT * whole and not lags
         return alone, small and strange < 0.5 * whole and answer.imag - error > abs(answer.real)
 
     bands = [LOWEST_HZ]
