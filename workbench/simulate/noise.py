@@ -120,6 +120,7 @@ def logged_motion(bench: InverseSimulation, run: Run) -> tuple[str, ...]:
 EQUAL = 1.0  # energy of motion over energy of noise
 COHERENT = 0.1  # of a motion: less says that the input, or its noise, is another's; that much less than 1, noise
 WIDTH = 2.0 ** (1.0 / 3.0)  # of the bands that the spectra are averaged over: a third of an octave
+FAINT = 0.2  # of the predicted input is in the measured one: four times as much of its energy is noise
 OCTAVE = 2.0  # a wider band, for what is told in much noise
 SEGMENTS = 8  # of a run, at least, that its spectrum is averaged over
 LOWEST_HZ = 2.0
@@ -157,7 +158,7 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
     10.3). No delay does both, what filters an input lags, and noise that no loop answers is not coherent. Between the
     two stands the frequency at which both hold as much of the motion: there the coherence is least, and there the band
     ends. For a position loop it is K/(J omega^2), in phase, as a wrong inertia has it; but that leaves the coherence at
-    1. So the band ends too where the measured input is less than half, a tenth is not coherent, and no filter's lag
+    1. So the band ends too where the measured input is less than a fifth, a tenth is not coherent, and no filter's lag
     tells why. A controller answers what it reads when it reads it: all this is of the motion as it is logged, however
     late.
     """
@@ -201,9 +202,9 @@ def informative_band(bench: InverseSimulation, seed: int) -> float:
         error = 2.0 * math.sqrt(known / (2.0 * count * whole))
         answer, below = _sum(cross, low, high) / whole, abs(_sum(cross, 0.0, low)) / slower
         small = abs(answer) + error < 0.5 * below
-        lags = answer.imag < -abs(answer.real)
         alone |= small and strange > (1.0 - COHERENT) * whole
-        alone |= small and heard and strange > COHERENT * whole and not lags
+        faint = abs(answer) + error < FAINT * below and strange > COHERENT * whole
+        alone |= faint and heard and answer.imag > -abs(answer.real)
         return alone, small and strange < 0.5 * whole and answer.imag - error > abs(answer.real)
 
     bands = [LOWEST_HZ]
