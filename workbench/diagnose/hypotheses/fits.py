@@ -271,6 +271,20 @@ class Fits:
         delay = self.problem.late in {r.symbol for signature in signatures for r in signature.amounts}
         return stepped_aside(self.problem, at, taken, delay)
 
+    def _stepped(self, fit: Fitted, z: Array) -> float:
+        """The objective of a fit's hypothesis after one linear step from z, by the fit's own slopes and without bounds;
+        infinite where the simulation breaks down."""
+        lowest, highest, std = bounds_of(fit.free)
+        z = np.clip(z, lowest, highest)
+        residual = self.problem.residuals([setting_of(fit.free, z)])[0]
+        rows = self.problem.errors.whiten(np.column_stack([fit.jacobian, residual]))
+        if not np.all(np.isfinite(rows)):
+            return math.inf
+        left = np.concatenate([rows[:, -1], z / std])
+        slopes = np.vstack([rows[:, :-1], np.diag(1.0 / std)])
+        step = np.linalg.lstsq(slopes.T @ slopes, -slopes.T @ left, rcond=1e-12)[0]
+        return float(left @ left + step @ (slopes.T @ left))
+
     def _again(self, fit: Fitted) -> Fitted:
         return self._fit(fit.effects, fit.free, fit.z, known=fit.jacobian)
 

@@ -227,7 +227,8 @@ class Search(Fits):
     def _leaving_out(self, result: SearchResult) -> SearchResult:
         """The result with the leading hypothesis refitted without each of several effects, and by simpler laws, from
         where it is, and those of as many effects that it is decisively better than, but by less than HALF, from its
-        base values, as long as another one leads then: these may be at a poorer minimum, or not fitted at all."""
+        base values, if a linear step from there makes up for that, as long as another one leads then: these may be at a
+        poorer minimum, or not fitted at all."""
         search, before = self._at(result), None
         while (w := search.leading(result)) is not None and w.names != before:
             before = w.names
@@ -237,8 +238,9 @@ class Search(Fits):
                 search._finish(result.base, [names])
             search._fit_simpler_laws(result, len(before))
             for other in [other for other in search._nameable(result) if len(other.names) == len(before)]:
-                if settings.HALF * w.evidence < other.evidence < w.evidence - settings.DECISIVE:
-                    begun = np.concatenate([w.fit.z[: self.count], other.fit.z[self.count :]])
+                begun = np.concatenate([w.fit.z[: self.count], other.fit.z[self.count :]])
+                near = settings.HALF * w.evidence < other.evidence < w.evidence - settings.DECISIVE
+                if near and search._stepped(other.fit, begun) < other.fit.objective - (w.evidence - other.evidence):
                     search._try(other.names, lambda f=other.fit, z=begun: search._fit(f.effects, f.free, z))  # type: ignore[misc]
             result = search._found(result.base, result.within_tolerances, result.signatures)
         return result
