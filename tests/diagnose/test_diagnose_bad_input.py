@@ -482,6 +482,18 @@ def test_an_even_speed_whose_log_is_coarse_is_of_the_same_motion(axis: Campaign)
     assert found.ratio == pytest.approx(1.0, abs=0.01)
 
 
+def test_a_speed_that_its_offset_adds_up_to_another_way_is_of_the_same_motion(axis: Campaign):
+    """A robot's drive that swung for 27 s was refused: its speed was off by a fiftieth of the largest."""
+    time = axis.runs[0].time_s
+    swung = {"position_m": 0.02 * np.sin(15.0 * time), "force_n": 41.0 + 0.0 * time}
+    faults = kind_of(axis.machine).cross_checks
+    assert faults is not None
+    for speed, told in ((1.0, 1.0), (-1.0, -1.0), (0.1, 10.0)):
+        run = Run("swung", time, {**swung, "velocity_m_s": speed * 0.3 * np.cos(15.0 * time) + 0.006})
+        (found,) = faults(axis.machine, run, run["position_m"], lambda x: lowpass(time, x, 89.6), slope_of)
+        assert found.ratio == pytest.approx(told, rel=0.25)
+
+
 def test_a_motion_that_is_late_by_more_than_its_pulses_is_late(axis: Campaign):
     """A free drive's pulses of a tenth of a second, logged 0.12 s late: the base fit stayed where no pulse meets its
     torque, 94 % of the input was left, and a delay of 0.3 s, which explained a fifth of it, was unknown."""
